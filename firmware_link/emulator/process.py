@@ -3,12 +3,14 @@
 import contextlib
 import signal
 import socket
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from firmware_link.child import START_TIMEOUT_S, Child, Parent
+from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.drive_log import (
     DriveEvent,
     ReceivedFrame,
@@ -18,7 +20,7 @@ from firmware_link.emulator.drive_log import (
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
 from firmware_link.work_folder import work_folder
@@ -62,7 +64,7 @@ class RunningEmulator:
 
     def log(self) -> EmulatorLog:
         """Ask for what it has done so far."""
-        return _decode_log(self._ask(_LOG_WORD))
+        return decode_log(self._ask(_LOG_WORD))
 
     def reboot(self) -> None:
         """Power the device off and on."""
@@ -75,7 +77,7 @@ class RunningEmulator:
     def stop(self) -> EmulatorLog:
         """End the process; what it did. Raises ChildError when it died before."""
         self._child.ask_to_end()
-        log = _decode_log(self._child.read(_STOP_TIMEOUT_S))
+        log = decode_log(self._child.read(_STOP_TIMEOUT_S))
         self._child.end()
         return log
 
@@ -105,7 +107,8 @@ def run_emulator(
             yield RunningEmulator(child, link)
 
 
-def _decode_log(document: dict[str, Any]) -> EmulatorLog:
+def decode_log(document: dict[str, Any]) -> EmulatorLog:
+    """The log of `DeviceServer.log`."""
     *earlier, last = (_decode_boot(document["number_of_actuators"], boot) for boot in document["boots"])
     return replace(last, earlier=tuple(earlier), faults=document["faults"])
 
@@ -126,22 +129,21 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     The parent's lines `{"do": "log" | "reboot" | "unplug"}` are each answered by a line.
     """
     configuration = DeviceConfiguration(0, arguments["actuators"], arguments["lease_ms"])
-    plan = parse_fault_plan(arguments["faults"])
-    announcement = Announcement(Path(arguments["link"]))
-    server = PseudoTerminalServer(
-        FaultyDevice(
-            lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), plan, arguments["seed"]
-        ),
-        announcement.point_to,
-        announcement.close,
+    device = FaultyDevice(
+        lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)),
+        parse_fault_plan(arguments["faults"]),
+        arguments["seed"],
     )
+    announcement = Announcement(Path(arguments["link"]))
+    server = DeviceServer(device, PseudoTerminal, time.monotonic_ns(), announcement.point_to, announcement.close)
     with termination_descriptor() as termination:
-        parent.say({"port": server.path, "host_ns_at_device_zero": server.host_ns_at_zero})
-        while server.serve([termination, parent.fileno()]) != termination and (order := parent.read()):
+        assert server.terminal is not None
+        parent.say({"port": server.terminal.name, "host_ns_at_device_zero": server.host_ns_at_zero})
+        while serve(server, [termination, parent.fileno()]) != termination and (order := parent.read()):
             if order["do"] == _REBOOT_WORD:
-                server.reboot()
+                server.reboot(time.monotonic_ns())
             elif order["do"] == _UNPLUG_WORD:
-                server.unplug(UNPLUGGED_US)
+                server.unplug(time.monotonic_ns(), UNPLUGGED_US)
             parent.say(server.log() if order["do"] == _LOG_WORD else {})
     server.close()
     announcement.close()

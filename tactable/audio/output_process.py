@@ -11,6 +11,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +27,21 @@ _FADING_S = 1.0
 class Feeder:
     """The callback: takes what the link has sent, hands the card its samples, and answers. Counts blocks too late."""
 
-    def __init__(self, board: AudioBoard, output: AudioOutput, wire: socket.socket) -> None:
+    def __init__(
+        self, board: AudioBoard, output: AudioOutput, wire: socket.socket, monotonic_ns: Callable[[], int]
+    ) -> None:
         self.gaps = 0
         """Blocks that came too late."""
         self.is_silent = threading.Event()
         """Set once the host is gone and all is silent."""
         self._board, self._channels, self._wire = board, list(output.channels), wire
-        self._pace = CardPace(output.rate_hz)
+        self._pace, self._monotonic_ns = CardPace(output.rate_hz), monotonic_ns
         self._has_host = True
         wire.setblocking(False)
 
     def feed(self, out: Samples, frames: int, ran_dry: bool) -> None:
         """Fill a block (sample, channel) of the card."""
-        lost = self._pace.lost(time.monotonic_ns(), frames, ran_dry=ran_dry)
+        lost = self._pace.lost(self._monotonic_ns(), frames, ran_dry=ran_dry)
         self.gaps += ran_dry
         samples, said = self._board.render(self._receive(), frames, lost)
         out[:] = 0
@@ -67,7 +70,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     output = parse_output(arguments["port"])
     boot_id = int.from_bytes(os.urandom(4), "little")
     wire = socket.socket(fileno=arguments["wire"])
-    feeder = Feeder(AudioBoard(core_library(Path(arguments["cache"])), output, boot_id), output, wire)
+    board = AudioBoard(core_library(Path(arguments["cache"])), output, boot_id)
+    feeder = Feeder(board, output, wire, time.monotonic_ns)
     # A collection that meets a callback is a gap; the callback makes no cycles.
     gc.collect()
     gc.freeze()

@@ -1,6 +1,7 @@
 """Emulates the firmware of a device, with faults, behind a pseudo-terminal that any host can open. SIMULATED."""
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,10 +11,11 @@ from engine.device import Device
 from engine.device.electrodes import board_bias
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.fault_plan import FaultPlan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.process import termination_descriptor
-from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.host.emulator_registry import Announcement, own_link
 
 if TYPE_CHECKING:
@@ -83,8 +85,10 @@ def emulate(
 
     try:
         with termination_descriptor() as termination:
-            server = PseudoTerminalServer(FaultyDevice(start, plan, seed), on_port, on_gone)
-            server.serve([termination])
+            server = DeviceServer(
+                FaultyDevice(start, plan, seed), PseudoTerminal, time.monotonic_ns(), on_port, on_gone
+            )
+            serve(server, [termination])
             server.close()
     finally:
         on_gone()

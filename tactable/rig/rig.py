@@ -1,21 +1,34 @@
 """The simulated rig: plays recorded touches through the engine and the wire to the emulated firmware. SIMULATED."""
 
 import itertools
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import CommandRecord, LatencyRecorder, LoopCounters, Observers, SystemClock, Trace
+from engine.loop import (
+    ClickSolving,
+    Clock,
+    CommandRecord,
+    LatencyRecorder,
+    LoopCounters,
+    Observers,
+    SystemClock,
+    Trace,
+)
 from engine.loop.observer import Fate
+from engine.loop.reconnect import Reopening
 from engine.table import Table
 from engine.touch import Placement, Touch
+from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.session import Port
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
@@ -92,32 +105,41 @@ class LiveRun:
         return [command, *(frame for frame in renewals if frame.message == _SET)]
 
 
-def play(
-    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
-) -> LiveRun:
+def play(table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS) -> LiveRun:
     """Replay touches at `speed` times real pace through the engine to an emulated firmware behind a pseudo-terminal.
 
-    `faults` is a text for `parse_fault_plan`: stalls and delays; a line that loses frames is no pseudo-terminal.
     Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
-    # When the machine stalls for 250 ms, the firmware latches silence, as it must; the run greets it again and goes on.
-    # After a stall of a second the port is opened again.
-    options = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ)
-    trace, moments = Trace(), _Moments()
-    count = len(table.device.actuators)
     with ExitStack() as stack:
-        emulator = stack.enter_context(run_emulator(count, faults=faults))
+        emulator = stack.enter_context(run_emulator(len(table.device.actuators)))
         port = SerialPort(emulator.port)
+        # After a stall of a second the port is opened again.
         reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
         stack.callback(reopening.close)
         solving = stack.enter_context(ClickProcess(table.path)) if table.clicks and effects.have_clicks else None
-        source, observer = Playback(recording, speed), Observers(trace, moments)
-        live = Live(table, source, port, SystemClock(), options, observer, reopening, solving=solving)
-        live.run()
-        log = emulator.stop()
+        clock = SystemClock()
+        return play_to(port, clock, table, Playback(recording, speed), effects, emulator.stop, reopening, solving)
+
+
+def play_to(
+    port: Port,
+    clock: Clock,
+    table: Table,
+    source: Source,
+    effects: Effects,
+    end: Callable[[], EmulatorLog],
+    reopening: Reopening | None = None,
+    solving: ClickSolving | None = None,
+) -> LiveRun:
+    """Play a source to an emulated firmware behind a port, on a clock; `end` gives its log."""
+    # When the machine stalls for 250 ms, the firmware latches silence, as it must; the run greets it again and goes on.
+    options = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ)
+    trace, moments = Trace(), _Moments()
+    live = Live(table, source, port, clock, options, Observers(trace, moments), reopening, solving=solving)
+    live.run()
     # A command that waited for the line is recorded twice, the second time after later frames.
     by_time = tuple(sorted(moments, key=lambda moment: moment.time_ns))
-    return LiveRun(tuple(trace), by_time, replace(live.loop.counters), live.frames_sent, live.timing.latency, log)
+    return LiveRun(tuple(trace), by_time, replace(live.loop.counters), live.frames_sent, live.timing.latency, end())
 
 
 def _is_before(event: DriveEvent, frame: ReceivedFrame) -> bool:

@@ -12,11 +12,11 @@ import contextlib
 import os
 import pickle
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from engine.device import Device
 from engine.printable import printable
@@ -24,9 +24,6 @@ from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.child import Child, ChildError, Parent, decode_line
 from firmware_link.protocol.basis import Basis
-
-if TYPE_CHECKING:  # the loop's process needs no solver
-    pass
 
 MOST_WAITING = 16
 """Questions that the child keeps; the oldest is dropped."""
@@ -43,7 +40,7 @@ class ClickProcess:
         os.set_blocking(self._descriptor, False)
         self.process_id = self._child.process_id
         self._is_there, self._received = True, bytearray()
-        self._bases: dict[int, Basis] = {}
+        self._answers = Answers()
 
     def __enter__(self) -> "ClickProcess":
         return self
@@ -59,10 +56,9 @@ class ClickProcess:
 
     def ask(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
-        question = {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
         if self._is_there:
             with contextlib.suppress(BlockingIOError):
-                self._child.write(question)
+                self._child.write(question_of(placement, device))
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         """Read at most 64 KiB; the clicks that have come whole, each with the fingerprint of its device."""
@@ -85,12 +81,7 @@ class ClickProcess:
         except ChildError as error:
             _say(str(error))
             return None
-        if "click" not in answer:  # it says that it is ready
-            return None
-        values = pickle.loads(base64.b64decode(answer["click"]))  # from our own process
-        if "basis" in answer:
-            self._bases[answer["basis_hash"]] = pickle.loads(base64.b64decode(answer["basis"]))
-        return answer["fingerprint"], ClickEntry(basis=self._bases[answer["basis_hash"]], **values)
+        return self._answers.decode(answer)
 
     def _end(self) -> None:
         """Replace the socket of a child that died by a silent one, so that the run goes on."""
@@ -102,7 +93,41 @@ class ClickProcess:
         os.set_blocking(self._descriptor, False)
 
 
-class _Solver:
+def question_of(placement: Placement, device: Device) -> dict[str, Any]:
+    """What the child is asked."""
+    return {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
+
+
+class Answers:
+    """Decodes what the child says: clicks, and once each basis that they refer to."""
+
+    def __init__(self) -> None:
+        self._bases: dict[int, Basis] = {}
+
+    def decode(self, answer: Mapping[str, Any]) -> tuple[str, ClickEntry] | None:
+        """A click and the fingerprint of its device; None for a line that has none."""
+        if "click" not in answer:  # it says that it is ready
+            return None
+        values = pickle.loads(base64.b64decode(answer["click"]))  # from our own process
+        if "basis" in answer:
+            self._bases[answer["basis_hash"]] = pickle.loads(base64.b64decode(answer["basis"]))
+        return answer["fingerprint"], ClickEntry(basis=self._bases[answer["basis_hash"]], **values)
+
+
+class Asker(Protocol):
+    """Whoever asks: a `Parent`."""
+
+    def has_spoken(self) -> bool:
+        """Whether `read` would return at once."""
+
+    def read(self) -> dict[str, Any] | None:
+        """The next question; None at the end."""
+
+    def say(self, document: dict[str, Any]) -> None:
+        """Answer."""
+
+
+class Solver:
     """Clicks for the places of one table."""
 
     def __init__(self, path: Path) -> None:
@@ -116,15 +141,16 @@ class _Solver:
         self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
 
     def solve(self, placement: Placement) -> ClickEntry:
+        """The click of a placement, as the table would hold it."""
         return self.tabulator.tabulate(self.solver.solve(placement))
 
 
-class _Service:
+class Service:
     """Answers questions of one loop."""
 
-    def __init__(self, path: Path, parent: Parent) -> None:
+    def __init__(self, path: Path, parent: Asker) -> None:
         self._path, self._parent = path, parent
-        self._solver: _Solver | None = None
+        self._solver: Solver | None = None
         self._waiting = list[dict[str, Any]]()
         self._told = set[int]()
 
@@ -143,7 +169,7 @@ class _Service:
 
     def _open(self) -> None:
         try:
-            self._solver = _Solver(self._path)
+            self._solver = Solver(self._path)
         except (TableError, OSError) as error:
             self._solver = None
             _say(f"clicks of more fingers than the table holds are not solved: {error}")
@@ -175,4 +201,4 @@ def _say(text: str) -> None:
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """The process behind a `ClickProcess`."""
     os.nice(5)  # the loop comes first
-    _Service(Path(arguments["table"]), parent).run()
+    Service(Path(arguments["table"]), parent).run()

@@ -128,25 +128,36 @@ class TableWatch:
         os.set_blocking(self._pipe, False)
 
 
-def serve(watched: Watched, parent: Parent) -> None:
-    """Hand over each new table until the other end closes; a table that is refused is reported and skipped."""
-    seen = watched.identity
-    while not parent.has_spoken(LOOK_S):
+class TableLook:
+    """Looks at the file: each new table once, rendered; one that is refused is reported and skipped."""
+
+    def __init__(self, watched: Watched) -> None:
+        self._watched, self._seen = watched, watched.identity
+
+    def take_new(self) -> FastRendering | None:
+        """The rendering of a table that is new since the last look."""
         try:
-            found = identity_of(watched.path)
+            found = identity_of(self._watched.path)
         except OSError:
-            continue  # the file is being replaced, or was removed: the run keeps its table
-        if found == seen:
-            continue
-        seen = found
+            return None  # the file is being replaced, or was removed: the run keeps its table
+        if found == self._seen:
+            return None
+        self._seen = found
         try:
-            rendering = _rendered(watched)
+            return _rendered(self._watched)
         except (TableError, DeviceError, RendererError, LimitError, OSError) as error:
             _say(f"the new table is refused, the one before plays on: {error}")
-            continue
-        parent.say_bytes(_packed(rendering))
-        for text in (f"a new table is verified and handed over: {watched.path}", *rendering.fit.notes):
-            _say(text)
+            return None
+
+
+def serve(watched: Watched, parent: Parent) -> None:
+    """Hand over each new table until the other end closes."""
+    look = TableLook(watched)
+    while not parent.has_spoken(LOOK_S):
+        if (rendering := look.take_new()) is not None:
+            parent.say_bytes(_packed(rendering))
+            for text in (f"a new table is verified and handed over: {watched.path}", *rendering.fit.notes):
+                _say(text)
 
 
 def _rendered(watched: Watched) -> FastRendering:

@@ -5,8 +5,6 @@ import os
 import resource
 import signal
 import stat
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from engine.files import (
     replace_file,
     write_new_folder,
 )
+from tests.tools.processes import NO_PROCESS
 
 
 def names(folder: Path) -> set[str]:
@@ -44,19 +43,15 @@ def test_an_exception_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path) 
     assert (path.read_text(), names(tmp_path)) == ("old", {"report.json"})
 
 
-@pytest.mark.machine
-def test_a_crash_before_the_rename_leaves_the_old_file(tmp_path: Path) -> None:
+def test_until_the_rename_the_old_file_stays_and_what_a_crash_left_beside_it_is_removed(tmp_path: Path) -> None:
     path = tmp_path / "report.json"
     path.write_text("old")
-    crash = (
-        "import os, sys; from pathlib import Path; from engine.files import replace_file\n"
-        "with replace_file(Path(sys.argv[1])) as partial: partial.write_text('half'); os._exit(9)"
-    )
-    assert subprocess.run([sys.executable, "-c", crash, str(path)], check=False).returncode == 9
-    assert path.read_text() == "old"
-    assert len(names(tmp_path)) == 2
-    remove_partials(path)
-    assert names(tmp_path) == {"report.json"}
+    with replace_file(path) as partial:
+        partial.write_text("half")
+        partial.with_name(f".report.json.{NO_PROCESS}.partial").write_text("half")
+        assert path.read_text() == "old"
+        remove_partials(path)
+        assert names(tmp_path) == {"report.json", partial.name}
 
 
 def test_partial_files_of_living_processes_stay(tmp_path: Path) -> None:
@@ -157,23 +152,17 @@ def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, is_linked: bool
     assert stat.S_ISFIFO(pipe.stat().st_mode)
 
 
-@pytest.mark.machine
 def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    left = tmp_path / f".made.so.{process.pid}.partial"
+    left = tmp_path / f".made.so.{NO_PROCESS}.partial"
     left.mkdir()
     (left / "layout.h").write_text("half")
     remove_partials(tmp_path / "made.so")
     assert names(tmp_path) == set()
 
 
-@pytest.mark.machine
 @pytest.mark.parametrize("process", ["one that is gone", "one that had the number of this one"])
 def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process: str) -> None:
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    number = gone.pid if process == "one that is gone" else os.getpid()
+    number = NO_PROCESS if process == "one that is gone" else os.getpid()
     (tmp_path / f".report.json.{number}.partial").write_text("half")
     (tmp_path / f".made.{number}.partial").mkdir()
     (tmp_path / f".made.{number}.partial" / "a").write_text("half")
@@ -185,14 +174,11 @@ def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process:
     assert names(tmp_path / "made") == {"a"}
 
 
-@pytest.mark.machine
 def test_a_folder_of_ours_is_rid_of_everything_half_but_of_nothing_else(tmp_path: Path) -> None:
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
     for name in ("a.nc", "b.json", "c.d"):
         for kind in ("partial", "older", "newer"):
-            (tmp_path / f".{name}.{gone.pid}.{kind}").write_text("half")
-    kept = {"a.nc", f".a.nc.{os.getpid()}.partial", f".a.nc.{gone.pid}.other", f"a.nc.{gone.pid}.partial"}
+            (tmp_path / f".{name}.{NO_PROCESS}.{kind}").write_text("half")
+    kept = {"a.nc", f".a.nc.{os.getpid()}.partial", f".a.nc.{NO_PROCESS}.other", f"a.nc.{NO_PROCESS}.partial"}
     for name in kept:
         (tmp_path / name).write_text("whole")
     remove_all_partials(tmp_path)

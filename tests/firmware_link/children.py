@@ -1,7 +1,6 @@
 """Child processes for the tests of `firmware_link.child`: each does what its arguments say."""
 
 import os
-import signal
 import sys
 import time
 from typing import Any
@@ -13,19 +12,13 @@ from firmware_link.protocol.errors import TactableError
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     match arguments["do"]:
         case "echo":
-            parent.say({"ready": os.getpid()})
+            sys.stdout.write("this is no line of the protocol\n")
+            parent.say({"ready": os.getpid(), "input": sys.stdin.read()})
             while (line := parent.read()) is not None:
                 parent.say({"heard": line})
             parent.say({"last": "words"})
-        case "print":
-            sys.stdout.write("this is no line of the protocol\n")
-            parent.say({"input": sys.stdin.read()})
         case "fail":
             raise TactableError("no such bar: plug one in")
-        case "break":
-            raise KeyError("a fault of ours")
-        case "die":
-            os.kill(os.getpid(), signal.SIGKILL)
         case "write":
             order = parent.read() or {}
             os.write(parent.descriptors.pop(), order["text"].encode())

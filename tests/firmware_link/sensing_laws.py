@@ -4,7 +4,7 @@ A tier's accelerometer takes SAMPLE_RATE_HZ samples a second while its stream is
 """
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from firmware_link.protocol.messages import (
@@ -24,12 +24,6 @@ ACCELEROMETER_OF_LAWS: dict[str, Any] = {
     "sensor_greatest": 4_095,
 }
 _US_PER_S, _LISTEN_US = 1_000_000, 50_000
-
-
-def sample_instants_us(start_us: int, stop_us: int) -> Iterator[int]:
-    """Device times after `start_us`, up to `stop_us`, at which the accelerometer of a virtual tier takes a sample."""
-    period_us = _US_PER_S // SAMPLE_RATE_HZ
-    return iter(range((start_us // period_us + 1) * period_us, stop_us + 1, period_us))
 
 
 def _sensing(tier: Tier, lease_ms: int) -> Host:

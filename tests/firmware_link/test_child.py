@@ -14,7 +14,6 @@ import pytest
 from firmware_link.child import Child, ChildError
 
 pytestmark = pytest.mark.machine
-
 PATIENCE_S = 60.0
 
 
@@ -37,29 +36,19 @@ def wait_for_end(process_id: int) -> None:
         time.sleep(0.01)
 
 
-def test_a_child_imports_what_is_installed_whatever_lies_in_the_working_folder(
+def test_a_child_is_the_installed_one_and_lines_go_both_ways_whatever_it_prints_and_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "firmware_link").mkdir()
     (tmp_path / "firmware_link" / "__init__.py").write_text("raise ImportError('of the working folder')")
     monkeypatch.chdir(tmp_path)
     with child(do="echo") as it:
-        assert it.read(PATIENCE_S) == {"ready": it.process_id}
-
-
-def test_lines_go_both_ways_whatever_their_length_and_the_last_comes_after_the_end() -> None:
-    with child(do="echo") as it:
-        assert it.read(PATIENCE_S) == {"ready": it.process_id}
+        assert it.read(PATIENCE_S) == {"ready": it.process_id, "input": ""}
         for text in ("a", "ä\n" * 3, "long" * 200_000):
             assert it.ask({"text": text}, PATIENCE_S) == {"heard": {"text": text}}
         it.ask_to_end()
         assert it.read(PATIENCE_S) == {"last": "words"}
         assert it.end() == 0
-
-
-def test_a_child_that_prints_and_reads_by_itself_does_not_disturb_the_lines() -> None:
-    with child(do="print") as it:
-        assert it.read(PATIENCE_S) == {"input": ""}
 
 
 def test_a_descriptor_travels_with_a_line() -> None:
@@ -71,23 +60,23 @@ def test_a_descriptor_travels_with_a_line() -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "words"),
+    ("module", "words"),
     [
-        ("fail", "the test's child: no such bar: plug one in"),
-        ("break", "the test's child: KeyError: 'a fault of ours'"),
-        ("die", "the test's child was ended by SIGKILL"),
-        ("nothing", "the test's child ended with exit status 0"),
+        ("tests.firmware_link.children", "the test's child: no such bar: plug one in"),
+        ("tests.nowhere", r"the test's child: ModuleNotFoundError.*tests\.nowhere"),
     ],
 )
-def test_a_child_that_ends_early_says_why(what: str, words: str) -> None:
-    with child(do=what) as it, pytest.raises(ChildError) as raised:
+def test_a_child_that_ends_early_says_why(module: str, words: str) -> None:
+    with Child(module, {"do": "fail"}, name="the test's child") as it, pytest.raises(ChildError, match=words):
         it.read(PATIENCE_S)
-    assert str(raised.value) == words
 
 
-def test_a_module_that_is_not_there_is_named() -> None:
-    with Child("tests.nowhere", {}) as it, pytest.raises(ChildError, match=r"ModuleNotFoundError.*tests\.nowhere"):
+def test_a_child_that_is_killed_has_no_last_words() -> None:
+    with child(do="ignore") as it:
         it.read(PATIENCE_S)
+        os.kill(it.process_id, signal.SIGKILL)
+        with pytest.raises(ChildError, match="the test's child was ended by SIGKILL"):
+            it.read(PATIENCE_S)
 
 
 def test_a_silent_child_is_not_waited_for_without_end_and_is_killed_when_it_does_not_end() -> None:

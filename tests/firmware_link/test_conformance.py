@@ -1,66 +1,76 @@
-"""The laws of every device, kept by the emulated firmware in virtual time."""
+"""The laws of every device, kept by the emulated firmware behind its process's own server, in virtual time."""
+
+import json
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
+from firmware_link.emulator import DeviceConfiguration, synthesise
+from firmware_link.emulator.process import decode_log
 from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
-from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SENSING_LAWS, sample_instants_us
+from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SAMPLE_RATE_HZ, SENSING_LAWS
+from tests.tools.virtual import VirtualClock, VirtualLine
 
-SAMPLE_RATE_HZ = 20_000.0
+SYNTHESIS_RATE_HZ = 20_000.0
+SAMPLE_PERIOD_NS = 1_000_000_000 // SAMPLE_RATE_HZ
 
 
 class VirtualTier:
-    """An emulated firmware without line or delay; its clock and the host's differ by a constant."""
+    """A line without delay to a device with an accelerometer; both clocks differ by a constant."""
 
     lease_ms = 40
     slack_us = 0
 
+    kind: type[VirtualLine] = VirtualLine
+
     def __init__(self) -> None:
-        self._host_us = self._booted_us = 123_456_789
-        self._boots = 0
-        self._said = b""
-        self._firmware = self._boot()
+        clock = VirtualClock(123_456_789_000)
+        configuration = DeviceConfiguration(0, **ACCELEROMETER_OF_LAWS)
+        self.line = self.kind(configuration, delay_ns=0, booted_ns=clock.time_ns, clock=clock)
+        clock.actors.append(self)
 
     def now_us(self) -> int:
-        return self._host_us
+        return self.line.time_ns // 1_000
 
     def write(self, data: bytes) -> None:
-        self._said += self._firmware.receive(data, self._device_us())
+        if not self.line.is_open:
+            self.line.open()
+        self.line.write(data)
 
     def wait(self, duration_us: int) -> None:
-        end_us = self._host_us + duration_us
-        if self._firmware.senses:
-            for now_us in sample_instants_us(self._device_us(), self._device_us() + duration_us):
-                self._said += self._firmware.advance(now_us)
-                self._firmware.sense(now_us % 4_000, [0, 0], now_us * 48 // 1_000)
-        self._host_us = end_us
-        self._said += self._firmware.advance(self._device_us())
+        self.line.clock.run_to(self.line.time_ns + 1_000 * duration_us)
 
     def read(self) -> bytes:
-        said, self._said = self._said, b""
-        return said
+        return self.line.read() if self.line.is_open else b""
 
     def peaks(self, start_us: int, stop_us: int) -> tuple[float, ...]:
         displacements = self.outputs(start_us, stop_us)[1]
         return tuple(np.abs(displacements).max(axis=0, initial=0.0)) or (0.0,)
 
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
-        return SAMPLE_RATE_HZ, synthesise(self._firmware.drive_log, start_us, stop_us, SAMPLE_RATE_HZ)
+        log = decode_log(json.loads(json.dumps(self.line.server.log())))
+        return SYNTHESIS_RATE_HZ, synthesise(log.events, start_us, stop_us, SYNTHESIS_RATE_HZ)
 
     def reboot(self) -> None:
-        self._firmware, self._booted_us, self._said = self._boot(), self._host_us, b""
+        self.line.server.reboot(self.line.time_ns)
+        self.read()
 
     def hang_up(self) -> None:
-        self._said += self._firmware.hang_up(self._device_us())
+        self.line.close()
 
-    def _boot(self) -> EmulatedFirmware:
-        self._boots += 1
-        return EmulatedFirmware(DeviceConfiguration(boot_id=0x5EED + self._boots, **ACCELEROMETER_OF_LAWS))
+    # ---- the accelerometer's samples, while they are wanted ----
 
-    def _device_us(self) -> int:
-        return self._host_us - self._booted_us
+    def next_ns(self) -> int | None:
+        now_ns = self.line.time_ns
+        return now_ns + SAMPLE_PERIOD_NS - now_ns % SAMPLE_PERIOD_NS if self.line.firmware.senses else None
+
+    def act(self, now_ns: int) -> None:
+        if now_ns % SAMPLE_PERIOD_NS == 0 and self.line.firmware.senses:
+            self.sense(self.line.device_us())
+
+    def sense(self, now_us: int) -> None:
+        self.line.firmware.sense(now_us % 4_000, [0, 0], now_us * 48 // 1_000)
 
 
 @pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)

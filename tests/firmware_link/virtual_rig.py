@@ -1,4 +1,4 @@
-"""A link and an emulated firmware in one process, joined by a line with virtual time and faults."""
+"""A session with an emulated device on a virtual line, and a host that speaks to a firmware frame by frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
+from firmware_link.host.session import Session
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
@@ -20,36 +21,50 @@ from firmware_link.protocol.messages import (
     SetFlag,
     decode_body,
 )
+from tests.tools.virtual import MS, VirtualClock, VirtualLine
 
 BOOT_ID = 0x5EED
 STEP_NS = 250_000
-MS = 1_000_000
 
 
 @dataclass
 class VirtualRig:
-    """Whole milliseconds of session in microseconds of test; the device's clock starts `device_start_ns` late."""
+    """A session that is served each STEP_NS; the device's clock starts `device_start_ns` late."""
 
     link_configuration: LinkConfiguration = field(default_factory=lambda: LinkConfiguration(2, bit_rate_hz=1_000_000))
     device_configuration: DeviceConfiguration = field(default_factory=lambda: DeviceConfiguration(BOOT_ID))
     delay_ns: int = 300_000
     drop_every: int = 0
     device_start_ns: int = 7_000_000_123
+    faults: str = ""
 
     def __post_init__(self) -> None:
-        self.link = Link(self.link_configuration)
-        self.firmware = EmulatedFirmware(self.device_configuration)
-        self.now_ns = self.device_start_ns + 5_000_000
+        self.line = VirtualLine(
+            self.device_configuration,
+            self.faults,
+            delay_ns=self.delay_ns,
+            booted_ns=self.device_start_ns,
+            clock=VirtualClock(self.device_start_ns + 5 * MS),
+            loses=self.loses,
+        )
+        self.session = Session(Link(self.link_configuration), self.line, self.line.now_ns)
+        self.link = self.session.link
         self.events: list[Event] = []
-        self.written: list[tuple[int, bytes]] = []
         self.is_host_alive = True
         self.losing = 0
-        self._to_device: list[tuple[int, bytes]] = []
-        self._to_host: list[tuple[int, bytes]] = []
-        self._writes = 0
 
-    def device_us(self) -> int:
-        return (self.now_ns - self.device_start_ns) // 1000
+    @property
+    def now_ns(self) -> int:
+        return self.line.time_ns
+
+    @property
+    def firmware(self) -> EmulatedFirmware:
+        return self.line.firmware  # type: ignore[no-any-return]  # this line's device
+
+    def loses(self, number: int) -> bool:
+        """Whether the device never gets this write."""
+        self.losing -= (is_lost := self.losing > 0)
+        return is_lost or bool(self.drop_every and number % self.drop_every == 0)
 
     def run(self, duration_ns: int) -> None:
         end_ns = self.now_ns + duration_ns
@@ -63,46 +78,16 @@ class VirtualRig:
             self.step()
 
     def connect(self) -> None:
-        self.link.connect(self.now_ns)
+        self.session.connect()
         self.run_until(lambda: self.link.state is LinkState.READY)
 
-    def reboot(self, boot_id: int) -> None:
-        self.firmware = EmulatedFirmware(DeviceConfiguration(boot_id))
-        self.device_start_ns = self.now_ns
-
     def step(self) -> None:
-        self.now_ns += STEP_NS
-        for data in self._arrived(self._to_device):
-            self._answer(self.firmware.receive(data, self.device_us()))
-        self._answer(self.firmware.advance(self.device_us()))
-        if not self.is_host_alive:
-            return
-        for data in self._arrived(self._to_host):
-            self.events += self.link.receive(data, self.now_ns)
-        self.link.poll(self.now_ns)
-        deadline_ns = self.link.next_deadline_ns()
-        data = self.link.outgoing(self.now_ns)
-        if data:
-            assert deadline_ns is not None
-            assert deadline_ns <= self.now_ns
-            self._write(data)
-
-    def _write(self, data: bytes) -> None:
-        self.written.append((self.now_ns, data))
-        self._writes += 1
-        if self.losing:
-            self.losing -= 1
-        elif not self.drop_every or self._writes % self.drop_every:
-            self._to_device.append((self.now_ns + self.delay_ns, data))
-
-    def _answer(self, data: bytes) -> None:
-        if data:
-            self._to_host.append((self.now_ns + self.delay_ns, data))
-
-    def _arrived(self, line: list[tuple[int, bytes]]) -> list[bytes]:
-        arrived = [data for time_ns, data in line if time_ns <= self.now_ns]
-        del line[: len(arrived)]
-        return arrived
+        self.line.clock.run_to(self.now_ns + STEP_NS)
+        if self.is_host_alive:
+            self.events += self.session.receive()
+            due_ns, number = self.link.next_deadline_ns(), len(self.line.written)
+            self.session.send()
+            assert len(self.line.written) == number or (due_ns is not None and due_ns <= self.now_ns)
 
 
 @dataclass

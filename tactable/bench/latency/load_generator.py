@@ -10,15 +10,14 @@ to do, so the C echo paid for a wake-up that the engine did not. Awake, neither 
 
 import contextlib
 import os
-import select
 import signal
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
+from engine.loop import Clock, SystemClock
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.light_device import Arrivals
 
@@ -29,6 +28,7 @@ AWAKE_NS = 200_000
 _NS_PER_S = 1_000_000_000
 _READ_SIZE = 65_536
 _LONGEST_WAIT_NS = 20_000_000
+SYSTEM_CLOCK = SystemClock()
 
 
 class FarEnd(Protocol):
@@ -125,7 +125,7 @@ class LoadGenerator:
     """Sends the reports of a schedule and serves the far end of the link until the engine is done.
 
     `engine_process_id` is for a stall of the host. What a full socket does not take stays due. After the last report
-    the stream of reports ends, unless it `keeps_open`.
+    the stream of reports ends, unless it `keeps_open`. All its times are those of `clock`.
     """
 
     def __init__(
@@ -138,9 +138,11 @@ class LoadGenerator:
         stall: Stall | None = None,
         engine_process_id: int = 0,
         keeps_open: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         self._schedule, self._touch, self._link, self._far_end = schedule, touch, link, far_end
         self._stall, self._engine_process_id = stall, engine_process_id
+        self._clock, self._now_ns = clock, clock.now_ns
         self._packet: bytes | None = None
         self._is_full = self._engine_is_stopped = False
         self._keeps_open = keeps_open
@@ -156,7 +158,7 @@ class LoadGenerator:
                 readable = self._wait(done)
                 if done in readable:
                     return
-                now_ns = time.monotonic_ns()
+                now_ns = self._now_ns()
                 self._follow_stall(now_ns)
                 self._send_due(now_ns)
                 if self._link is not None and self._far_end is not None:
@@ -164,8 +166,8 @@ class LoadGenerator:
         finally:
             self._resume_engine()
 
-    def _wait(self, done: int) -> list[int]:
-        now_ns = time.monotonic_ns()
+    def _wait(self, done: int) -> Container[int]:
+        now_ns = self._now_ns()
         due_ns = [now_ns + _LONGEST_WAIT_NS]
         readable = [done]
         if self._link is not None and not self._is_stalled(StalledLayer.LINK, now_ns):
@@ -179,11 +181,11 @@ class LoadGenerator:
         far_end_ns = None if self._far_end is None else self._far_end.next_deadline_ns()
         if far_end_ns is not None:
             due_ns.append(far_end_ns)
-        now_ns = time.monotonic_ns()
-        timeout_s = 0.0 if now_ns < self._awake_until_ns else max(0, min(due_ns) - now_ns) / _NS_PER_S
-        ready, writable, _ = select.select(readable, [self._touch] if self._is_full else [], [], timeout_s)
-        self._is_full = self._is_full and not writable
-        return ready
+        now_ns = self._now_ns()
+        until_ns = now_ns if now_ns < self._awake_until_ns else min(due_ns)
+        found = self._clock.wait(until_ns, readable, [self._touch.fileno()] if self._is_full else [])
+        self._is_full = False  # if it still is, the next write tells
+        return () if found is None else found
 
     def _is_stalled(self, layer: StalledLayer, now_ns: int) -> bool:
         stall, schedule = self._stall, self._schedule
@@ -212,7 +214,7 @@ class LoadGenerator:
             if self._packet is None:
                 self._packet = next(schedule.reports)
             try:
-                os.write(self._touch.fileno(), STAMPS.pack(due_ns, time.monotonic_ns()) + self._packet)
+                os.write(self._touch.fileno(), STAMPS.pack(due_ns, self._now_ns()) + self._packet)
             except (
                 BlockingIOError,
                 BrokenPipeError,
@@ -221,7 +223,7 @@ class LoadGenerator:
                 self._is_full = True
                 return
             self._packet = None
-            self._awake_until_ns = time.monotonic_ns() + AWAKE_NS if self._link is not None else 0
+            self._awake_until_ns = self._now_ns() + AWAKE_NS if self._link is not None else 0
             schedule.next += 1
             due_ns = schedule.due_ns()
         if due_ns is None and not self._keeps_open:
@@ -235,7 +237,7 @@ class LoadGenerator:
             if is_readable:
                 data = os.read(link.fileno(), _READ_SIZE)
                 self._link = link if data else None
-            now_ns = time.monotonic_ns()
+            now_ns = self._now_ns()
             answer = (far_end.receive(data, now_ns) if data else b"") + far_end.advance(now_ns)
             if answer:
                 os.write(link.fileno(), answer)

@@ -4,6 +4,7 @@ import os
 import struct
 import time
 from array import array
+from collections.abc import Callable
 
 from firmware_link.host.descriptor_port import READ_SIZE, DescriptorPort
 
@@ -18,8 +19,14 @@ class SocketSource:
     """
 
     def __init__(
-        self, descriptor_of_socket: int, name: str, descriptor: bytes, numbers: tuple[int, int], capacity: int
-    ):
+        self,
+        descriptor_of_socket: int,
+        name: str,
+        descriptor: bytes,
+        numbers: tuple[int, int],
+        capacity: int,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         self.name, self.descriptor = name, descriptor
         self.vendor_id, self.product_id = numbers
         self.ended = False
@@ -27,7 +34,7 @@ class SocketSource:
         self.report_time_ns = 0
         self.sent_ns = array("q", bytes(8 * capacity))
         self.read_ns = array("q", bytes(8 * capacity))
-        self._socket = descriptor_of_socket
+        self._socket, self._monotonic_ns = descriptor_of_socket, monotonic_ns
         os.set_blocking(descriptor_of_socket, False)
 
     def fileno(self) -> int:
@@ -46,7 +53,7 @@ class SocketSource:
         if not packet:
             self.ended = True
             return None
-        return self.take_packet(packet, time.monotonic_ns(), is_last=False)
+        return self.take_packet(packet, self._monotonic_ns(), is_last=False)
 
     packet_head = STAMPS.size
 

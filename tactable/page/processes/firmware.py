@@ -10,10 +10,11 @@ from typing import Any
 
 from firmware_link.child import Parent
 from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
+from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.drive_log import decode_drive_event, encode_events
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.pty import PseudoTerminalServer
+from firmware_link.emulator.pty import PseudoTerminal, serve
 
 _NS_PER_US = 1000
 
@@ -39,7 +40,7 @@ def decode_applied(document: Mapping[str, Any]) -> Applied:
 class _Reporter:
     """Answers with what happened since the last answer; the device forgets what was answered."""
 
-    def __init__(self, server: PseudoTerminalServer[EmulatedFirmware]) -> None:
+    def __init__(self, server: DeviceServer[EmulatedFirmware, PseudoTerminal]) -> None:
         self._server = server
 
     def report(self, now_us: int) -> dict[str, Any]:
@@ -61,10 +62,11 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     device = FaultyDevice(
         lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), parse_fault_plan(""), 0
     )
-    server = PseudoTerminalServer(device, lambda _: None)
+    server = DeviceServer(device, PseudoTerminal, time.monotonic_ns())
+    assert server.terminal is not None
     reporter = _Reporter(server)
-    parent.say({"port": server.path})
-    while server.serve([parent.fileno()]) is not None and parent.read() is not None:
+    parent.say({"port": server.terminal.name})
+    while serve(server, [parent.fileno()]) is not None and parent.read() is not None:
         now_us = (time.monotonic_ns() - server.host_ns_at_zero) // _NS_PER_US
         parent.say(reporter.report(now_us))
     server.close()

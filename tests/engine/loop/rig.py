@@ -1,4 +1,4 @@
-"""The loop on a virtual line: a port, a clock and an emulated firmware, in virtual time."""
+"""The loop on a virtual line to an emulated device."""
 
 from __future__ import annotations
 
@@ -38,22 +38,19 @@ from engine.table import Clicks
 from engine.touch import state_index
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
-from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
+from firmware_link.emulator import DriveEvent
 from firmware_link.host.reopening import ReopeningPort
-from firmware_link.protocol.errors import LinkError, LinkLostError
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
 from tests.engine.made_entries import LEVEL_DB, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+from tests.tools.virtual import VirtualLine
 
-MS = 1_000_000
 DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
 NO_CLICKS = made_clicks(DEVICE, ())
 DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
 BIT_RATE_HZ = 1_000_000
-# Only against an endless handshake: the machine may be slow.
-PATIENCE_S = 60.0
 
 Touch = tuple[int, float]
 """Contact id and place, as a fraction of the bar."""
@@ -84,119 +81,6 @@ def recording_of(*frames: tuple[float, bytes]) -> Recording:
 def held(start_s: float, stop_s: float, *touches: Touch) -> list[tuple[float, bytes]]:
     """A frame each 8 ms while fingers rest."""
     return [(start_s + 0.008 * i, report(*touches)) for i in range(round((stop_s - start_s) / 0.008))]
-
-
-@dataclass
-class VirtualLine:
-    """A port, the clock, and an emulated firmware behind them; time passes only in `wait`."""
-
-    delay_ns: int = 300_000
-    takes_bytes: bool = True
-    loses_power: bool = False
-    """With the cable."""
-    is_mute: bool = False
-    firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(0x5EED)))
-    time_ns: int = 5_000 * MS
-    booted_ns: int = 0
-    """When the device started."""
-
-    def __post_init__(self) -> None:
-        self._to_device: list[tuple[int, bytes]] = []
-        self._to_host: list[tuple[int, bytes]] = []
-        self.stall_at_ns: int | None = None
-        self.stall_ns = 400 * MS
-        self.waits = 0
-        self.cable_pulled_ns: int | None = None
-        self.cable_back_ns = 0
-        self.is_open = True
-        self.earlier_logs: list[DriveEvent] = []
-        self.openings_ns: list[int] = []
-
-    def now_ns(self) -> int:
-        return self.time_ns
-
-    def fileno(self) -> int:
-        return -1
-
-    @property
-    def is_plugged(self) -> bool:
-        return self.cable_pulled_ns is None or self.time_ns < self.cable_pulled_ns
-
-    def open(self) -> VirtualLine:
-        self.openings_ns.append(self.time_ns)
-        if not self.is_plugged and self.time_ns < self.cable_back_ns:
-            raise LinkError("no serial port 'bar'")
-        self.cable_pulled_ns, self.is_open = None, True
-        return self
-
-    def close(self) -> None:
-        self.is_open = False
-
-    def write(self, data: bytes) -> int:
-        self._check_cable()
-        if not self.takes_bytes:
-            return 0
-        self._to_device.append((self.time_ns + self.delay_ns, data))
-        return len(data)
-
-    def _check_cable(self) -> None:
-        assert self.is_open
-        if not self.is_plugged:
-            raise LinkLostError("bar is gone")
-
-    def read(self) -> bytes:
-        self._check_cable()
-        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
-        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
-        return data
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int] | None:
-        assert (readable, writable) in ([((-1,), ()), ((-1,), (-1,))] if self.is_open else [((), ())])
-        self.waits += 1
-        assert until_ns is not None or self._to_host or self._to_device, "the loop would wait for ever"
-        end_ns = until_ns if until_ns is not None else self.time_ns + 1_000 * MS
-        if self.stall_at_ns is not None and self.time_ns >= self.stall_at_ns:
-            self.stall_at_ns, end_ns = None, self.time_ns + self.stall_ns
-            while self.time_ns < end_ns:
-                self._run_to(min(end_ns, self._next_ns()))
-        while self.time_ns < end_ns and not self._is_readable():
-            self._run_to(min([end_ns, self._next_ns(), *(time_ns for time_ns, _ in self._to_host)]))
-        return None
-
-    def _is_readable(self) -> bool:
-        return self.is_open and (not self.is_plugged or any(time_ns <= self.time_ns for time_ns, _ in self._to_host))
-
-    def _next_ns(self) -> int:
-        deadline_us = self.firmware.next_deadline_us()
-        times_ns = [time_ns for time_ns, _ in self._to_device]
-        if self.cable_pulled_ns is not None and self.is_plugged:
-            times_ns.append(self.cable_pulled_ns)
-        if deadline_us is not None:
-            times_ns.append(self.booted_ns + 1000 * deadline_us)
-        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + 1_000 * MS))
-
-    def _run_to(self, end_ns: int) -> None:
-        while self._to_device and self._to_device[0][0] <= end_ns:
-            time_ns, data = self._to_device.pop(0)
-            self._answer(self.firmware.receive(data, self._device_us(time_ns)), time_ns)
-        self._answer(self.firmware.advance(self._device_us(end_ns)), end_ns)
-        was_plugged, self.time_ns = self.is_plugged, end_ns
-        if was_plugged and not self.is_plugged:
-            self._pull_cable()
-
-    def _pull_cable(self) -> None:
-        self.firmware.hang_up(self._device_us(self.time_ns))
-        self._to_device, self._to_host = [], []
-        if self.loses_power:
-            self.earlier_logs += self.firmware.drive_log
-            self.firmware, self.booted_ns = EmulatedFirmware(DeviceConfiguration(0xB007)), self.time_ns
-
-    def _device_us(self, time_ns: int) -> int:
-        return (time_ns - self.booted_ns) // 1000
-
-    def _answer(self, data: bytes, time_ns: int) -> None:
-        if data and not self.is_mute and self.is_plugged:
-            self._to_host.append((time_ns + self.delay_ns, data))
 
 
 @dataclass
@@ -268,7 +152,7 @@ class Rig:
 
     @property
     def log(self) -> list[DriveEvent]:
-        return self.line.firmware.drive_log
+        return self.line.log
 
     def states(self) -> list[int]:
         """State of the zones at each change of what is wanted, as `index_of` numbers it; 0: no finger feels."""

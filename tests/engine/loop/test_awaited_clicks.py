@@ -12,9 +12,10 @@ from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.emulator import Cause
-from tests.engine.loop.rig import DEVICE, MS, Rig, VirtualLine, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
 from tests.engine.made_entries import LEVEL_DB
+from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True
 RULES = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
@@ -50,15 +51,6 @@ class Solving:
         return [(self.fingerprint, click_of(DEVICE, placement)) for placement in found]
 
 
-class SolvingLine(VirtualLine):
-    """Waits for what is solved too, a millisecond at a time."""
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        soon_ns = self.time_ns + MS
-        until_ns = soon_ns if until_ns is None else min(until_ns, soon_ns)
-        super().wait(until_ns, tuple(each for each in readable if each != -2), writable)
-
-
 def run(takes_ms: float, *, taps: int = 1, fingerprint: str = DEVICE.fingerprint, solves: bool = True) -> Rig:
     """A finger comes, and from 200 ms on another one taps each 200 ms, for 100 ms."""
     frames = held(0.0, 0.2, *RESTING)
@@ -66,7 +58,7 @@ def run(takes_ms: float, *, taps: int = 1, fingerprint: str = DEVICE.fingerprint
         start_s = 0.2 * (tap + 1)
         frames += [*held(start_s, start_s + 0.1, *TAP), (start_s + 0.1, report(*RESTING, lifted=[2]))]
         frames += held(start_s + 0.104, start_s + 0.2, *RESTING)
-    line = SolvingLine()
+    line = VirtualLine(wakes_every_ns=MS)
     solving = Solving(line, takes_ms, fingerprint) if solves else None
     rig = Rig(recording_of(*frames), line, effects=RULES, clicks=TABLE, solving=solving)
     return rig.run()
@@ -130,7 +122,7 @@ def test_a_click_of_another_device_is_dropped() -> None:
 
 def test_a_finger_that_lifts_while_its_click_is_solved_gets_nothing_late() -> None:
     frames = [*held(0.0, 0.2, *RESTING), (0.2, report(*RESTING, (2, 0.9))), (0.21, report(*RESTING, lifted=[2]))]
-    line = SolvingLine()
+    line = VirtualLine(wakes_every_ns=MS)
     solving = Solving(line, 18.0)
     quiet = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
     rig = Rig(recording_of(*frames, *held(0.22, 0.3, *RESTING)), line, effects=quiet, clicks=TABLE, solving=solving)

@@ -11,10 +11,11 @@ import pytest
 from engine.effects import ControlStep, Effects, Outcome, Rule, Trigger, TriggeredEffect
 from engine.effects.rules import click
 from engine.loop import Fate
-from tests.engine.loop.rig import DEVICE, MS, Rig, VirtualLine, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.engine.loop.test_pipeline import pipeline_of
 from tests.engine.made_clicks import every_click
 from tests.quick import first_quick
+from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True
 CLICKS = every_click(DEVICE)
@@ -56,19 +57,10 @@ class Slot:
         self.told.append((self.line.time_ns - self.start_ns, outcome))
 
 
-class ControlledLine(VirtualLine):
-    """Waits for steps, too, a millisecond at a time."""
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        soon_ns = self.time_ns + MS
-        until_ns = soon_ns if until_ns is None else min(until_ns, soon_ns)
-        super().wait(until_ns, tuple(each for each in readable if each != -3), writable)
-
-
 def run(
     frames: Sequence[tuple[float, bytes]], steps: Sequence[tuple[float, ControlStep]], effects: Effects
 ) -> tuple[Rig, Slot]:
-    line = ControlledLine()
+    line = VirtualLine(wakes_every_ns=MS)
     slot = Slot(steps, line)
     rig = Rig(recording_of(*frames), line, effects=effects, clicks=CLICKS, control=slot)
     slot.start_ns = rig.start_ns

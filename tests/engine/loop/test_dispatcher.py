@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from engine.loop import CommandRecord, Dispatcher, Fate, LoopCounters, Observers, Timing, Trace
 from engine.render import SILENCE, Command, DriveCommand
-from tests.engine.loop.rig import MS, Rig, recording_of, report
+from tests.engine.loop.rig import Rig, recording_of, report
+from tests.tools.virtual import MS
 
 LOUD, SOFT = (DriveCommand(bytes([60, 0, level, 0, 0, 0] * 2)) for level in (200, 100))
 
@@ -14,7 +15,7 @@ class Desk:
 
     def __init__(self) -> None:
         self.rig = Rig(recording_of((0.0, report())))
-        self.rig.line.time_ns += 50 * MS  # the handshake has left the line
+        self.rig.line.clock.time_ns += 50 * MS  # the handshake has left the line
         self.dispatcher = Dispatcher(self.rig.session, self.rig.line.now_ns)
 
     def hand_over(self, command: Command, index: int | None = 0) -> Fate:
@@ -25,7 +26,7 @@ class Desk:
         return fate
 
     def send(self) -> None:
-        self.rig.line.time_ns += 50 * MS
+        self.rig.line.clock.time_ns += 50 * MS
         self.rig.session.send()
         self.dispatcher.settle_if_written()
 

@@ -1,10 +1,8 @@
-"""The loop from reports to an emulated firmware: in virtual time, and once through a real pseudo-terminal."""
+"""The loop from reports to an emulated firmware, in virtual time."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,43 +10,17 @@ import pytest
 from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
 from engine.loop import (
-    Dispatcher,
-    Loop,
-    Observers,
     Stage,
-    SystemClock,
-    Timing,
-    Trace,
-    connect,
-    open_pipeline,
 )
-from engine.render import link_configuration
 from engine.touch.digitizer import RELEASE_AFTER_NS
-from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause
-from firmware_link.emulator.process import run_emulator
-from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
-from firmware_link.host.serial_port import SerialPort
-from firmware_link.host.session import Session
 from firmware_link.protocol.messages import DeviceState
-from tests.engine.loop.rig import (
-    BURSTS,
-    DEVICE,
-    HELD,
-    MS,
-    PATIENCE_S,
-    Rig,
-    VirtualLine,
-    held,
-    index_of,
-    recording_of,
-    report,
-)
+from tests.engine.loop.rig import BURSTS, DEVICE, Rig, held, index_of, recording_of, report
 from tests.engine.made_entries import LEVEL_DB
-from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import recording_params
+from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True
 
@@ -226,13 +198,11 @@ class AttentiveLine(VirtualLine):
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:
         stall_at_ns, self.stall_at_ns = self.stall_at_ns, None
         super().wait(until_ns, readable, writable)
-        found = readable if self._is_readable() else ()
+        found = readable if self.is_readable() else ()
         if stall_at_ns is None or self.time_ns < stall_at_ns or found:
             self.stall_at_ns = stall_at_ns
-            return found
-        end_ns = self.time_ns + self.stall_ns
-        while self.time_ns < end_ns:
-            self._run_to(min(end_ns, self._next_ns()))
+        else:
+            self.stall()
         return found
 
 
@@ -260,12 +230,11 @@ def test_nothing_touched_sends_nothing_but_silence() -> None:
 
 def test_a_stop_request_silences_a_finger_that_still_touches() -> None:
     rig = Rig(recording_of(*held(0.0, 10.0, (1, 0.1))))
-    stop = threading.Event()
     event_at_ns = rig.start_ns + 100 * MS
 
     class Watch:
         def is_set(self) -> bool:
-            return stop.is_set() or rig.line.time_ns > event_at_ns
+            return rig.line.time_ns > event_at_ns
 
     rig.loop.run(Watch())
     assert rig.line.time_ns < event_at_ns + 100 * MS
@@ -312,29 +281,3 @@ def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Pa
     assert others == [first] * 2
     assert first == [] or first[-1] == (None, None)
     assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}
-
-
-@pytest.mark.machine
-def test_a_touch_reaches_the_emulator_of_another_process() -> None:
-    frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.5)), (0.4, report(lifted=[1]))]
-    clock, trace, timing = SystemClock(), Trace(), Timing()
-    with run_emulator(number_of_actuators=2) as emulator, SerialPort(emulator.port) as port:
-        link = Link(replace(link_configuration(DEVICE), handshake_timeout_s=PATIENCE_S))
-        session = Session(link, port, clock.now_ns)
-        renderer = made_renderer(DEVICE, connect(session, clock))
-        source, dispatcher = Playback(recording_of(*frames)), Dispatcher(session, clock.now_ns)
-        pipeline = open_pipeline(source, DEVICE, HELD, renderer, clock.now_ns)
-        # A stall of this machine may latch the device: the run goes on.
-        loop = Loop(pipeline, dispatcher, source, clock, Observers(trace, timing), reconnect=True)
-        loop.run()
-        log = emulator.stop()
-    states = [0 if change.placement is None else change.placement.state_on(DEVICE) for change in trace]
-    assert states == [index_of(0), index_of(2), 0]
-    applied = {event.sequence for event in log.events if event.cause is Cause.SET}
-    sent = {change.drive_sequence for change in trace} - {None}
-    assert loop.counters.reconnects or (sent and sent <= applied)
-    assert not log.events[-1].channels[0].amplitude
-    summary = timing.latency.summarise()
-    assert summary is not None
-    assert summary.count == loop.counters.commands
-    assert 0 < summary.p50_ns <= summary.max_ns

@@ -2,10 +2,11 @@
 
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import click
-from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, EmulatedFirmware
-from tests.engine.loop.rig import DEVICE, MS, Rig, VirtualLine, held, index_of, recording_of, report
+from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent
+from tests.engine.loop.rig import DEVICE, Rig, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
 from tests.engine.made_entries import LEVEL_DB
+from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True
 PLACEMENTS = [in_zones(DEVICE, [0]), in_zones(DEVICE, [2], [0]), in_zones(DEVICE, [0, 2]), in_zones(DEVICE, [1])]
@@ -91,7 +92,7 @@ def test_a_device_that_plays_no_clicks_gets_the_steady_drive_for_as_long() -> No
     configuration = DeviceConfiguration(0x5EED, basis_capacity_bytes=0)
     rig = Rig(
         recording_of(*held(0.0, 0.2, (1, 0.1)), (0.2, report(lifted=[1]))),
-        VirtualLine(firmware=EmulatedFirmware(configuration)),
+        VirtualLine(configuration),
         effects=DEFAULT_EFFECTS,
         clicks=CLICKS,
     ).run()

@@ -15,9 +15,10 @@ from engine.render import SILENCE, Command
 from engine.touch import Placement
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.recording import Recording, read_recording
-from tests.engine.loop.rig import BURSTS, DEVICE, HELD, MS, Rig, held, recording_of, report
+from tests.engine.loop.rig import BURSTS, DEVICE, HELD, Rig, held, recording_of, report
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
+from tests.tools.virtual import MS
 
 EVERY_TRIGGER = Effects(
     (

@@ -11,7 +11,8 @@ from firmware_link.host.link_values import LinkState
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.messages import DeviceState
-from tests.engine.loop.rig import MS, Rig, VirtualLine, held, index_of, recording_of, report
+from tests.engine.loop.rig import Rig, held, index_of, recording_of, report
+from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True
 
@@ -70,10 +71,9 @@ def test_a_device_that_was_unplugged_plays_on_with_the_state_of_the_moment(loses
     assert (counters.losses, counters.reconnects) == (1, 1)
     assert rig.states() == [index_of(0), index_of(1), index_of(2), 0]
     assert [change.drive_sequence is None for change in rig.trace] == [False, True, False, False]
-    log = [*line.earlier_logs, *rig.log]
-    frequencies_hz = [event.channels[0].frequency_hz for event in log if event.cause is Cause.SET]
+    frequencies_hz = [event.channels[0].frequency_hz for event in rig.log if event.cause is Cause.SET]
     assert frequencies_hz[:2] == pytest.approx([101.0, 104.0])
-    assert [event.cause for event in log] == [Cause.SET, Cause.HUNG_UP, Cause.SET, Cause.SET]
+    assert [event.cause for event in rig.log] == [Cause.SET, Cause.HUNG_UP, Cause.SET, Cause.SET]
     assert line.firmware.state is DeviceState.LATCHED
     assert line.firmware.counters.stale == 0
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import errno
 import math
-import multiprocessing
 import os
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 import pytest
@@ -116,29 +115,21 @@ def test_what_is_no_ring_of_ours_is_refused_by_name(path: Path, head: bytes, sai
         RingReader(path)
 
 
-def _read_until(path: Path, last: int, found: multiprocessing.Queue[tuple[list[int], int]]) -> None:
-    indices: list[int] = []
-    with RingReader(path, from_start=True) as reader:
-        while not indices or indices[-1] < last:
-            indices += [
-                r.report_index for r in reader.read() if r.report_index and set(r.stamps_ns) == {r.report_index}
-            ]
-        found.put((indices, reader.lost))
-
-
-@pytest.mark.machine
-def test_a_reader_in_another_process_sees_whole_records_in_order(path: Path) -> None:
-    last, context = 2_000, multiprocessing.get_context("spawn")
-    found: multiprocessing.Queue[tuple[list[int], int]] = context.Queue()
-    with RingWriter(path, 64) as writer:
-        process = context.Process(target=_read_until, args=(path, last, found))
-        process.start()
-        number = 0
-        while found.empty():
-            number += 1
-            observe(writer, PLAIN._replace(stamps_ns=(number,) * 6, report_index=number, report=bytes(100)))
-            os.sched_yield()
-        indices, lost = found.get()
-        process.join()
-    assert all(later > earlier for earlier, later in pairwise(indices))
-    assert len(indices) + lost >= indices[-1] - indices[0] + 1
+@given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), max_size=20))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_reader_that_is_overtaken_in_the_middle_sees_whole_records_in_order(
+    path: Path, turns: list[tuple[int, int]]
+) -> None:
+    number, indices = 0, list[int]()
+    with RingWriter(path, 8) as writer, RingReader(path) as reader:
+        reading = reader.read()
+        for written, read in [*turns, (1, 0), (0, 100)]:
+            for _ in range(written):
+                observe(writer, PLAIN._replace(stamps_ns=(number,) * 6, report_index=number))
+                number += 1
+            for record in islice(reading, read):
+                assert record.report_index is not None and set(record.stamps_ns) == {record.report_index}
+                indices.append(record.report_index)
+            reading = reader.read()
+        assert all(later > earlier for earlier, later in pairwise(indices))
+        assert (len(indices) + reader.lost, indices[-1]) == (number, number - 1)

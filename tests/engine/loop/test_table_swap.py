@@ -1,6 +1,5 @@
 """Changing over to another table while fingers are on the bar, in virtual time."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 
@@ -16,14 +15,15 @@ from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware, Outcome
+from firmware_link.emulator import Cause, DeviceConfiguration, Outcome
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
-from tests.engine.loop.rig import DEVICE, HELD, MS, NO_CLICKS, VirtualLine, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, held, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
+from tests.tools.virtual import MS, VirtualLine
 
 CLICKS = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 
@@ -61,13 +61,6 @@ class Later:
         return None
 
 
-class SwapLine(VirtualLine):
-    """Waits for the updates too."""
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        super().wait(until_ns, tuple(each for each in readable if each != -2), writable)
-
-
 @dataclass
 class SwapRig:
     recording: Recording
@@ -76,9 +69,7 @@ class SwapRig:
     capacity_bytes: int = 1 << 18
 
     def __post_init__(self) -> None:
-        self.line = SwapLine(
-            firmware=EmulatedFirmware(DeviceConfiguration(1, basis_capacity_bytes=self.capacity_bytes))
-        )
+        self.line = VirtualLine(DeviceConfiguration(0, basis_capacity_bytes=self.capacity_bytes))
         configuration = link_configuration(DEVICE, 1_000_000)
         self.capabilities = connect(Session(Link(configuration), self.line, self.line.now_ns), self.line)
         first = self.rendering(100.0, self.clicks)

@@ -1,14 +1,13 @@
 """Laws of the table before this one."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from engine.table import TableError
 from engine.table.history import previous_of, remove_leftovers, replace_table, roll_back
+from tests.tools.processes import NO_PROCESS
 
 
 def put(path: Path, text: str) -> None:
@@ -113,11 +112,10 @@ def test_what_is_written_later_does_not_change_what_is_kept(path: Path) -> None:
 
 @pytest.mark.machine
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
-    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
-    dead, here = int(gone.stdout), os.getpid()
+    here = os.getpid()
     for name in (
-        f".bar.nc.{dead}.partial",
-        f".bar.nc.{dead}.newer",
+        f".bar.nc.{NO_PROCESS}.partial",
+        f".bar.nc.{NO_PROCESS}.newer",
         f".bar.nc.{here}.partial",
         ".bar.nc.clicks",
         ".other.nc.1.partial",
@@ -135,8 +133,7 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
 def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
     put(path, "1")
     put(path, "2")
-    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
     for kind in ("older", "newer"):
-        path.with_name(f".bar.nc.{int(gone.stdout)}.{kind}").write_text("half")
+        path.with_name(f".bar.nc.{NO_PROCESS}.{kind}").write_text("half")
     roll_back(path)
     assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}

@@ -9,37 +9,24 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator import LONGEST_LEASE_MS, Cause, DeviceConfiguration, EmulatedFirmware, Outcome, synthesise
 from firmware_link.emulator.lease import DISARM_US
-from firmware_link.protocol.basis import transfer_messages
-from firmware_link.protocol.framing import EMERGENCY_STOP, encode_message
+from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
     Ack,
     Arm,
     ChannelDrive,
     DeviceState,
     Fault,
     FaultCode,
-    HelloRequest,
-    KeepAlive,
     Result,
     Status,
-    Stop,
     encode_drive,
 )
-from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
-from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, decode_messages, reference
+from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, decode_messages
 
 DRIVE = encode_drive([ChannelDrive(60, 1.0), ChannelDrive(90, 0.5, 1.0)], RESOLUTION_HZ)
 OTHER_DRIVE = encode_drive([ChannelDrive(200, 0.3), ChannelDrive(90, 0.5, 1.0)], RESOLUTION_HZ)
 RAMP_US = 5_000
-
-
-def result(data: bytes) -> Result:
-    (ack,) = (message for message in decode_messages(data) if isinstance(message, Ack))
-    return ack.result
 
 
 def driving_host(now_us: int = 1000, lease_ms: int = 40) -> BareHost:
@@ -52,28 +39,6 @@ def driving_host(now_us: int = 1000, lease_ms: int = 40) -> BareHost:
 
 def greatest_after(host: BareHost, device_us: int) -> float:
     return float(np.abs(synthesise(host.firmware.drive_log, device_us, device_us + 100_000, 20_000)).max())
-
-
-def test_nothing_drives_without_arm() -> None:
-    host = BareHost()
-    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1000)
-    host.set(DRIVE, 2000)
-    assert host.firmware.drive_log == []
-    assert host.firmware.counters.refused == 1
-
-
-def test_arm_needs_the_current_boot() -> None:
-    host = BareHost()
-    host.arm(1000, boot_id=BOOT_ID + 1)
-    host.set(DRIVE, 2000)
-    assert host.firmware.drive_log == []
-    assert result(host.send(Arm(BOOT_ID + 1, 200, 40, 0, (1, 1)), 3000)) is Result.WRONG_BOOT
-    assert result(host.send(Arm(BOOT_ID, 200, 40, 0, (1, 1)), 4000)) is Result.OK
-
-
-@pytest.mark.parametrize(("slew_per_s", "lease_ms"), [(0, 40), (200, 0), (200, LONGEST_LEASE_MS + 1)])
-def test_arm_out_of_range_is_refused(slew_per_s: int, lease_ms: int) -> None:
-    assert result(BareHost().send(Arm(BOOT_ID, slew_per_s, lease_ms, 0, (1, 1)), 1000)) is Result.OUT_OF_RANGE
 
 
 @unhurried
@@ -99,75 +64,6 @@ def test_amplitude_is_zero_within_lease_and_ramp(armed_lease_ms: int, lease_ms: 
     ]
     assert greatest_after(host, 1000 + lease_us + RAMP_US) == 0.0
     assert host.firmware.counters.trips == 1
-
-
-def test_sets_and_keepalives_hold_the_lease() -> None:
-    host = driving_host()
-    applied = host.sequence
-    for now_us in range(11_000, 500_000, 30_000):
-        host.send(KeepAlive(reference(now_us), applied), now_us)
-    assert host.firmware.state is DeviceState.DRIVING
-    assert len(host.firmware.drive_log) == 1
-
-
-def test_a_keepalive_does_not_bring_a_drive_back() -> None:
-    host = driving_host()
-    host.send(KeepAlive(reference(60_000), host.sequence), 60_000)
-    host.firmware.advance(100_000)
-    assert host.firmware.state is DeviceState.ARMED
-    assert greatest_after(host, 60_000) == 0.0
-
-
-def test_a_keepalive_for_a_set_that_was_lost_does_not_hold_the_one_before_but_feeds_the_watchdog() -> None:
-    host = driving_host()
-    host.send(KeepAlive(reference(30_000), host.sequence + 1), 30_000)
-    host.firmware.advance(41_000)
-    assert host.firmware.state is DeviceState.ARMED
-    host.firmware.advance(30_000 + DISARM_US - 1)
-    assert host.firmware.state is DeviceState.ARMED
-
-
-def test_silence_of_the_host_latches_until_a_new_handshake() -> None:
-    host = driving_host()
-    states = []
-    for now_us in (1000 + DISARM_US - 1, 1000 + DISARM_US):
-        host.firmware.advance(now_us)
-        states.append(host.firmware.state)
-    assert states == [DeviceState.ARMED, DeviceState.LATCHED]
-    host.set(DRIVE, 300_000)
-    assert result(host.send(Arm(BOOT_ID, 200, 40, 0, (1, 1)), 301_000)) is Result.WRONG_STATE
-    assert len(host.firmware.drive_log) == 2
-    host.arm(302_000)
-    host.set(DRIVE, 303_000)
-    assert host.firmware.state is DeviceState.DRIVING
-
-
-@pytest.mark.parametrize("by_delimiters", [False, True])
-def test_stop_is_latched(by_delimiters: bool) -> None:
-    host = driving_host()
-    if by_delimiters:
-        host.firmware.receive(EMERGENCY_STOP, 20_000)
-    else:
-        assert result(host.send(Stop(), 20_000)) is Result.OK
-    host.set(DRIVE, 21_000)
-    assert host.firmware.state is DeviceState.LATCHED
-    assert greatest_after(host, 20_000 + RAMP_US) == 0.0
-
-
-def test_a_new_session_disarms() -> None:
-    host = driving_host()
-    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 2), 10_000)
-    assert host.firmware.state is DeviceState.IDLE
-    assert host.firmware.drive_log[-1].cause is Cause.NEW_SESSION
-
-
-def test_a_copy_of_a_set_does_not_feed_the_lease() -> None:
-    host = driving_host()
-    host.sequence -= 1
-    host.set(DRIVE, 30_000, age_us=29_000)
-    host.firmware.advance(41_000)
-    assert host.firmware.state is DeviceState.ARMED
-    assert host.firmware.received[-1].outcome is Outcome.STALE
 
 
 @unhurried
@@ -244,13 +140,6 @@ def test_status_tells_the_last_set_applied() -> None:
     assert len(decode_messages(host.firmware.advance(30_000))) == 1
 
 
-def test_status_comes_every_100_ms_once_greeted() -> None:
-    host = BareHost()
-    assert host.firmware.next_deadline_us() is None
-    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
-    assert len(decode_messages(host.firmware.advance(1_000_000))) == 10
-
-
 def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
     """A copy can pass the clock for two leases."""
     host = driving_host()
@@ -270,29 +159,6 @@ def test_the_log_tells_what_became_of_each_frame() -> None:
         (10_000, 4, Outcome.ACCEPTED),
         (20_000, 5, Outcome.STALE),
     ]
-
-
-def test_a_click_that_began_is_logged_as_accepted() -> None:
-    clicks = Clicks(20_000, [np.zeros((10, 2))])
-    host = BareHost()
-    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
-    for message in transfer_messages(clicks.basis.data):
-        host.send(message, 0)
-    host.arm(0)
-    host.send(clicks.play(0, reference(1000)), 1000)
-    played = host.firmware.received[-1]
-    assert (played.message, played.outcome) == ("PLAY", Outcome.ACCEPTED)
-
-
-@pytest.mark.parametrize(("armed_s", "own_s", "latched_s"), [(0, 2, 2), (1, 2, 1), (3, 2, 2), (2, 0, 2)])
-def test_the_shorter_limit_of_the_time_on_binds(armed_s: int, own_s: int, latched_s: int) -> None:
-    host = BareHost(EmulatedFirmware(DeviceConfiguration(BOOT_ID, longest_drive_s=own_s)))
-    host.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0)
-    host.send(Arm(BOOT_ID, 200, 40, armed_s, (65_535, 65_535)), 0)
-    for now_us in range(0, latched_s * 1_000_000 + 20_000, 20_000):
-        host.set(DRIVE, now_us)
-    last = host.firmware.drive_log[-1]
-    assert (last.cause, last.device_time_us) == (Cause.DRIVEN_TOO_LONG, latched_s * 1_000_000)
 
 
 def test_limits_of_a_new_arm_hold_from_the_next_set_on() -> None:

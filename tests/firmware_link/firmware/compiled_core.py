@@ -7,16 +7,17 @@ import shutil
 import subprocess
 import tempfile
 from ctypes import CDLL
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
-from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, sample_instants_us
+from tests.firmware_link.test_conformance import VirtualTier
 from tests.tools.guard import allowed
+from tests.tools.virtual import VirtualLine
 
 FIRMWARE = Path(__file__).parents[3] / "firmware_link" / "firmware"
 CHECKS = Path(__file__).parent / "c"
@@ -70,95 +71,79 @@ def with_sanitizers(folder: Path) -> dict[str, str]:
     }
 
 
-class CompiledTier:
-    """The C core without line or delay; its clock and the host's differ by a constant."""
+class CompiledLine(VirtualLine):
+    """To the C core, whose samples are kept and which may be watched."""
 
-    lease_ms = 40
-    slack_us = 0
+    is_watched = False
+
+    def start(self, boot_id: int) -> CompiledFirmware:
+        firmware = CompiledFirmware(core_library(), replace(self.configuration, boot_id=boot_id))
+        if self.is_watched:
+            core_library().held_samples_watch(ctypes.c_void_p(firmware._host))
+        return firmware
+
+
+class WatchedLine(CompiledLine):
+    """What sounds must change only while samples are held back; see c/held_samples.c."""
+
+    is_watched = True
+
+
+class CompiledTier(VirtualTier):
+    """The C core in the place of the emulated firmware."""
+
+    kind = CompiledLine
 
     def __init__(self) -> None:
-        self._host_us = self._booted_us = 123_456_789
-        self._boots = 0
-        self._said = b""
-        self._firmware = self._boot()
+        super().__init__()
         self._samples: list[NDArray[np.int16]] = []
 
-    def now_us(self) -> int:
-        return self._host_us
-
-    def write(self, data: bytes) -> None:
-        self._said += self._firmware.receive(data, self._device_us())
-
-    def wait(self, duration_us: int) -> None:
-        end_us = self._host_us + duration_us
-        if self._firmware.senses:
-            for now_us in sample_instants_us(self._device_us(), self._device_us() + duration_us):
-                self._said += self._firmware.advance(now_us)
-                self._firmware.sense_now(now_us % 4_000)
-        self._host_us = end_us
-        self._said += self._firmware.advance(self._device_us())
-
-    def read(self) -> bytes:
-        said, self._said = self._said, b""
-        return said
-
-    def peaks(self, start_us: int, stop_us: int) -> tuple[float, ...]:
-        displacements = self.outputs(start_us, stop_us)[1]
-        return tuple(np.abs(displacements).max(axis=0, initial=0.0))
-
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
-        rate_hz = self._firmware.configuration.synthesis_rate_hz
-        self._samples = [np.concatenate([*self._samples, self._firmware.take_samples()])]
+        firmware = self.line.firmware
+        rate_hz = firmware.configuration.synthesis_rate_hz
+        self._samples = [np.concatenate([*self._samples, firmware.take_samples()])]
         first, stop = (-(-time_us * rate_hz // US_PER_S) for time_us in (start_us, stop_us))
         assert stop <= len(self._samples[0])
         return rate_hz, self._samples[0][first:stop] / FULL_OUTPUT
 
     def reboot(self) -> None:
-        self._firmware.close()
-        self._firmware, self._booted_us, self._said, self._samples = self._boot(), self._host_us, b"", []
+        super().reboot()
+        self._samples = []
 
-    def hang_up(self) -> None:
-        self._said += self._firmware.hang_up(self._device_us())
-
-    def _boot(self) -> CompiledFirmware:
-        self._boots += 1
-        configuration = DeviceConfiguration(boot_id=0x5EED + self._boots, **ACCELEROMETER_OF_LAWS)
-        return CompiledFirmware(core_library(), configuration)
-
-    def _device_us(self) -> int:
-        return self._host_us - self._booted_us
+    def sense(self, now_us: int) -> None:
+        self.line.firmware.sense_now(now_us % 4_000)
 
 
 class WatchedTier(CompiledTier):
-    """The C core where what sounds must change only while samples are held back; see c/held_samples.c."""
+    """The C core where what sounds must change only while samples are held back."""
+
+    kind = WatchedLine
 
     def write(self, data: bytes) -> None:
-        self._said += self._firmware.advance(self._device_us())
-        core_library().held_samples_look()
+        self._look()
         super().write(data)
         self._check()
 
     def wait(self, duration_us: int) -> None:
         """Stops before each deadline, so that no sample runs between a look and what the device does by itself."""
-        end_us = self._device_us() + duration_us
-        while (deadline_us := self._firmware.next_deadline_us() or end_us) < end_us:
-            super().wait(max(0, deadline_us - 1 - self._device_us()))
+        line = self.line
+        end_us = line.device_us() + duration_us
+        while (deadline_us := line.firmware.next_deadline_us() or end_us) < end_us:
+            super().wait(max(0, deadline_us - 1 - line.device_us()))
             core_library().held_samples_look()
-            super().wait(max(1, deadline_us - self._device_us()))
+            super().wait(max(1, deadline_us - line.device_us()))
             self._check()
-        super().wait(end_us - self._device_us())
+        super().wait(end_us - line.device_us())
         self._check()
 
     def hang_up(self) -> None:
-        self._said += self._firmware.advance(self._device_us())
-        core_library().held_samples_look()
+        self._look()
         super().hang_up()
         self._check()
 
-    def _boot(self) -> CompiledFirmware:
-        firmware = super()._boot()
-        core_library().held_samples_watch(ctypes.c_void_p(firmware._host))
-        return firmware
+    def _look(self) -> None:
+        self.line.server.step(self.line.time_ns)
+        core_library().held_samples_look()
 
     @staticmethod
     def _check() -> None:

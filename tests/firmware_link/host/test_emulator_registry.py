@@ -1,8 +1,6 @@
 """Laws of the announcements: a running emulator is found, one that is gone is not, and its link goes."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +8,7 @@ import pytest
 from firmware_link.host.emulator_registry import Announced, Announcement, find_announced, own_link, runtime_folder
 from firmware_link.host.serial_port import find_ports, path_of
 from firmware_link.protocol.errors import LinkError
+from tests.tools.processes import NO_PROCESS
 
 
 @pytest.fixture(autouse=True)
@@ -17,31 +16,21 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
-def running_process() -> "subprocess.Popen[bytes]":
-    return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-
-
-@pytest.mark.machine
 def test_a_running_emulator_is_a_port_marked_simulated_by_a_name_that_stays() -> None:
-    with running_process() as process:
-        announcement = Announcement(own_link(process.pid))
-        for port in ("/dev/null", "/dev/zero"):
-            announcement.point_to(port)
-            assert find_announced() == (Announced(announcement.link, port, process.pid),)
-            (found,) = (port for port in find_ports() if port.stable_id == str(announcement.link))
-            assert "SIMULATED" in found.description
-            assert found.path == path_of(str(announcement.link)) == port
-        announcement.close()
-        assert find_announced() == ()
-        process.communicate(b"\n")
+    announcement = Announcement(own_link(os.getpid()))
+    for port in ("/dev/null", "/dev/zero"):
+        announcement.point_to(port)
+        assert find_announced() == (Announced(announcement.link, port, os.getpid()),)
+        (found,) = (port for port in find_ports() if port.stable_id == str(announcement.link))
+        assert "SIMULATED" in found.description
+        assert found.path == path_of(str(announcement.link)) == port
+    announcement.close()
+    assert find_announced() == ()
 
 
-@pytest.mark.machine
 def test_what_a_killed_emulator_left_is_removed() -> None:
-    with running_process() as process:
-        announcement = Announcement(own_link(process.pid))
-        announcement.point_to("/dev/null")
-        process.kill()
+    announcement = Announcement(own_link(NO_PROCESS))
+    announcement.point_to("/dev/null")
     assert find_announced() == ()
     assert not announcement.link.is_symlink()
 
@@ -89,7 +78,6 @@ def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Pat
     assert not link.is_symlink()
 
 
-@pytest.mark.machine
 def test_the_link_of_a_killed_emulator_is_taken_over_by_the_one_that_was_given_its_terminal(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     port, link = os.ttyname(terminal), tmp_path / "board"

@@ -35,7 +35,8 @@ from firmware_link.protocol.messages import (
 )
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
-from tests.firmware_link.virtual_rig import BOOT_ID, MS, BareHost, VirtualRig, decode_messages
+from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, VirtualRig, decode_messages
+from tests.tools.virtual import MS
 
 
 def drive(amplitude: float, number_of_actuators: int = 2) -> bytes:
@@ -80,13 +81,13 @@ def test_the_latest_drive_wins() -> None:
 def test_a_busy_line_gets_one_set_at_a_time_and_always_the_newest() -> None:
     rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=115_200))
     rig.connect()
-    rig.written.clear()
+    rig.line.written.clear()
     steps = 400
     for step in range(steps):
         rig.link.set_drive(drive(step / steps))
         rig.step()
-    spent_ns = rig.written[-1][0] - rig.written[0][0]
-    bits = 10 * sum(len(data) for _, data in rig.written[:-1])
+    spent_ns = rig.line.written[-1][0] - rig.line.written[0][0]
+    bits = 10 * sum(len(data) for _, data in rig.line.written[:-1])
     assert bits <= spent_ns * 115_200e-9
     assert rig.link.counters.sent + rig.link.counters.coalesced >= steps - 1
     rig.run(10 * MS)
@@ -100,7 +101,7 @@ def test_a_drive_is_renewed_as_long_as_the_loop_runs_and_not_longer() -> None:
     assert rig.firmware.counters.trips == 0
     assert len(rig.firmware.drive_log) == 1
     rig.is_host_alive = False
-    died_us = rig.device_us()
+    died_us = rig.line.device_us()
     rig.run(300 * MS)
     assert rig.firmware.drive_log[-1].cause is Cause.LEASE_EXPIRED
     assert rig.firmware.drive_log[-1].device_time_us - died_us <= 40_000 + 1000
@@ -156,7 +157,7 @@ def test_counters_of_both_sides_agree() -> None:
     rig.link.set_silent()
     rig.run(500 * MS)
     assert rig.firmware.counters.applied == rig.link.counters.sent + rig.link.counters.renewed
-    assert rig.firmware.framing_counters.ok == len(rig.written)
+    assert rig.firmware.framing_counters.ok == len(rig.line.written)
 
 
 def test_stop_is_repeated_until_acknowledged_and_nothing_drives_after() -> None:
@@ -176,8 +177,9 @@ def test_a_fault_of_before_the_session_is_acknowledged_and_does_not_end_it() -> 
     rig = VirtualRig()
     rig.connect()
     rig.run(20 * MS)
-    rig.firmware.hang_up(rig.device_us())
+    rig.line.close()
     rig.link.disconnect()
+    rig.line.open()
     # The device repeats its fault each 100 ms; the handshake takes less.
     rig.run(30 * MS)
     rig.connect()
@@ -209,7 +211,7 @@ def test_a_rebooted_device_is_never_driven_and_the_host_notices() -> None:
     rig = connected()
     rig.link.set_drive(drive(1.0))
     rig.run(100 * MS)
-    rig.reboot(BOOT_ID + 1)
+    rig.line.server.reboot(rig.now_ns)
     with pytest.raises(LinkError, match="no answer"):
         rig.run(2 * SILENCE_NS)
     assert rig.firmware.drive_log == []

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
-from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
-from firmware_link.host.link import Link
+from firmware_link.emulator import Cause, DeviceConfiguration
 from firmware_link.host.link_values import BasisRefused, BasisReplaced, Event, LinkConfiguration, LinkState
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import BasisCommit, DeviceState, Result
 from tests.firmware_link.clicks import Clicks
-
-MS = 1_000_000
-STEP_NS = 250_000
+from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig
+from tests.tools.virtual import MS
 
 
 def hump(*amplitudes: float, count: int = 81) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -25,33 +23,24 @@ OLD = Clicks(4000, [hump(1.0, 0.0)] * 4)
 NEW = Clicks(4000, [hump(0.0, 0.5, count=161)] * 15)
 
 
-class Rig:
-    """An armed link and its device; a frame may be lost on the way there."""
+class Rig(VirtualRig):
+    """An armed session with a basis; frames are lost by their numbers."""
 
     def __init__(self, capacity_bytes: int = 1 << 16) -> None:
-        self.link = Link(LinkConfiguration(2, basis=OLD.basis, bit_rate_hz=2_000_000))
-        self.firmware = EmulatedFirmware(DeviceConfiguration(1, basis_capacity_bytes=capacity_bytes))
-        self.time_ns = 1_000 * MS
-        self.events: list[Event] = []
-        self.loses: set[int] = set()
-        self.frames = 0
-        self.link.connect(self.time_ns)
-        self.pass_until(lambda: self.link.state is LinkState.READY)
+        self.lost: set[int] = set()
+        super().__init__(
+            LinkConfiguration(2, basis=OLD.basis, bit_rate_hz=2_000_000),
+            DeviceConfiguration(BOOT_ID, basis_capacity_bytes=capacity_bytes),
+            delay_ns=100_000,
+        )
+        self.connect()
 
-    def step(self) -> None:
-        self.time_ns += STEP_NS
-        data = self.link.outgoing(self.time_ns)
-        self.frames += bool(data)
-        answer = self.firmware.receive(b"" if self.frames in self.loses and data else data, self.time_ns // 1000)
-        self.events += self.link.receive(answer + self.firmware.advance(self.time_ns // 1000), self.time_ns)
-        self.link.poll(self.time_ns)
+    def loses(self, number: int) -> bool:
+        return number in self.lost
 
-    def pass_until(self, is_over: object, most: int = 40_000) -> None:
-        for _ in range(most):
-            if is_over():  # type: ignore[operator]  # a function
-                return
-            self.step()
-        raise AssertionError("it does not end")
+    def lose(self, *later: int) -> None:
+        """The frames so many after the last one are lost."""
+        self.lost = {len(self.line.written) + each for each in later}
 
     def end(self) -> Event | None:
         """What the transfer came to."""
@@ -73,9 +62,9 @@ class Rig:
 def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
     rig = Rig()
     rig.link.replace_basis(NEW.basis)
-    due_ns = rig.time_ns + 5 * MS
+    due_ns = rig.now_ns + 5 * MS
     while not rig.ends():
-        if rig.time_ns >= due_ns and not rig.link._outbox.holds_clicks:
+        if rig.now_ns >= due_ns and not rig.link._outbox.holds_clicks:
             rig.link.set_play(OLD.encoded(3))
             due_ns += 25 * MS
         rig.step()
@@ -84,7 +73,7 @@ def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
     assert len(before) > 3
     assert set(before) == {81}
     rig.link.set_play(NEW.encoded(14))
-    rig.pass_until(lambda: len(rig.played()) > len(before))
+    rig.run_until(lambda: len(rig.played()) > len(before))
     assert rig.played()[-1] == 161
     assert rig.firmware.state is DeviceState.DRIVING
     assert all(event.cause is not Cause.LEASE_EXPIRED for event in rig.firmware.drive_log)
@@ -94,8 +83,8 @@ def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
 def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
     rig = Rig()
     rig.link.replace_basis(NEW.basis)
-    rig.loses = {rig.frames + lost, rig.frames + lost + 1}
-    rig.pass_until(rig.ends)
+    rig.lose(lost, lost + 1)
+    rig.run_until(rig.ends)
     assert isinstance(rig.end(), BasisReplaced)
     assert rig.firmware.state is DeviceState.ARMED
 
@@ -103,18 +92,18 @@ def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
 def test_a_click_of_the_old_basis_that_waits_while_the_device_changes_over_is_dropped() -> None:
     rig = Rig()
     rig.link.replace_basis(NEW.basis)
-    rig.pass_until(lambda: rig.transfers(BasisCommit))
-    rig.loses = {rig.frames + 1}
-    rig.pass_until(lambda: rig.link._outbox.holds_clicks)
+    rig.run_until(lambda: rig.transfers(BasisCommit))
+    rig.lose(1)
+    rig.run_until(lambda: rig.link._outbox.holds_clicks)
     rig.link.set_play(OLD.encoded(2))
     for _ in range(20):
         rig.step()
     assert not rig.played()
-    rig.pass_until(rig.ends)
+    rig.run_until(rig.ends)
     with pytest.raises(LinkError, match="made of another basis"):
         rig.link.set_play(OLD.encoded(2))
     rig.link.set_play(NEW.encoded(2))
-    rig.pass_until(lambda: bool(rig.played()))
+    rig.run_until(lambda: bool(rig.played()))
     assert rig.played() == [161]
     assert rig.link.counters.coalesced == 1
 
@@ -125,9 +114,9 @@ def test_commands_go_out_between_the_steps() -> None:
     asked, waited = 0, []
     while not rig.ends():
         rig.link.set_drive(bytes([1, 0, asked % 200 + 1, 0, 0, 0] * 2))
-        sent, start_ns = rig.link.counters.sent, rig.time_ns
-        rig.pass_until(lambda sent=sent: rig.link.counters.sent > sent)
-        waited.append(rig.time_ns - start_ns)
+        sent, start_ns = rig.link.counters.sent, rig.now_ns
+        rig.run_until(lambda sent=sent: rig.link.counters.sent > sent)  # type: ignore[misc]
+        waited.append(rig.now_ns - start_ns)
         asked += 1
         for _ in range(20):
             rig.step()
@@ -139,10 +128,10 @@ def test_commands_go_out_between_the_steps() -> None:
 def test_a_device_without_room_for_both_refuses_and_plays_on() -> None:
     rig = Rig(capacity_bytes=len(NEW.basis.data) + 10)
     rig.link.replace_basis(NEW.basis)
-    rig.pass_until(rig.ends)
+    rig.run_until(rig.ends)
     assert rig.end() == BasisRefused(Result.NO_ROOM)
     rig.link.set_play(OLD.encoded(3))
-    rig.pass_until(lambda: bool(rig.played()))
+    rig.run_until(lambda: bool(rig.played()))
     assert rig.played() == [81]
 
 
@@ -157,12 +146,12 @@ def test_a_stop_ends_the_transfer_and_the_old_basis_stays() -> None:
     rig.link.replace_basis(NEW.basis)
     for _ in range(40):
         rig.step()
-    rig.link.stop(rig.time_ns)
-    rig.pass_until(lambda: rig.link.state is LinkState.STOPPED)
+    rig.link.stop(rig.now_ns)
+    rig.run_until(lambda: rig.link.state is LinkState.STOPPED)
     with pytest.raises(LinkError, match="armed"):
         rig.link.replace_basis(NEW.basis)
-    rig.link.connect(rig.time_ns)
-    rig.pass_until(lambda: rig.link.state is LinkState.READY)
+    rig.link.connect(rig.now_ns)
+    rig.run_until(lambda: rig.link.state is LinkState.READY)
     assert not rig.ends()
     assert rig.link.capabilities is not None
     assert rig.link.capabilities.held_basis_hash == OLD.basis.hash

@@ -10,7 +10,8 @@ from firmware_link.host.sensing import LEASE_MS
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import ACCELEROMETER, Sense, decode_body
-from tests.firmware_link.virtual_rig import BOOT_ID, MS, STEP_NS, VirtualRig
+from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig
+from tests.tools.virtual import MS
 
 RATE_HZ = 2_000
 SENSING = DeviceConfiguration(
@@ -27,7 +28,7 @@ class SensingRig(VirtualRig):
     def step(self) -> None:
         super().step()
         if self.now_ns % (2 * STEP_NS) < STEP_NS:
-            self.firmware.sense(self.device_us() % 4_000, [1, 2], self.device_us() * 48 // 1_000)
+            self.firmware.sense(self.line.device_us() % 4_000, [1, 2], self.line.device_us() * 48 // 1_000)
 
     def sensed(self) -> list[AccelerationReceived]:
         return [event for event in self.events if isinstance(event, AccelerationReceived)]
@@ -41,7 +42,7 @@ class SensingRig(VirtualRig):
 
 def asked_of(rig: VirtualRig) -> list[Sense]:
     """What the host asked of the accelerometer."""
-    items = FrameDecoder().receive(b"".join(data for _, data in rig.written))
+    items = FrameDecoder().receive(b"".join(data for _, data in rig.line.written))
     messages = (decode_body(item)[1] for item in items if isinstance(item, bytes))
     return [message for message in messages if isinstance(message, Sense)]
 

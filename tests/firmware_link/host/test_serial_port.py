@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import SerialPort, path_of
 from firmware_link.protocol.errors import LinkError
 
 
@@ -76,3 +76,8 @@ def test_the_rule_names_the_port_that_a_link_leads_to(tmp_path: Path, monkeypatc
 def test_another_failure_gets_no_remedy_for_rights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     message = refusal(tmp_path / "ttyACM7", monkeypatch, group="dialout", number=errno.EIO)
     assert "usermod" not in message and "udev" not in message
+
+
+def test_a_missing_port_is_named() -> None:
+    with pytest.raises(LinkError, match="/dev/nowhere"):
+        path_of("/dev/nowhere")

@@ -10,7 +10,7 @@ import gc
 import json
 import resource
 import sys
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,77 +23,37 @@ from engine.loop.realtime import Step, real_time
 from engine.render import link_configuration
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator import Cause, DeviceConfiguration, DeviceCounters, EmulatedFirmware
+from firmware_link.emulator import Cause, DeviceCounters
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tactable.shipped import DEMO_RECORDING
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import RECORDINGS
+from tests.tools.virtual import VirtualLine
 
 ROOT = Path(__file__).parents[3]
 DEVICE = Device.read(ROOT / "tables" / "devices" / "reference-a.toml")
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 NS_PER_S = 1_000_000_000
-DELAY_NS = 300_000
 PAUSE_S = 1.0
 LOGGED = 1_000
 
 
-class Machine:
-    """A clock, a line and an emulated firmware in virtual time, whose logs are counted and forgotten."""
+class Machine(VirtualLine):
+    """A virtual line whose logs are counted and forgotten."""
 
-    def __init__(self) -> None:
-        self.time_ns = NS_PER_S
-        self.firmware = EmulatedFirmware(DeviceConfiguration(0x5EED))
-        self.expired = 0
-        self._to_host: list[tuple[int, bytes]] = []
-        self._written: list[tuple[int, bytes]] = []
+    expired = 0
 
-    def now_ns(self) -> int:
-        return self.time_ns
-
-    def fileno(self) -> int:
-        return -1
-
-    def write(self, data: bytes) -> int:
-        self._written.append((self.time_ns + DELAY_NS, data))
-        return len(data)
-
-    def read(self) -> bytes:
-        here = [data for time_ns, data in self._to_host if time_ns <= self.time_ns]
-        if here:
-            self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
-        return b"".join(here)
-
-    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> None:
-        assert readable == (-1,) and not writable
-        end_ns = self.time_ns + NS_PER_S if until_ns is None else max(until_ns, self.time_ns)
-        while self.time_ns < end_ns and not any(time_ns <= self.time_ns for time_ns, _ in self._to_host):
-            deadline_us = self.firmware.next_deadline_us()
-            times_ns = [end_ns, *(time_ns for time_ns, _ in (*self._written, *self._to_host))]
-            if deadline_us is not None:
-                times_ns.append(max(self.time_ns + 1_000, 1_000 * deadline_us))
-            self._run_to(max(self.time_ns + 1, min(times_ns)))
-        self._forget()
-
-    def _run_to(self, end_ns: int) -> None:
-        while self._written and self._written[0][0] <= end_ns:
-            time_ns, data = self._written.pop(0)
-            self._answer(self.firmware.receive(data, time_ns // 1_000), time_ns)
-        self._answer(self.firmware.advance(end_ns // 1_000), end_ns)
-        self.time_ns = end_ns
-
-    def _answer(self, data: bytes, time_ns: int) -> None:
-        if data:
-            self._to_host.append((time_ns + DELAY_NS, data))
-
-    def _forget(self) -> None:
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int] | None:
+        found = super().wait(until_ns, readable, writable)
+        self.written.clear()
         log, received = self.firmware.drive_log, self.firmware.received
         if len(log) + len(received) > LOGGED:
             self.expired += sum(event.cause is Cause.LEASE_EXPIRED for event in log)
             log.clear()
             received.clear()
+        return found
 
 
 class Repeated:

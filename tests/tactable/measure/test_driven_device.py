@@ -10,7 +10,8 @@ from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 from tactable.measure import AskedDrive, DrivenDevice, check_drive, virtual_line
-from tests.engine.loop.rig import DEVICE, MS, VirtualLine
+from tests.engine.loop.rig import DEVICE
+from tests.tools.virtual import MS, VirtualLine
 
 FIFTH = AskedDrive((150.0, 130.0), (0.2, 0.05), (0.0, 1.0))
 MOST = (0.2, 0.2)
@@ -49,10 +50,9 @@ def test_the_board_itself_refuses_more_than_it_was_armed_for() -> None:
 
 def test_a_board_of_another_full_scale_gets_the_displacements_that_were_asked_for() -> None:
     full_scales_pm = (2 * 520_000, 520_000)
-    firmware = EmulatedFirmware(DeviceConfiguration(0x5EED, full_scales_pm=full_scales_pm))
-    line = VirtualLine(firmware=firmware)
+    line = VirtualLine(DeviceConfiguration(0, full_scales_pm=full_scales_pm))
     held_for(line, 100 * MS)
-    amplitudes = [channel.amplitude for channel in firmware.drive_log[0].channels]
+    amplitudes = [channel.amplitude for channel in line.firmware.drive_log[0].channels]
     assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
 
 

@@ -15,8 +15,9 @@ from tactable.measure.gravity import check_gravity
 from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
-from tests.engine.loop.rig import DEVICE, MS
+from tests.engine.loop.rig import DEVICE
 from tests.quick import first_quick
+from tests.tools.virtual import MS
 
 MASS_KG = 2e-3
 PLACE_M = 0.05

@@ -1,7 +1,8 @@
 """The chain from touches to the bar: what the table promises is what the simulated bar does."""
 
 import json
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,14 @@ import pytest
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
-from engine.table import Table
+from engine.table import ClickEntry, Table
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Placement
-from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import Cause, DriveEvent, PlayedWaveform
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording, read_recording
+from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, PlayedWaveform
+from firmware_link.emulator.process import decode_log
+from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.build import Coarse, build_table
 from precompute.clicks import ClickOptions
 from tactable.rig import demo
@@ -23,12 +27,13 @@ from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
 from tactable.rig.demo import Reporter, find_missed
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
-from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
+from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
+from tactable.run.click_process import Solver
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.shared_recordings import recording_params
-from tests.quick import first_quick
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tools.virtual import VirtualLine
 
 SHORTEST_S = 0.5
 CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=56e-3)
@@ -52,6 +57,38 @@ def reporter(table: Table) -> Reporter:
     return Reporter(table)
 
 
+@dataclass
+class SolvingHere:
+    """Solves each click at once."""
+
+    solver: Solver
+    _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
+
+    def fileno(self) -> int:
+        return -2
+
+    def ask(self, placement: Placement, device: Device) -> None:
+        self._ready.append((device.fingerprint, self.solver.solve(placement)))
+
+    def poll(self) -> Sequence[tuple[str, ClickEntry]]:
+        ready, self._ready = self._ready, []
+        return ready
+
+
+def play(
+    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
+) -> LiveRun:
+    """As the demo does, in virtual time."""
+    line = VirtualLine(DeviceConfiguration(0, len(table.device.actuators)), faults)
+    reopening, solving = ReopeningPort(line.open, line), SolvingHere(Solver(table.path))
+    return play_to(
+        *(line, line, table, Playback(recording, speed), effects),
+        lambda: decode_log(line.server.log()),
+        reopening,
+        solving if effects.have_clicks else None,
+    )
+
+
 def report_of(reporter: Reporter, wanted: Wanted, event: DriveEvent) -> DriveReport | ClickReport:
     """What a command of the firmware does under its fingers."""
     return (reporter.report_drive if event.waveform is None else reporter.report_click)(wanted, event)
@@ -63,7 +100,6 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
-@pytest.mark.machine
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1))
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
     path: Path, table: Table, reporter: Reporter
@@ -77,7 +113,6 @@ def test_a_real_recording_renders_what_was_promised_for_its_positions(
             assert report_of(reporter, wanted, event).disagreement <= AGREEMENT
 
 
-@pytest.mark.machine
 def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, reporter: Reporter) -> None:
     """Fingers that feel as long as they touch, so that many drives are rendered; quiet ones by a second rule."""
     quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
@@ -91,7 +126,6 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
     assert max(report.disagreement for report in reports) <= AGREEMENT
 
 
-@pytest.mark.machine
 def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: Table, reporter: Reporter) -> None:
     """A finger rests and another taps, both almost half a pitch from the places of this coarse table."""
     strokes = make_recording([Stroke(0.0, 0.6, 0.51, 0.51), Stroke(0.3, 0.6, 0.11, 0.11)])
@@ -142,8 +176,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert (tmp_path / "demo.png").stat().st_size > 10_000
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("faults", first_quick(["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"]))
+@pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
 def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
     """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
     run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
@@ -166,7 +199,6 @@ def bursts(table: Table) -> LiveRun:
     return play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
 
 
-@pytest.mark.machine
 def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(bursts: LiveRun) -> None:
     key = next(iter(first_applied(bursts)))
     silent = tuple(event for event in bursts.log.events if event.cause is not Cause.SET)
@@ -183,7 +215,6 @@ def rendered(bursts: LiveRun) -> tuple[Wanted, DriveEvent]:
     return next((wanted, event) for wanted, event in applied.items() if wanted.placement.quiet)
 
 
-@pytest.mark.machine
 def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
     wanted, event = rendered
     report = reporter.report_drive(wanted, event)
@@ -197,7 +228,6 @@ def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, D
     assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
 
 
-@pytest.mark.machine
 def test_a_promise_for_positions_is_not_kept_elsewhere(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
     wanted, event = rendered
     report = reporter.report_drive(wanted, event)
@@ -218,7 +248,6 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
     assert report.level_db(0, 0.0) is None
 
 
-@pytest.mark.machine
 def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
     felt = reporter.bar.feel(bursts, 13.0)
     starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
@@ -239,7 +268,6 @@ def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
 
 
-@pytest.mark.machine
 def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(
     clicked: tuple[LiveRun, dict[Wanted, DriveEvent]],
 ) -> None:
@@ -251,12 +279,11 @@ def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has
     assert is_felt(fast[0].touches[0], fast[0])
 
 
-@pytest.mark.machine
 def test_every_click_of_the_demo_does_what_was_promised(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     _, applied = clicked
-    assert applied  # a machine that stalls is late with some
+    assert len(applied) >= 4
     assert all(wanted.is_click for wanted in applied)
     for wanted, event in applied.items():
         report = reporter.report_click(wanted, event)
@@ -265,7 +292,6 @@ def test_every_click_of_the_demo_does_what_was_promised(
         assert at_promise == pytest.approx(report.promise.level_db[0])
 
 
-@pytest.mark.machine
 def test_a_broken_promise_of_a_click_is_found(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
@@ -279,7 +305,6 @@ def test_a_broken_promise_of_a_click_is_found(
     assert reporter.report_click(wanted, other).disagreement > AGREEMENT
 
 
-@pytest.mark.machine
 def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:

@@ -1,11 +1,12 @@
 """Laws of the process that solves clicks beside a loop: it answers with the table's own words, and may be lost."""
 
+import json
 import os
 import select
 import signal
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,12 +17,8 @@ from firmware_link.protocol.basis import encode_click
 from precompute.builder.build import build_table
 from precompute.clicks import ClickSolver
 from precompute.clicks.columns import ClickTabulator
-from tactable.run.click_process import ClickProcess
+from tactable.run.click_process import Answers, ClickProcess, Service, question_of
 from tests.precompute.builder.test_build_clicks import CHEAP, DEVICE
-
-pytestmark = pytest.mark.machine
-
-PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -32,18 +29,28 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def process(path: Path) -> Iterator[ClickProcess]:
-    with ClickProcess(path) as process:
-        yield process
+class FakeParent:
+    """Has asked all its questions already, and keeps the answers."""
+
+    def __init__(self, *questions: dict[str, Any]) -> None:
+        self._questions: list[dict[str, Any]] = list(questions)
+        self.answers: list[dict[str, Any]] = []
+
+    def has_spoken(self) -> bool:
+        return bool(self._questions)
+
+    def read(self) -> dict[str, Any] | None:
+        return self._questions.pop(0) if self._questions else None
+
+    def say(self, document: dict[str, Any]) -> None:
+        self.answers.append(document)
 
 
-def answers(process: ClickProcess, count: int = 1) -> list[tuple[str, ClickEntry]]:
-    found, end_s = list[tuple[str, ClickEntry]](), time.monotonic() + PATIENCE_S
-    while len(found) < count and time.monotonic() < end_s:
-        select.select([process], [], [], 1.0)
-        found += process.poll()
-    return found
+def answers(path: Path, *asked: tuple[Placement, Device]) -> list[tuple[str, ClickEntry]]:
+    """What the process answers to questions that wait for it."""
+    parent, decoder = FakeParent(*(question_of(*each) for each in asked)), Answers()
+    Service(path, parent).run()
+    return [found for answer in parent.answers if (found := decoder.decode(json.loads(json.dumps(answer)))) is not None]
 
 
 def placements(path: Path, count: int) -> Sequence[Placement]:
@@ -52,10 +59,9 @@ def placements(path: Path, count: int) -> Sequence[Placement]:
         return [table.places.placement(key) for key in ((0, 2, 5), (0, 2, 7), (0, 4, 7))[:count]]
 
 
-def test_it_solves_what_is_asked_as_the_table_would_hold_it(path: Path, process: ClickProcess) -> None:
+def test_it_solves_what_is_asked_as_the_table_would_hold_it(path: Path) -> None:
     (placement,) = placements(path, 1)
-    process.ask(placement, DEVICE)
-    ((fingerprint, click),) = answers(process)
+    ((fingerprint, click),) = answers(path, (placement, DEVICE))
     assert fingerprint == DEVICE.fingerprint and click.placement == placement
     with Table.open(path) as table:
         options = CHEAP.at(table.places).quick
@@ -68,30 +74,30 @@ def test_it_solves_what_is_asked_as_the_table_would_hold_it(path: Path, process:
     assert (click.felt, click.quiet) == (expected.felt, expected.quiet)
 
 
-def test_the_newest_question_is_answered_first(path: Path, process: ClickProcess) -> None:
+def test_the_newest_question_is_answered_first(path: Path) -> None:
     first, second, third = placements(path, 3)
-    os.kill(process.process_id, signal.SIGSTOP)  # it finds all three questions at once, however busy the machine is
-    for placement in (first, second, third):
-        process.ask(placement, DEVICE)
-    os.kill(process.process_id, signal.SIGCONT)
-    assert [click.placement for _, click in answers(process, 3)] == [third, second, first]
+    found = answers(path, *((placement, DEVICE) for placement in (first, second, third)))
+    assert [click.placement for _, click in found] == [third, second, first]
 
 
-def test_a_question_for_a_device_that_the_table_is_not_of_is_dropped(path: Path, process: ClickProcess) -> None:
+def test_a_question_for_a_device_that_the_table_is_not_of_is_dropped(path: Path) -> None:
     (placement,) = placements(path, 1)
-    process.ask(placement, Device.parse(DEVICE.text.replace("phase_steps = 12", "phase_steps = 24"), "bar"))
-    process.ask(placement, DEVICE)
-    assert [fingerprint for fingerprint, _ in answers(process)] == [DEVICE.fingerprint]
-    assert not process.poll()
+    other = Device.parse(DEVICE.text.replace("2700 kg", "2701 kg"), "bar")
+    assert other.fingerprint != DEVICE.fingerprint
+    assert [fingerprint for fingerprint, _ in answers(path, (placement, DEVICE), (placement, other))] == [
+        DEVICE.fingerprint
+    ]
 
 
+@pytest.mark.machine
 def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with ClickProcess(path) as process:
         (placement,) = placements(path, 1)
         process.ask(placement, DEVICE)
-        assert answers(process)
+        while not process.poll():
+            select.select([process], [], [])
         os.kill(process.process_id, signal.SIGKILL)
-        select.select([process], [], [], PATIENCE_S)
+        select.select([process], [], [])
         assert not process.poll() and not process.poll()
         process.ask(placement, DEVICE)
         assert not process.poll()

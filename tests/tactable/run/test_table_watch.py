@@ -16,11 +16,12 @@ import pytest
 
 from engine.device import Device
 from engine.loop.fast.table import FastRendering
+from engine.render import WhenNotAchieved
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
-from tactable.run.table_watch import Messages, _packed, _unpacked
+from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unpacked, identity_of
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
 from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
@@ -122,24 +123,31 @@ def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator:
     assert summary["changes_of_table"] == 3
 
 
-@pytest.mark.machine
-def test_a_table_that_fails_a_check_is_refused_and_the_run_goes_on(tmp_path: Path, emulator: RunningEmulator) -> None:
-    run = Run(tmp_path, emulator)
-    data = bytearray(run.path.read_bytes())
+def test_each_new_table_is_taken_once_and_one_that_fails_a_check_is_refused_by_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, capabilities = tmp_path / "bar.nc", Rig(recording_of((0.0, report()))).session.link.capabilities
+    write(path, 1.0)
+    assert capabilities is not None
+    zones = tuple(zone.name for zone in DEVICE.zones)
+    values = (BURSTS, capabilities, WhenNotAchieved.WARN, 1_000_000)
+    look = TableLook(Watched(path, identity_of(path), zones, *values))
+    assert look.take_new() is None
+    data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
-    damaged = tmp_path / "damaged"
-    damaged.write_bytes(data)
-    damaged.replace(run.path)
-    assert "is corrupted" in run.say_until("the new table is refused")
-    wide = Device.parse(DEVICE.text.replace("count = 5", "count = 4"), "bar.toml")
-    write(run.path, 1.25, wide)
-    assert "has zones I, II, III, IV" in run.say_until("start it again")
-    run.path.unlink()
-    time.sleep(0.5)
-    assert run.drive() == run.first
-    write(run.path, 3.0)
-    run.wait_for_other_than(run.first)
-    assert run.end()["changes_of_table"] == 1
+    (tmp_path / "damaged").write_bytes(data)
+    (tmp_path / "damaged").replace(path)
+    assert look.take_new() is None
+    assert "is corrupted" in capsys.readouterr().err
+    write(path, 1.25, Device.parse(DEVICE.text.replace("count = 5", "count = 4"), "bar.toml"))
+    assert look.take_new() is None
+    assert "has zones I, II, III, IV" in capsys.readouterr().err
+    path.unlink()
+    assert look.take_new() is None
+    write(path, 3.0)
+    assert look.take_new() is not None
+    assert look.take_new() is None
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.machine

@@ -10,7 +10,7 @@ from engine.loop.fast.layout import NONE
 from engine.touch.sources.playback import Playback
 
 if TYPE_CHECKING:
-    from tests.engine.loop.rig import VirtualLine
+    from tests.tools.virtual import VirtualLine
 
 _HEAD = struct.Struct("<qq")
 

