@@ -26,7 +26,7 @@ against. The stamps are measurements and decide nothing.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
@@ -121,8 +121,10 @@ class Pipeline:
 
     def control(self, step: ControlStep, time_ns: int) -> tuple[Outcome, Command | None]:
         """Take what a program asks for; what became of it, and the new command, None where none is due."""
-        outcome = self.player.control(step, time_ns)
-        return outcome, self._answer(time_ns) if self._take_wanted() else None
+        # A place on the bar of the table before may be beyond this one.
+        is_on_bar = step.trigger is None or (step.trigger.position_m or 0.0) <= self.device.bar.length_m
+        outcome = self.player.control(step if is_on_bar else replace(step, trigger=None), time_ns)
+        return outcome if is_on_bar else Outcome.OFF_THE_BAR, self._answer(time_ns) if self._take_wanted() else None
 
     def advance(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""

@@ -12,12 +12,9 @@ from hypothesis import strategies as st
 from tactable.control.osc import _MESSAGES, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import read_request
-from tactable.control.scene import Scene
-from tactable.control.server import ControlServer
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.test_requests import MESSAGE
-from tests.tactable.control.test_scene import BASE
-from tests.tactable.control.test_server import FINGERS, Loop
+from tests.tactable.control.virtual import FINGERS, VirtualSlot, server_of
 
 VALUES = st.one_of(
     st.integers(-(1 << 31), (1 << 31) - 1), st.floats(width=32, allow_nan=False), st.booleans(), st.none(),
@@ -136,8 +133,8 @@ class Sender(asyncio.DatagramProtocol):
 
 def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
     async def act() -> None:
-        loop = Loop()
-        server = ControlServer(Scene(BASE, named_effects()), find_device("reference-a"), loop.take, lambda: FINGERS)
+        loop = VirtualSlot(polls=True)
+        server = server_of(loop)
         osc = OscControl(server)
         peer = ("127.0.0.1", await osc.open(0))
         first, second = Sender(), Sender()

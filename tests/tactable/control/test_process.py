@@ -275,6 +275,6 @@ def test_after_a_change_of_table_programs_meet_the_new_device(folder: Path, tmp_
             client.remove_region("key")
             assert next(each for each in client.events(30.0) if each["event"] == "played")["kind"] == "silence"
         summary = running.end()
-        # What programs asked for changed thrice: two regions that were set, and one that was taken away.
-        assert (summary["changes_of_table"], summary["control_steps"]) == (1, 3)
+        # Two regions that were set, one that was taken away, and the end of one program, perhaps of the other one, too.
+        assert summary["changes_of_table"] == 1 and summary["control_steps"] in (4, 5)
         assert not running.socket.exists()
