@@ -7,8 +7,6 @@ the loop writes anyway, and the slot of `tactable.control.slot`.
 import asyncio
 import contextlib
 import os
-import socket
-import stat
 import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -18,13 +16,14 @@ from engine.effects import Outcome
 from engine.loop import RingReader
 from engine.printable import printable
 from engine.table import Table, TableError
-from firmware_link.child import ChildError, Parent
+from firmware_link.child import Parent
 from tactable.control.events import Events
 from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
 from tactable.control.slot import ControlOf
+from tactable.control.unix_socket import listening_socket
 from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD, identity_of
 from tactable.shipped import named_effects
@@ -105,34 +104,6 @@ async def _lines_of(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
             if not is_too_long:
                 yield bytes(kept)
             kept, is_too_long = bytearray(), True
-
-
-def listening_socket(path: Path) -> socket.socket:
-    """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if path.parent.stat().st_uid not in (0, os.getuid()):
-        raise ChildError(f"{path.parent}: belongs to another user: choose another place with --control-socket")
-    if path.exists():
-        if not stat.S_ISSOCK(path.stat().st_mode):
-            raise ChildError(f"{path}: is no socket: choose another place for the control socket")
-        with socket.socket(socket.AF_UNIX) as other:
-            try:
-                other.connect(str(path))
-            except OSError:
-                path.unlink()
-            else:
-                raise ChildError(f"{path}: another run listens there: choose another place with --control-socket")
-    listening = socket.socket(socket.AF_UNIX)
-    before = os.umask(0o177)
-    try:
-        listening.bind(str(path))
-    except OSError as error:
-        listening.close()
-        raise ChildError(f"{path}: no control socket can be made there ({error}): choose another place") from error
-    finally:
-        os.umask(before)
-    listening.listen()
-    return listening
 
 
 async def _publish(

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactable.control.osc import _MESSAGES, PREFIX, OscControl, message_of
+from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import read_request
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.test_requests import MESSAGE
-from tests.tactable.control.virtual import FINGERS, VirtualSlot, server_of
+from tests.tactable.control.virtual import FINGERS, VirtualSlot, run_virtual, server_of, settle
 
 VALUES = st.one_of(
     st.integers(-(1 << 31), (1 << 31) - 1), st.floats(width=32, allow_nan=False), st.booleans(), st.none(),
@@ -170,6 +170,60 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
             way.close()
 
     asyncio.run(act())
+
+
+@pytest.mark.parametrize(("host", "is_heard"), [("127.0.0.1", True), ("192.168.1.2", False), ("8.8.8.8", False)])
+def test_only_programs_of_this_machine_are_heard(host: str, is_heard: bool) -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot(polls=True)))
+        for data in (encode_osc(f"{PREFIX}ping", []), b"nonsense"):
+            osc.datagram_received(data, (host, 9))
+        await settle()
+        assert (osc.messages, osc.refused, len(osc._senders)) == ((2, 1, 1) if is_heard else (2, 2, 0))
+        assert (host in osc.last_error) is not is_heard
+        await osc.close()
+
+    run_virtual(act())
+
+
+def test_the_port_is_on_loopback() -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot(polls=True)))
+        await osc.open(0)
+        assert osc._transport is not None and osc._transport.get_extra_info("sockname")[0] == "127.0.0.1"
+        await osc.close()
+
+    asyncio.run(act())
+
+
+def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held() -> None:
+    async def act() -> None:
+        slot = VirtualSlot(polls=True)
+        osc = OscControl(server_of(slot))
+        for name, values in (("trigger", ["buzz", 3]), ("region", ASKED["region"])):
+            osc.datagram_received(encode_osc(PREFIX + name, values), ("127.0.0.1", 9))
+        await settle()
+        await asyncio.sleep(0.99 * LEASE_S)
+        osc.datagram_received(encode_osc(f"{PREFIX}ping", []), ("127.0.0.1", 9))
+        await asyncio.sleep(0.99 * LEASE_S)
+        assert slot.player.level_db is not None and slot.decoder.scene.rules and osc._senders
+        await asyncio.sleep(0.02 * LEASE_S)
+        await settle()
+        assert slot.player.level_db is None and slot.decoder.scene.rules == () and not osc._senders
+        await osc.close()
+
+    run_virtual(act())
+
+
+def test_of_a_flood_what_does_not_wait_is_refused() -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot()))
+        for _ in range(300):
+            osc.datagram_received(encode_osc(f"{PREFIX}stop", []), ("127.0.0.1", 9))
+        assert osc.refused == 300 - 255 and "send fewer" in osc.last_error  # its hello is the 256th
+        await osc.close()
+
+    run_virtual(act())
 
 
 def test_a_definition_fits_as_text() -> None:
