@@ -67,5 +67,7 @@ class ControlStep:
     """The program whose triggered effects end now; None: none does."""
     gone_owner: int | None = None
     """The program whose triggered effects and quiet fingers end now; None: none does."""
+    are_all_gone: bool = False
+    """Those of all programs end."""
     role: Role | None = None
     trigger: TriggeredEffect | None = None

@@ -138,12 +138,14 @@ class EffectPlayer:
         """Take what a program asks for at `time_ns`; what is due by then was taken before."""
         outcome = Outcome.DONE
         self._change_scene(step.rules, step.settings, time_ns)
-        ended = {step.stopped_owner, step.gone_owner} - {None}
+        ended = (step.stopped_owner, step.gone_owner)
         for finger in (*self.fingers.values(), *self.lifted):
-            if finger.play is not None and finger.play.owner in ended:
+            owner = None if finger.play is None else finger.play.owner
+            if finger.play is not None and owner is not None and (step.are_all_gone or owner in ended):
                 finger.play.cut()
         for finger in self.fingers.values():
-            self._keep_quiet(finger, finger.quiet_for - {step.gone_owner}, time_ns)
+            quiet_for = frozenset() if step.are_all_gone else finger.quiet_for - {step.gone_owner}
+            self._keep_quiet(finger, quiet_for, time_ns)
         if step.role is not None and not self._set_role(step.role, time_ns):
             outcome = Outcome.NO_FINGER
         if step.trigger is not None:

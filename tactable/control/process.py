@@ -149,7 +149,8 @@ async def _open_osc(server: ControlServer, port: int) -> "tuple[OscControl, str]
     return osc, f"control: osc://127.0.0.1:{await osc.open(port)}{PREFIX}..."
 
 
-async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
+async def serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
+    """Say where programs reach the run, then serve them until the parent asks for the end. Raises ChildError."""
     scene = Scene(named_effects())
     events = Events(table, scene.top_region_at)
     runs = set[asyncio.Task[None]]()
@@ -216,4 +217,4 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     os.nice(_NICE)  # the loop comes first
     served = ControlOf.from_plain(arguments)
     with RingReader(served.ring) as reader, Table.open(served.table, verify=False) as table:
-        asyncio.run(_serve(served, table, reader, parent))
+        asyncio.run(serve(served, table, reader, parent))

@@ -7,7 +7,8 @@ whatever programs send. Parts have the form of `tactable.control.steps`, behind 
 import contextlib
 import os
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -45,8 +46,8 @@ class ControlOf:
 class ControlProcess:
     """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
 
-    def __init__(self, served: ControlOf) -> None:
-        self._child = Child("tactable.control.process", to_plain(served), name="the control channel")
+    def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
+        self._child = start("tactable.control.process", to_plain(served), name="the control channel")
         self._decoder = StepDecoder()
         try:
             self.lines: list[str] = self._child.read()["lines"]
@@ -90,11 +91,9 @@ class ControlProcess:
             part = self._messages.read()
             step = None if part is None else self._decoder.decode(part)
         except (EOFError, ConnectionResetError):
-            self._end("the control process has ended")
-            return None
+            return self._end("the control process has ended")
         except StepError as error:
-            self._end(str(error))
-            return None
+            return self._end(str(error))
         if part is not None and step is None:
             self.tell(Outcome.DONE)
         return step
@@ -105,8 +104,8 @@ class ControlProcess:
             with contextlib.suppress(BlockingIOError):
                 self._child.write({"outcome": outcome})
 
-    def _end(self, why: str) -> None:
-        """Replace the socket of a child that died by a silent one, so that the run goes on."""
+    def _end(self, why: str) -> ControlStep:
+        """Replace the socket of a child that died by a silent one, so that the run goes on; what programs held ends."""
         sys.stderr.write(f"note: programs are no longer heard: {printable(why)}; start the run again\n")
         sys.stderr.flush()
         self._is_there = False
@@ -114,3 +113,5 @@ class ControlProcess:
         os.dup2(silent, self._descriptor)
         os.close(silent)
         os.set_blocking(self._descriptor, False)
+        self._decoder = StepDecoder()
+        return replace(self._decoder.scene, are_all_gone=True)

@@ -80,10 +80,11 @@ class Messages:
             return None
         whole, is_size = self._expected, self._is_size
         size = WORD.unpack(whole)[0] if is_size else WORD.size
-        if size > self._most_bytes:
+        is_text = size > self._most_bytes
+        self._is_size = is_text or not is_size
+        self._expect(WORD.size if is_text else size)
+        if is_text:
             raise EOFError
-        self._is_size = not is_size
-        self._expect(size)
         return None if is_size else whole
 
     def _expect(self, size: int) -> None:

@@ -74,6 +74,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "tactable/control/requests.py": _control("requests", "server"),
     "tactable/control/security.py": _control("security"),
     "tactable/control/unix_socket.py": _control("unix_socket"),
+    "tactable/control/slot.py": _control("in_process"),
+    "tactable/control/process.py": _control("in_process"),
     "tactable/control/osc.py": _control("osc"),
     "tactable/control/osc_codec.py": _control("osc"),
     "engine/touch/finger_tracker.py": tuple(
