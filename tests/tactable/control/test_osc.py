@@ -84,6 +84,9 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
     backwards = b"#bundle\0" + bytes(8) + (-4).to_bytes(4, "big", signed=True)
     with pytest.raises(OscError, match="byte 16: an element of -4 bytes"):
         decode_osc(backwards)
+    for size in (0, 9):
+        with pytest.raises(OscError, match=f"byte 16: an element of {size} bytes"):
+            decode_osc(b"#bundle\0" + bytes(8) + size.to_bytes(4, "big") + bytes(8))
     message = encode_osc("/x", [])
     with pytest.raises(OscError, match="more than 64 messages"):
         decode_osc(b"#bundle\0" + bytes(8) + 65 * (len(message).to_bytes(4, "big") + message))

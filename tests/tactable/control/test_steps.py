@@ -106,6 +106,16 @@ def test_a_step_is_bounded_whatever_programs_hold_and_only_what_changed_crosses(
     assert kinds["forget"] == MOST_DEFINED + 1 and decoder.scene.rules == ()
 
 
+def test_a_scene_may_change_without_an_end() -> None:
+    """Numbers of what is no longer held are given again."""
+    scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
+    for number in range(1100):
+        scene.set_region(region_of(0, Effect("e", (Segment(number, 20.0),))), 1)
+        for part in encoder.parts(scene):
+            decoder.decode(part)
+        assert (decoder.scene.rules or ())[0].effect.envelope[0].duration_ns == number
+
+
 def test_a_region_that_is_set_anew_with_the_same_effects_keeps_their_objects() -> None:
     scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
     found = []
