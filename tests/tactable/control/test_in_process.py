@@ -23,7 +23,7 @@ from engine.touch import Touch
 from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
-from tactable.control.osc_codec import decode_osc, encode_osc
+from tactable.control.osc_codec import Value, decode_osc, encode_osc
 from tactable.control.process import serve
 from tactable.control.slot import ControlOf, ControlProcess
 from tests.engine.made_entries import entry_of, felt_states
@@ -310,7 +310,8 @@ def test_open_sound_control_is_served_whatever_else_comes(tmp_path: Path, capfd:
         ways[1].close()
         while not heard.empty():
             heard.get_nowait()
-        for name, values in (("trigger", ["buzz", 3]), ("stop", [])):
+        asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "stop": []}
+        for name, values in asked.items():
             ways[0].sendto(encode_osc(f"/tactable/{name}", values))
             while decode_osc(await heard.get()) != [("/tactable/answer", [f"/tactable/{name}", True, ""])]:
                 pass

@@ -203,7 +203,8 @@ def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held() 
     async def act() -> None:
         slot = VirtualSlot(polls=True)
         osc = OscControl(server_of(slot))
-        for name, values in (("trigger", ["buzz", 3]), ("region", ASKED["region"])):
+        asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "region": ASKED["region"]}
+        for name, values in asked.items():
             osc.datagram_received(encode_osc(PREFIX + name, values), ("127.0.0.1", 9))
         await settle()
         await asyncio.sleep(0.99 * LEASE_S)
