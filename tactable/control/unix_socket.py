@@ -19,12 +19,12 @@ def _owner_id_of(folder: Path) -> int:
 def listening_socket(path: Path, owner_id_of: Callable[[Path], int] = _owner_id_of) -> socket.socket:
     """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if owner_id_of(path.parent) not in (0, os.getuid()):
-        raise ChildError(f"{path.parent}: belongs to another user: {_OPTION}")
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         # Of two runs that begin at once neither takes a socket that the other one has just made.
         fcntl.flock(folder, fcntl.LOCK_EX)
+        if owner_id_of(path.parent) not in (0, os.getuid()):
+            raise ChildError(f"{path.parent}: belongs to another user: {_OPTION}")
         _remove_left_over(path)
         return _bound(path)
     finally:

@@ -4,7 +4,6 @@ import fcntl
 import os
 import socket
 import stat
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -70,22 +69,17 @@ def test_what_is_no_socket_stays_and_a_place_where_none_can_be_is_named(tmp_path
         listening_socket(tmp_path / ("x" * 200))
 
 
-def test_a_run_that_begins_at_the_same_moment_waits_and_then_meets_a_live_socket(tmp_path: Path) -> None:
-    path, refused = tmp_path / "c.sock", list[ChildError]()
-    folder = os.open(tmp_path, os.O_RDONLY)
-    fcntl.flock(folder, fcntl.LOCK_EX)  # another run is between its look and its socket
+def test_of_two_runs_that_begin_at_once_one_waits_until_the_other_has_its_socket(tmp_path: Path) -> None:
+    """Else the second takes a left-over for the path that the first has just made, and removes it."""
 
-    def begin() -> None:
-        try:
-            listening_socket(path).close()
-        except ChildError as error:
-            refused.append(error)
+    def owner_id_of(folder: Path) -> int:
+        second = os.open(folder, os.O_RDONLY)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(second, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.close(second)
+        return os.getuid()
 
-    second = threading.Thread(target=begin)
-    second.start()
-    with socket.socket(socket.AF_UNIX) as first:
-        first.bind(str(path))
-        first.listen()
+    with listening_socket(tmp_path / "c.sock", owner_id_of):
+        folder = os.open(tmp_path, os.O_RDONLY)
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.close(folder)
-        second.join()
-        assert len(refused) == 1 and connects(path)
