@@ -211,3 +211,14 @@ def test_what_is_due_before_a_step_is_taken_before_it() -> None:
     rig, _ = run(frames, [(15.0, ControlStep(trigger=trigger))], rules_of(burst(20.0, 20)), stall_ns=30 * MS)
     felt = [each.placement.is_felt for each in rig.trace if each.fate is not Fate.NONE and each.placement]
     assert felt == [(True, False), (False, True)]
+
+
+def test_a_place_beyond_the_bar_that_is_played_now_is_refused() -> None:
+    """As after a change to the table of a shorter bar, which a program has not heard of yet."""
+    length_m = DEVICE.bar.length_m
+    steps = [
+        (10.0 + 50 * number, ControlStep(trigger=TriggeredEffect(STRONG, 1, position_m=position_m)))
+        for number, position_m in enumerate((length_m + 1e-6, length_m))
+    ]
+    rig, slot = run([*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))], steps, rules_of(None))
+    assert [outcome for _, outcome in slot.told] == [Outcome.OFF_THE_BAR, Outcome.DONE] and len(clicks_of(rig)) == 1
