@@ -1,6 +1,6 @@
 """Rules that decide what each finger feels, and the player that follows them."""
 
-from engine.effects.control import ControlStep, Outcome, TriggeredEffect
+from engine.effects.control import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.player import EffectPlayer
 from engine.effects.rule_file import read_effects, read_vocabulary
 from engine.effects.rules import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger
@@ -13,7 +13,9 @@ __all__ = [
     "EffectPlayer",
     "Effects",
     "Outcome",
+    "Role",
     "Rule",
+    "SceneSettings",
     "Segment",
     "Trigger",
     "TriggeredEffect",

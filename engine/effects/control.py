@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from engine.effects.rules import Effect, Effects
+from engine.effects.rules import Effect, Rule
 
 
 class Outcome(StrEnum):
@@ -16,6 +16,19 @@ class Outcome(StrEnum):
     """The place that it names is beyond the end of the bar that plays now; nothing was done."""
     QUIET = "quiet"
     """A program keeps the finger that it names quiet; nothing was triggered."""
+    OFF = "off"
+    """A program has switched feeling off; nothing was triggered."""
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """What holds for the whole bar and for everything that is played on it, whoever asked for it and when."""
+
+    is_enabled: bool = True
+    """False: nothing is felt."""
+    uses_rule_file: bool = True
+    """Whether the rules that the run began with hold where no region is."""
+    level_change_db: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -29,16 +42,32 @@ class TriggeredEffect:
     position_m: float | None = None
     """From the start of the bar. A finger within engine.touch.placement.CLOSEST_M of it gets the effect; without one
     the place is felt, as if a finger had just left it, so the effect must end by itself."""
+    level_change_db: float = 0.0
+
+
+@dataclass(frozen=True)
+class Role:
+    """A finger is kept quiet for a program until it lifts or the program is gone, or follows its rules again."""
+
+    contact_id: int
+    is_quiet: bool
+    """False: no program keeps it quiet any more."""
+    owner: int
 
 
 @dataclass(frozen=True)
 class ControlStep:
     """One request of a program; its parts are taken in the order of the fields."""
 
-    effects: Effects | None = None
-    """The rules from now on; None: as before."""
-    ended_owner: int | None = None
+    rules: tuple[Rule, ...] | None = None
+    """The rules of programs from now on, which come before those of the run; None: as before."""
+    settings: SceneSettings | None = None
+    """None: as before."""
+    stopped_owner: int | None = None
     """The program whose triggered effects end now; None: none does."""
-    roles: tuple[tuple[int, bool], ...] = ()
-    """Contact ids, and whether the finger is kept quiet whatever its rules say, until it lifts."""
+    gone_owner: int | None = None
+    """The program whose triggered effects and quiet fingers end now; None: none does."""
+    are_all_gone: bool = False
+    """Those of all programs end."""
+    role: Role | None = None
     trigger: TriggeredEffect | None = None

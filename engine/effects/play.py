@@ -1,6 +1,6 @@
 """An effect under way: the walk of one finger through the segments of an envelope."""
 
-from engine.effects.rules import Effect, Trigger
+from engine.effects.rules import Effect, Rule, Segment, Trigger
 from engine.touch import Touch
 
 
@@ -12,6 +12,7 @@ class Play:
         "_condition_end_ns",
         "_effect",
         "_is_held",
+        "_level_change_db",
         "_next",
         "began_at",
         "change_ns",
@@ -29,6 +30,7 @@ class Play:
         condition_end_ns: int | None,
         click_length_ns: int,
         *,
+        level_change_db: float = 0.0,
         trigger: Trigger | None = None,
         owner: int | None = None,
     ) -> None:
@@ -38,6 +40,8 @@ class Play:
         self.began_at = began_at
         self._click_length_ns = click_length_ns
         self.level_db: float | None = None
+        """With the change that its rule or its trigger adds, and without bounds; None: quiet."""
+        self._level_change_db = level_change_db
         self.click_ns: int | None = None
         self.change_ns: int | None = start_ns
         self._condition_end_ns = condition_end_ns
@@ -56,15 +60,17 @@ class Play:
         if self._is_held:
             self._begin_next(time_ns)
 
-    def goes_on_as(self, effect: Effect) -> bool:
-        """Go on as another effect, if only its levels differ; whether they do."""
-        if effect != self._effect:
-            if effect.name != self._effect.name or _course(effect) != _course(self._effect):
-                return False
-            self._effect = effect
-            if self.level_db is not None and self.click_ns is None:
-                self.level_db = effect.envelope[self._next - 1].level_db
+    def goes_on_by(self, rule: Rule) -> bool:
+        """Go on by another rule, if that gives the same effect; whether it does. Its level is felt at once."""
+        if rule.effect is not self._effect and rule.effect != self._effect:
+            return False
+        self._level_change_db = rule.level_change_db
+        if self.level_db is not None and self.click_ns is None:
+            self.level_db = self._level_of(self._effect.envelope[self._next - 1])
         return True
+
+    def _level_of(self, segment: Segment) -> float | None:
+        return None if segment.level_db is None else segment.level_db + self._level_change_db
 
     def cut(self) -> None:
         """End it now, but for a click, which plays to its end."""
@@ -80,15 +86,11 @@ class Play:
         self._is_held = segment is not None and segment.duration_ns is None and not segment.is_click
         if segment is None:
             return
+        level_db = self._level_of(segment)
         if segment.is_click:
             self.click_ns = start_ns
-            self.level_db, self.change_ns = segment.level_db, start_ns + self._click_length_ns
+            self.level_db, self.change_ns = level_db, start_ns + self._click_length_ns
         elif segment.duration_ns is not None:
-            self.level_db, self.change_ns = segment.level_db, start_ns + segment.duration_ns
+            self.level_db, self.change_ns = level_db, start_ns + segment.duration_ns
         elif self._condition_end_ns is None or self._condition_end_ns > start_ns:
-            self.level_db, self.change_ns = segment.level_db, self._condition_end_ns
-
-
-def _course(effect: Effect) -> list[tuple[int | None, bool, bool]]:
-    """The segments without their levels."""
-    return [(segment.duration_ns, segment.is_click, segment.level_db is None) for segment in effect.envelope]
+            self.level_db, self.change_ns = level_db, self._condition_end_ns

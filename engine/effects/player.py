@@ -15,9 +15,14 @@ waits for. A new effect of a finger replaces the one before. Roles and precedenc
 - Of more than engine.touch.placement.MOST_FINGERS the felt ones are placed first, then those that came first.
 
 Programs (`control`). A program changes the rules, triggers effects and keeps fingers quiet. New rules act on what
-fingers do from then on. An effect under way goes on if its rule still covers where it began, at its new levels if only
-these changed. Otherwise it is cut: a click plays to its end, and all else ends at once. A finger at rest waits for a
-hold only once for each rule, so that a change elsewhere on the bar begins no second one.
+fingers do from then on. An effect under way goes on if a rule still gives it where it began, at the level of that rule.
+Otherwise it is cut: a click plays to its end, and all else ends at once. A finger at rest waits for a hold only once
+for each rule, so that a change elsewhere on the bar begins no second one.
+
+The settings of the scene are state of the player, not of rules and effects, so that they hold for everything that is
+played, whoever asked for it and when. The change of level is added when the effects are combined; a click that was
+sent already keeps its own. While feeling is off there are no rules and no effects: all that were under way ended at
+once, clicks too, and a trigger is refused.
 
 Another bar (`change_bar`). Nobody put a finger down or lifted one, so no rule acts: a finger that is on both bars goes
 on with its effect, one that is beside the new bar is gone with it, and one that is new rests. An effect at a place
@@ -35,9 +40,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from engine.effects.control import ControlStep, Outcome, TriggeredEffect
+from engine.effects.control import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.play import Play
-from engine.effects.rules import Effects, Rule, Trigger
+from engine.effects.rules import Effects, Rule, Trigger, changed_level
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 
@@ -50,6 +55,10 @@ DEFAULT_CLICK_NS = 30_000_000
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000
 """A drag ends when the finger has not travelled the next distance within this time."""
+
+
+_TRIGGERS = (Trigger.TOUCH, Trigger.HOLD, Trigger.LIFT, Trigger.DRAG)
+"""In the order of the fields of _RulesByTrigger."""
 
 
 class _RulesByTrigger(NamedTuple):
@@ -74,6 +83,10 @@ class EffectPlayer:
         """When the click that is felt now began; None: the drive is steady."""
         self.next_change_ns: int | None = None
         """When `advance` is due; None: time alone changes nothing."""
+        self._run_effects = effects
+        self._program_rules: tuple[Rule, ...] = ()
+        self.settings = SceneSettings()
+        """What programs want of the whole bar."""
         self._set_rules(effects)
         self.fingers: dict[int, Finger] = {}
         """The fingers that touch, by contact id."""
@@ -88,8 +101,8 @@ class EffectPlayer:
 
     def _set_rules(self, effects: Effects) -> None:
         self.effects = effects
-        """The rules in force."""
-        self._rules = _RulesByTrigger(*map(effects.of, (Trigger.TOUCH, Trigger.HOLD, Trigger.LIFT, Trigger.DRAG)))
+        """The rules in force; other ones are another object."""
+        self._rules = _RulesByTrigger(*map(effects.of, _TRIGGERS))
         self.follows_moves = bool(self._rules.hold or self._rules.drag)
         """Whether a finger that moves may begin or end an effect."""
 
@@ -129,15 +142,17 @@ class EffectPlayer:
     def control(self, step: ControlStep, time_ns: int) -> Outcome:
         """Take what a program asks for at `time_ns`; what is due by then was taken before."""
         outcome = Outcome.DONE
-        if step.effects is not None:
-            self._change_rules(step.effects, time_ns)
-        if step.ended_owner is not None:
-            for finger in (*self.fingers.values(), *self.lifted):
-                if finger.play is not None and finger.play.owner == step.ended_owner:
-                    finger.play.cut()
-        for contact_id, is_quiet in step.roles:
-            if not self._set_role(contact_id, is_quiet, time_ns):
-                outcome = Outcome.NO_FINGER
+        self._change_scene(step.rules, step.settings, time_ns)
+        ended = (step.stopped_owner, step.gone_owner)
+        for finger in (*self.fingers.values(), *self.lifted):
+            owner = None if finger.play is None else finger.play.owner
+            if finger.play is not None and owner is not None and (step.are_all_gone or owner in ended):
+                finger.play.cut()
+        for finger in self.fingers.values():
+            quiet_for = frozenset() if step.are_all_gone else finger.quiet_for - {step.gone_owner}
+            self._keep_quiet(finger, quiet_for, time_ns)
+        if step.role is not None and not self._set_role(step.role, time_ns):
+            outcome = Outcome.NO_FINGER
         if step.trigger is not None:
             outcome = self._trigger(step.trigger, time_ns)
         self._forget_ended()
@@ -155,6 +170,24 @@ class EffectPlayer:
         self.click_ns = None  # also a click that goes on is placed on the new bar
         self._settle()
 
+    def _change_scene(self, rules: tuple[Rule, ...] | None, settings: SceneSettings | None, time_ns: int) -> None:
+        rules, before = self._program_rules if rules is None else rules, self.settings
+        self.settings = settings = before if settings is None else settings
+        is_as_before = (settings.is_enabled, settings.uses_rule_file) == (before.is_enabled, before.uses_rule_file)
+        if is_as_before and rules is self._program_rules:
+            return
+        self._program_rules = rules
+        below = self._run_effects.rules if settings.uses_rule_file else ()
+        in_force = (*rules, *below) if settings.is_enabled else ()
+        # A rule that plays nothing matters only where another one on its event plays something.
+        events = {rule.on for rule in in_force if rule.effect.envelope}
+        self._change_rules(
+            Effects(tuple(rule for rule in in_force if rule.on in events), self._run_effects.others), time_ns
+        )
+        if not settings.is_enabled:
+            for finger in (*self.fingers.values(), *self.lifted):
+                finger.play = None
+
     def _change_rules(self, effects: Effects, time_ns: int) -> None:
         drag_before = {
             contact_id: _distance_of(_first(self._rules.drag, finger.touch))
@@ -164,8 +197,8 @@ class EffectPlayer:
         for finger in (*self.fingers.values(), *self.lifted):
             play = finger.play
             if play is not None and play.trigger is not None:
-                rule = _first(effects.of(play.trigger), play.began_at)
-                if rule is None or not play.goes_on_as(rule.effect):
+                rule = _first(self._rules[_TRIGGERS.index(play.trigger)], play.began_at)
+                if rule is None or not play.goes_on_by(rule):
                     play.cut()
         for contact_id, finger in self.fingers.items():
             hold_rule, before = _first(self._rules.hold, finger.touch), finger.rest_rule
@@ -178,18 +211,25 @@ class EffectPlayer:
             if _distance_of(drag_rule) != drag_before[contact_id]:
                 finger.mark_m = finger.touch.position_m
 
-    def _set_role(self, contact_id: int, is_quiet: bool, time_ns: int) -> bool:
+    def _set_role(self, role: Role, time_ns: int) -> bool:
         """Whether the finger is there."""
-        finger = self.fingers.get(contact_id)
-        if finger is not None and finger.is_kept_quiet is not is_quiet:
-            finger.is_kept_quiet = is_quiet
-            if is_quiet and finger.play is not None:
-                finger.play.cut()
-            finger.mark_m = finger.touch.position_m
-            self._rest(finger, time_ns)
+        finger = self.fingers.get(role.contact_id)
+        if finger is not None:
+            self._keep_quiet(finger, finger.quiet_for | {role.owner} if role.is_quiet else frozenset(), time_ns)
         return finger is not None
 
+    def _keep_quiet(self, finger: "Finger", owners: frozenset[int], time_ns: int) -> None:
+        was_quiet, finger.quiet_for = finger.is_kept_quiet, owners
+        if finger.is_kept_quiet is was_quiet:
+            return
+        if finger.play is not None and not was_quiet:
+            finger.play.cut()
+        finger.mark_m = finger.touch.position_m
+        self._rest(finger, time_ns)
+
     def _trigger(self, asked: TriggeredEffect, time_ns: int) -> Outcome:
+        if not self.settings.is_enabled:
+            return Outcome.OFF
         finger = self._finger_of(asked)
         if finger is None and asked.position_m is None:
             return Outcome.NO_FINGER
@@ -207,7 +247,10 @@ class EffectPlayer:
             ]
             finger = Finger(Touch(_NO_CONTACT, asked.position_m, None))
             self.lifted.append(finger)
-        finger.play = Play(asked.effect, finger.touch, time_ns, None, self.click_length_ns, owner=asked.owner)
+        change_db, length_ns = asked.level_change_db, self.click_length_ns
+        finger.play = Play(
+            asked.effect, finger.touch, time_ns, None, length_ns, level_change_db=change_db, owner=asked.owner
+        )
         return Outcome.DONE
 
     def _finger_of(self, asked: TriggeredEffect) -> "Finger | None":
@@ -225,7 +268,10 @@ class EffectPlayer:
 
     def _begin(self, finger: "Finger", rule: Rule, start_ns: int, condition_end_ns: int | None) -> None:
         touch, length_ns = finger.touch, self.click_length_ns
-        finger.play = Play(rule.effect, touch, start_ns, condition_end_ns, length_ns, trigger=rule.on)
+        change_db = rule.level_change_db
+        finger.play = Play(
+            rule.effect, touch, start_ns, condition_end_ns, length_ns, level_change_db=change_db, trigger=rule.on
+        )
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch)
@@ -294,7 +340,7 @@ class EffectPlayer:
         self.next_change_ns = next_ns
         if click_ns is None or click_ns != self.click_ns:
             self.placement = self._place(felt) if felt else None
-            self.level_db, self.click_ns = level_db, click_ns
+            self.level_db, self.click_ns = changed_level(level_db, self.settings.level_change_db), click_ns
             self._begun_ns = begun_ns if click_ns is None else click_ns
 
     def _place(self, felt: "list[Finger]") -> Placement:
@@ -309,7 +355,7 @@ class EffectPlayer:
 class Finger:
     """One finger, its effect under way, and the hold that it waits for."""
 
-    __slots__ = ("held_m", "hold_ns", "hold_rule", "is_kept_quiet", "mark_m", "play", "rest_m", "rest_rule", "touch")
+    __slots__ = ("held_m", "hold_ns", "hold_rule", "mark_m", "play", "quiet_for", "rest_m", "rest_rule", "touch")
 
     def __init__(self, touch: Touch) -> None:
         self.touch = touch
@@ -323,8 +369,8 @@ class Finger:
         """The rule on HOLD that covered it when it came to rest."""
         self.hold_rule: Rule | None = None
         """The hold that begins if the finger stays at `rest_m`."""
-        self.is_kept_quiet = False
-        """Whether a program keeps it quiet, whatever its rules say."""
+        self.quiet_for: frozenset[int] = frozenset()
+        """The programs that keep it quiet, whatever its rules say."""
         self.hold_ns = 0
         """When that hold begins; undefined without `hold_rule`."""
 
@@ -335,6 +381,11 @@ class Finger:
         self.held_m = min(max(0.0, self.held_m + moved_m), length_m)
         self.mark_m += moved_m
         self.rest_m += moved_m
+
+    @property
+    def is_kept_quiet(self) -> bool:
+        """Whether any program keeps it quiet."""
+        return bool(self.quiet_for)
 
 
 def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:

@@ -4,7 +4,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
+from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Touch
 from firmware_link.protocol.errors import TactableError
@@ -31,8 +33,7 @@ class Trigger(StrEnum):
     """It has travelled the distance of the rule."""
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(NamedTuple):
     """A stretch of an envelope."""
 
     duration_ns: int | None
@@ -65,6 +66,8 @@ class Rule:
     """How long a finger rests before a HOLD."""
     every_m: float = 0.0
     """How far a finger travels along the bar for each DRAG."""
+    level_change_db: float = 0.0
+    """What is added to each level of the effect."""
 
     def covers(self, touch: Touch) -> bool:
         """Whether the rule applies to a finger at this place."""
@@ -74,6 +77,13 @@ class Rule:
             start_m, stop_m = self.region_m
             return start_m <= touch.position_m <= stop_m
         return True
+
+
+def changed_level(level_db: float | None, change_db: float) -> float | None:
+    """Another level, kept from 0 to HIGHEST_LEVEL_DB; full scale stays, and a pause stays a pause."""
+    if level_db is None or math.isinf(level_db):
+        return level_db
+    return min(max(level_db + change_db, 0.0), HIGHEST_LEVEL_DB)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ step is taken after the frame of the pass was written: an answer of the compiled
 rules that it used are those that the Python step used. The outcome is told after the step's own command was written.
 """
 
-from collections.abc import Callable, Container
+from collections.abc import Container
 from typing import Protocol
 
 from engine.effects import ControlStep, Outcome
@@ -18,6 +18,9 @@ from engine.render import Command
 class ControlSlot(Protocol):
     """Where control steps come from; nothing of it waits."""
 
+    def scene(self) -> ControlStep:
+        """What programs want already when the loop begins: it holds from the first touch on."""
+
     def fileno(self) -> int:
         """Readable when `poll` has something to do."""
 
@@ -28,6 +31,13 @@ class ControlSlot(Protocol):
         """Say what became of the step."""
 
 
+class HandOver(Protocol):
+    """Takes the command of a step."""
+
+    def __call__(self, command: Command, *, ends_click: bool = False) -> None:
+        """`ends_click`: a click that sounds does not play to its end."""
+
+
 class Controls:
     """Takes the steps of one slot into one pipeline; `hand_over` gets the command of a step, where it has one."""
 
@@ -36,11 +46,11 @@ class Controls:
         slot: ControlSlot,
         pipeline: Pipeline,
         counters: LoopCounters,
-        hand_over: Callable[[Command], None],
+        hand_over: HandOver,
     ) -> None:
         self.descriptor = slot.fileno()
         self._slot, self._pipeline, self._counters, self._hand_over = slot, pipeline, counters, hand_over
-        self._outcome = Outcome.DONE  # of the last step
+        self._outcome, _ = pipeline.control(slot.scene(), 0)  # of the last step
 
     def take(self, readable: Container[int] | None) -> ControlStep | None:
         """The step that has come; `readable` None: not known."""
@@ -51,7 +61,7 @@ class Controls:
         self._counters.controlled += 1
         self._outcome, command = self._pipeline.control(step, time_ns)
         if command is not None:
-            self._hand_over(command)
+            self._hand_over(command, ends_click=not self._pipeline.player.settings.is_enabled)
 
     def tell(self) -> None:
         """Say what became of the step, after its command was written."""

@@ -41,13 +41,14 @@ class Dispatcher:
         """Whether the link has encoded the pending command for the port."""
         return self._pending is not None and self.session.link.counters.sent != self._sent_before
 
-    def hand_over(self, command: Command) -> Fate:
+    def hand_over(self, command: Command, *, ends_click: bool = False) -> Fate:
         """Hand a command to the link in place of one not sent yet; SAME where the device holds it already.
 
+        Below a click that sounds the device holds silence, so that only with `ends_click` silence is sent meanwhile.
         The caller notes the record of the command next.
         """
         self.counters.state_changes += 1
-        is_same = command == self.held and (self._pending is None or self.is_sent)
+        is_same = command == self.held and not ends_click and (self._pending is None or self.is_sent)
         if self._pending is not None:
             self.settle()
         if is_same:

@@ -213,12 +213,14 @@ class Loop:
         source_time_ns = self._source.source_time_ns(self._now_ns())
         self._let_time_act(source_time_ns)
         controls.run(step, source_time_ns)
-        self._keep_link(())
-        controls.tell()
+        try:
+            self._keep_link(())
+        finally:  # the next run takes the next step of the same process
+            controls.tell()
 
-    def _hand_over(self, command: Command) -> None:
+    def _hand_over(self, command: Command, *, ends_click: bool = False) -> None:
         """A command that no report caused."""
-        fate = self._dispatcher.hand_over(command)
+        fate = self._dispatcher.hand_over(command, ends_click=ends_click)
         self._note((0, self._now_ns(), 0, 0, 0, 0), None, b"", fate)
 
     def _note(self, stamps_ns: Sequence[int], report_index: int | None, report: bytes, fate: Fate) -> None:

@@ -39,7 +39,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
             bit_rate_hz=_BIT_RATE_HZ,
             fast=fast_library() if arguments["has_fast_path"] else None,
         )
-        served = ControlOf(Path(folder) / "control.sock", ring.path, path, effects)
+        served = ControlOf(Path(folder) / "control.sock", ring.path, path)
         with ControlProcess(served) as slot:
             port = SocketPort(arguments["link"])
             live = Live(table, source, port, SystemClock(), options, ring, control=slot)

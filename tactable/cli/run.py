@@ -168,7 +168,7 @@ def run(
         found_again, watching, slot = reopening if reconnect else None, watched if watch else None, None
         if ring is not None and control:
             socket = control_socket or default_socket()
-            served = ControlOf(socket, ring.path, table_path, effects, control_port, control_osc, watch)
+            served = ControlOf(socket, ring.path, table_path, control_port, control_osc, watch)
             slot = stack.enter_context(ControlProcess(served))
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
         if slot is not None:

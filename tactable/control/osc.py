@@ -7,6 +7,7 @@ no token: any program of this machine may send.
 """
 
 import asyncio
+import ipaddress
 import json
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
@@ -197,7 +198,12 @@ class OscControl(asyncio.DatagramProtocol):
             self._transport.close()
 
     def datagram_received(self, data: bytes, addr: Peer) -> None:
-        """Take the messages of one datagram; whatever is wrong with one is answered."""
+        """Take the messages of one datagram; whatever is wrong with one is answered, but to no other machine."""
+        if not ipaddress.ip_address(addr[0]).is_loopback:
+            self.messages += 1
+            self.refused += 1
+            self.last_error = f"a datagram from {addr[0]}: programs of this machine alone may send"
+            return
         try:
             messages = decode_osc(data)
         except OscError as error:

@@ -5,28 +5,25 @@ the loop writes anyway, and the slot of `tactable.control.slot`.
 """
 
 import asyncio
-import base64
 import contextlib
 import os
-import pickle
-import socket
-import stat
 import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.effects import ControlStep, Outcome
+from engine.effects import Outcome
 from engine.loop import RingReader
 from engine.printable import printable
 from engine.table import Table, TableError
-from firmware_link.child import ChildError, Parent
+from firmware_link.child import Parent
 from tactable.control.events import Events
 from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
 from tactable.control.slot import ControlOf
+from tactable.control.unix_socket import listening_socket
 from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD, identity_of
 from tactable.shipped import named_effects
@@ -41,7 +38,7 @@ _NICE = 2
 
 
 class _LoopSlot:
-    """The loop's slot: one step at a time, and the word that it was taken."""
+    """The loop's slot: one part of a step at a time, and the word that it was taken."""
 
     def __init__(self, parent: Parent, begin: Callable[[dict[str, Any]], None]) -> None:
         """`begin` gets what the parent says of the board and of the next run."""
@@ -51,14 +48,13 @@ class _LoopSlot:
         self._outcome: asyncio.Future[Outcome] | None = None
         asyncio.get_running_loop().add_reader(parent.fileno(), self._hear)
 
-    async def hand_over(self, step: ControlStep) -> Outcome:
-        """Give a step to the loop and wait for its outcome. Raises ControlError when the run has ended."""
+    async def hand_over(self, part: bytes) -> Outcome:
+        """Give a part to the loop and wait for its outcome. Raises ControlError when the run has ended."""
         await self.is_open.wait()
         if self.has_ended.is_set():
             raise ControlError("run: the run has ended")
-        data = pickle.dumps(step, protocol=pickle.HIGHEST_PROTOCOL)
         self._outcome = asyncio.get_running_loop().create_future()
-        self._parent.say_bytes(WORD.pack(len(data)) + data)
+        self._parent.say_bytes(WORD.pack(len(part)) + part)
         return await self._outcome
 
     def _hear(self) -> None:
@@ -110,34 +106,6 @@ async def _lines_of(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
             kept, is_too_long = bytearray(), True
 
 
-def listening_socket(path: Path) -> socket.socket:
-    """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if path.parent.stat().st_uid not in (0, os.getuid()):
-        raise ChildError(f"{path.parent}: belongs to another user: choose another place with --control-socket")
-    if path.exists():
-        if not stat.S_ISSOCK(path.stat().st_mode):
-            raise ChildError(f"{path}: is no socket: choose another place for the control socket")
-        with socket.socket(socket.AF_UNIX) as other:
-            try:
-                other.connect(str(path))
-            except OSError:
-                path.unlink()
-            else:
-                raise ChildError(f"{path}: another run listens there: choose another place with --control-socket")
-    listening = socket.socket(socket.AF_UNIX)
-    before = os.umask(0o177)
-    try:
-        listening.bind(str(path))
-    except OSError as error:
-        listening.close()
-        raise ChildError(f"{path}: no control socket can be made there ({error}): choose another place") from error
-    finally:
-        os.umask(before)
-    listening.listen()
-    return listening
-
-
 async def _publish(
     server: ControlServer, events: Events, reader: RingReader, table_path: Path, *, is_watched: bool
 ) -> None:
@@ -162,17 +130,13 @@ async def _publish(
                     adopted.close()
 
 
-async def _begin_run(server: ControlServer, events: Events, table: str, effects: str) -> None:
-    """Go on in another run, of this table and with these rules (pickled); a bar with other zones ends all regions."""
-    base = pickle.loads(base64.b64decode(effects))  # from our own process
-    # The rules are sent before the table is open, so that they wait when the run begins.
-    rules = asyncio.create_task(server.begin_run(base))
+async def _begin_run(server: ControlServer, events: Events, table: str) -> None:
+    """Go on in another run, of this table; a bar with other zones ends all regions."""
     before = events.table
     with contextlib.suppress(OSError, TableError):  # replaced already: the next run is announced
         events.table = await asyncio.to_thread(Table.open, Path(table), verify=False)
         before.close()
     server.adopt(events.table.device)
-    await rules
     if [zone.name for zone in before.device.zones] != [zone.name for zone in events.table.device.zones]:
         await server.remove_regions()
 
@@ -185,8 +149,9 @@ async def _open_osc(server: ControlServer, port: int) -> "tuple[OscControl, str]
     return osc, f"control: osc://127.0.0.1:{await osc.open(port)}{PREFIX}..."
 
 
-async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
-    scene = Scene(served.effects, named_effects())
+async def serve(served: ControlOf, table: Table, reader: RingReader, parent: Parent) -> None:
+    """Say where programs reach the run, then serve them until the parent asks for the end. Raises ChildError."""
+    scene = Scene(named_effects())
     events = Events(table, scene.top_region_at)
     runs = set[asyncio.Task[None]]()
 
@@ -195,7 +160,7 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
             resolution_hz, full_scales_m = document["board"]
             events.take_board(Board(resolution_hz, tuple(full_scales_m)))
         else:
-            task = asyncio.create_task(_begin_run(server, events, **document["run"]))
+            task = asyncio.create_task(_begin_run(server, events, document["run"]))
             runs.add(task)
             task.add_done_callback(runs.discard)
 
@@ -250,7 +215,6 @@ async def _serve(served: ControlOf, table: Table, reader: RingReader, parent: Pa
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Say where programs reach the run, then serve them until it ends."""
     os.nice(_NICE)  # the loop comes first
-    served = pickle.loads(base64.b64decode(arguments["served"]))  # from our own process
-    assert isinstance(served, ControlOf)
+    served = ControlOf.from_plain(arguments)
     with RingReader(served.ring) as reader, Table.open(served.table, verify=False) as table:
-        asyncio.run(_serve(served, table, reader, parent))
+        asyncio.run(serve(served, table, reader, parent))

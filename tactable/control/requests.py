@@ -8,12 +8,12 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
-from engine.effects import Effect, EffectError, Rule
+from engine.effects import Effect, EffectError, Rule, SceneSettings
 from engine.effects.files import FORMATS, Converted, decode_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
 from engine.effects.files.json_part import Part
@@ -50,10 +50,11 @@ class Region:
 
     name: str
     rules: tuple[Rule, ...]
+    """Without the place and the change of level, which are the region's."""
     zones: frozenset[int] | None
     region_m: tuple[float, float] | None
     is_enabled: bool
-    """False: nothing is felt in it."""
+    """False: no event in it is felt; programs may trigger effects there all the same."""
     level_change_db: float
     stays: bool
     """It outlasts the program's lease."""
@@ -76,23 +77,13 @@ class DefineEffect:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What holds for the whole bar while the program's lease lasts."""
-
-    is_enabled: bool = True
-    """False: nothing is felt."""
-    uses_rule_file: bool = True
-    """Whether the rules that the run began with hold where no region is."""
-    level_change_db: float = 0.0
-
-
-@dataclass(frozen=True)
 class TriggerRequest:
     """An effect now, at a finger (`contact_id`) or at a place."""
 
     effect: Effect
     contact_id: int | None
     position_m: float | None
+    level_change_db: float
 
 
 @dataclass(frozen=True)
@@ -125,7 +116,7 @@ Request = (
     | Region
     | RemoveRegion
     | DefineEffect
-    | Settings
+    | SceneSettings
     | TriggerRequest
     | StopRequest
     | RoleRequest
@@ -189,7 +180,7 @@ def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect])
         rule = read_rule(RuleTable(part.source, f"region.rules[{number}]", table), effects, device)
         if rule.zones is not None or rule.region_m is not None:
             raise part.error("rules", table, "the place is the region's: leave 'zones' and 'region' out of its rules")
-        rules.append(replace(rule, zones=zones, region_m=region_m))
+        rules.append(rule)
     is_enabled, stays = part.flag("enabled", True), part.flag("stays", False)
     return Region(name, tuple(rules), zones, region_m, is_enabled, _read_change(part), stays)
 
@@ -217,21 +208,21 @@ def _read_effect_file(part: RuleTable, name: str) -> DefineEffect:
     return DefineEffect(converted.effect, converted)
 
 
-def _read_settings(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Settings:
-    return Settings(part.flag("enabled", True), part.flag("rule_file", True), _read_change(part))
+def _read_settings(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> SceneSettings:
+    return SceneSettings(part.flag("enabled", True), part.flag("rule_file", True), _read_change(part))
 
 
 def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> TriggerRequest:
     effect = effects[part.word("effect", tuple(effects))]
-    effect = changed(effect, _read_change(part))
+    change_db = _read_change(part)
     if ("finger" in part.left) == ("at" in part.left):
         raise part.error("finger", part.left.get("finger"), "give either a finger or 'at', a place such as '40 mm'")
     if "finger" in part.left:
-        return TriggerRequest(effect, part.integer("finger", 0, GREATEST_ID), None)
+        return TriggerRequest(effect, part.integer("finger", 0, GREATEST_ID), None, change_db)
     last = effect.envelope[-1]
     if last.duration_ns is None and not last.is_click:
         raise part.error("effect", effect.name, "is held, but at a place no finger holds it: give a finger")
-    return TriggerRequest(effect, None, part.position("at", device.bar.length_m))
+    return TriggerRequest(effect, None, part.position("at", device.bar.length_m), change_db)
 
 
 def _read_stop(_part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> StopRequest:
@@ -275,16 +266,3 @@ def _read_change(part: RuleTable) -> float:
     if not abs(change_db) <= HIGHEST_LEVEL_DB:
         raise part.error("level_change", text, f"expected -{HIGHEST_LEVEL_DB:g} to {HIGHEST_LEVEL_DB:g} dB: '-6 dB'")
     return change_db
-
-
-def changed(effect: Effect, change_db: float) -> Effect:
-    """The effect with other levels, kept from 0 to HIGHEST_LEVEL_DB; full scale stays, and a pause stays a pause."""
-    if not change_db:
-        return effect
-    segments = [
-        segment
-        if segment.level_db is None or math.isinf(segment.level_db)
-        else replace(segment, level_db=min(max(segment.level_db + change_db, 0.0), HIGHEST_LEVEL_DB))
-        for segment in effect.envelope
-    ]
-    return Effect(effect.name, tuple(segments))

@@ -4,13 +4,15 @@ Theory of operation
 -------------------
 A program is a connection. Its messages are taken one after another, and each is
 answered before the next one is read: a program that floods the channel waits for itself alone. A message that changes
-something becomes a control step. Steps go to the loop one by one, each after the outcome of the one before, so that
-neither many programs nor large scenes queue up in front of the loop.
+something becomes a control step: the parts that bring the loop up to the scene as it is when the step's turn comes
+(`tactable.control.steps`), and what the message asks beside. Parts go to the loop one by one, each after the outcome of
+the one before, so that neither many programs nor large scenes queue up in front of the loop.
 
 Each program has a lease, renewed by whatever it sends. A connection that never greets has none, and is closed after
-GREET_WITHIN_S. A program that is silent for longer, or whose connection ends,
-loses what it holds (`tactable.control.scene`), and the loop gets the step that ends it. Events are sent as far as a
-program takes them: of one that reads too slowly they are dropped and counted, and it is told how many.
+GREET_WITHIN_S. A program that is silent for longer, or whose connection ends, loses what it holds
+(`tactable.control.scene`), and the loop gets the step that ends it, whatever the server believes to be under way: only
+the loop knows which effects a change of run or a lifted finger has ended. Events are sent as far as a program takes
+them: of one that reads too slowly they are dropped and counted, and it is told how many.
 """
 
 import asyncio
@@ -20,7 +22,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
 from engine.device import Device
-from engine.effects import ControlStep, Effects, Outcome, TriggeredEffect
+from engine.effects import Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.requests import (
     VERSION,
     ControlError,
@@ -31,7 +33,6 @@ from tactable.control.requests import (
     RemoveRegion,
     Request,
     RoleRequest,
-    Settings,
     StopRequest,
     Subscribe,
     TriggerRequest,
@@ -39,6 +40,7 @@ from tactable.control.requests import (
     read_request,
 )
 from tactable.control.scene import Scene
+from tactable.control.steps import StepEncoder
 
 MOST_PROGRAMS = 16
 MOST_UNREAD_BYTES = 262_144
@@ -46,7 +48,7 @@ MOST_UNREAD_BYTES = 262_144
 GREET_WITHIN_S = 10.0
 """A connection without a hello for so long is closed, so that it takes no program's place."""
 _GREETING = '{"type": "hello", "version": 1, "name": "my program"}'
-HandOver = Callable[[ControlStep], Awaitable[Outcome]]
+HandOver = Callable[[bytes], Awaitable[Outcome]]
 
 
 class Connection(Protocol):
@@ -69,14 +71,14 @@ class _Program:
         self.number, self.connection = number, connection
         self.hello: Hello | None = None
         self.streams: frozenset[str] = frozenset()
-        self.quiet = set[int]()
-        self.has_triggered = False
+        self.has_acted = False
+        """Whether it has ever asked for a step: what may be under way then ends with its lease."""
         self.lost_events = 0
         self.timer: asyncio.TimerHandle | None = None
 
 
 class ControlServer:
-    """All programs of one run. `hand_over` gives a step to the loop and returns its outcome."""
+    """All programs. `hand_over` gives a part of a step to the loop and returns its outcome."""
 
     def __init__(
         self,
@@ -92,6 +94,7 @@ class ControlServer:
         self._programs: dict[int, _Program] = {}
         self._opened = 0
         self._one_step = asyncio.Lock()
+        self._encoder = StepEncoder()
         self._endings = set[asyncio.Task[None]]()
 
     # ---- programs ----
@@ -147,21 +150,12 @@ class ControlServer:
         """Read positions and zones on another device from now on: the run has changed over to its table."""
         self._device = device
 
-    async def begin_run(self, base: Effects) -> None:
-        """Give the scene to another run, whose own rules are `base`. Quiet roles and triggered effects have ended."""
-        for program in self._programs.values():
-            program.quiet.clear()
-            program.has_triggered = False
-        self.scene.base = base
-        with contextlib.suppress(ControlError):  # the run has ended
-            await self._step(has_rules=True)
-
     async def remove_regions(self) -> None:
         """Remove the regions of all programs."""
         for name in list(self.scene.regions):
             self.scene.remove_region(name)
-        with contextlib.suppress(ControlError):
-            await self._step(has_rules=True)
+        with contextlib.suppress(ControlError):  # the run has ended
+            await self._step()
 
     # ---- leases ----
 
@@ -180,14 +174,10 @@ class ControlServer:
             program.connection.send(_encode({"event": "lease ended"}))
 
     async def _end_lease(self, program: _Program) -> None:
-        had_rules = self.scene.end_lease(program.number)
-        roles = tuple((finger, False) for finger in sorted(program.quiet))
-        if had_rules or roles or program.has_triggered:
-            program.quiet.clear()
-            owner = program.number if program.has_triggered else None
-            program.has_triggered = False
+        self.scene.end_lease(program.number)
+        if program.has_acted:
             with contextlib.suppress(ControlError):  # the run has ended
-                await self._step(roles=roles, ended_owner=owner, has_rules=had_rules)
+                await self._step(gone=program.number)
 
     # ---- messages ----
 
@@ -205,6 +195,7 @@ class ControlServer:
     async def _act(self, program: _Program, request: Request) -> dict[str, Any]:
         """Do what a message asks; the values of its answer. Raises ControlError."""
         scene = self.scene
+        program.has_acted |= not isinstance(request, Hello | Subscribe | Ping)
         match request:
             case Hello():
                 program.hello = request
@@ -212,28 +203,27 @@ class ControlServer:
                 return self._welcome(program)
             case Region():
                 scene.set_region(request, program.number)
-                await self._step(has_rules=True)
+                await self._step()
             case RemoveRegion():
                 scene.remove_region(request.name)
-                await self._step(has_rules=True)
+                await self._step()
             case DefineEffect():
                 scene.define(request.effect, program.number)
                 if request.converted is not None:
                     return {"events": [report.plain() for report in request.converted.reports]}
-            case Settings():
+            case SceneSettings():
                 scene.set_settings(program.number, request)
-                await self._step(has_rules=True)
+                await self._step()
             case TriggerRequest():
                 await self._trigger(program, request)
             case RoleRequest():
                 await self._set_role(program, request)
-            case StopRequest() if program.has_triggered:
-                program.has_triggered = False
-                await self._step(ended_owner=program.number)
+            case StopRequest():
+                await self._step(stopped=program.number)
             case Subscribe():
                 program.streams = request.streams
                 return {"fingers": self._fingers()}
-            case StopRequest() | Ping():
+            case Ping():
                 pass
         return {}
 
@@ -253,26 +243,22 @@ class ControlServer:
         }
 
     async def _trigger(self, program: _Program, request: TriggerRequest) -> None:
-        if not self.scene.is_enabled:
-            raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
-        program.has_triggered = True
-        effect = TriggeredEffect(request.effect, program.number, request.contact_id, request.position_m)
-        outcome = await self._step(trigger=effect)
+        place = request.contact_id, request.position_m
+        outcome = await self._step(
+            trigger=TriggeredEffect(request.effect, program.number, *place, request.level_change_db)
+        )
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
-        if outcome is Outcome.OFF_BAR:
-            raise ControlError("trigger.at: is beyond the end of the bar that plays now: choose a place on it")
         if outcome is Outcome.QUIET:
             raise ControlError("trigger.finger: this finger is kept quiet by a program: give it the role 'by rules'")
+        if outcome is Outcome.OFF:
+            raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
+        if outcome is Outcome.OFF_BAR:
+            raise ControlError(f"trigger.at: {request.position_m:g} m: the bar ends before it since its table changed")
 
     async def _set_role(self, program: _Program, request: RoleRequest) -> None:
-        if request.is_quiet:
-            program.quiet.add(request.contact_id)
-        else:
-            program.quiet.discard(request.contact_id)
-        outcome = await self._step(roles=((request.contact_id, request.is_quiet),))
+        outcome = await self._step(role=Role(request.contact_id, request.is_quiet, program.number))
         if outcome is Outcome.NO_FINGER:
-            program.quiet.discard(request.contact_id)
             raise self._no_finger("role.finger", request.contact_id)
 
     def _no_finger(self, key: str, contact_id: int | None) -> ControlError:
@@ -282,15 +268,26 @@ class ControlServer:
     async def _step(
         self,
         *,
-        has_rules: bool = False,
-        ended_owner: int | None = None,
-        roles: tuple[tuple[int, bool], ...] = (),
+        stopped: int | None = None,
+        gone: int | None = None,
+        role: Role | None = None,
         trigger: TriggeredEffect | None = None,
     ) -> Outcome:
-        """Give the loop one step, with the rules of the scene as it is when its turn comes."""
+        """Bring the loop up to the scene as it is when the turn comes, and do what is asked beside; what became of it.
+
+        A program that hangs up meanwhile does not break it off: the loop would hold half of it.
+        """
+        return await asyncio.shield(self._hand_over_parts(stopped, gone, role, trigger))
+
+    async def _hand_over_parts(
+        self, stopped: int | None, gone: int | None, role: Role | None, trigger: TriggeredEffect | None
+    ) -> Outcome:
         async with self._one_step:
-            effects = self.scene.rules() if has_rules else None
-            return await self._hand_over(ControlStep(effects, ended_owner, roles, trigger))
+            outcomes = [
+                await self._hand_over(part)
+                for part in self._encoder.parts(self.scene, stopped=stopped, gone=gone, role=role, trigger=trigger)
+            ]
+        return next((outcome for outcome in outcomes if outcome is not Outcome.DONE), Outcome.DONE)
 
 
 def _refusal(number: int | None, text: str) -> dict[str, Any]:

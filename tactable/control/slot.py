@@ -1,21 +1,24 @@
 """The control process as the loop sees it: a slot with at most one control step, and a word back when it was taken.
 
-The process sends a step only after the one before was told, so the loop reads at most one step a pass, whatever
-programs send. Steps are values of our own process, pickled behind their size, and read piece by piece.
+The process sends a part of a step only after the one before was told, so the loop reads at most one part a pass,
+whatever programs send. Parts have the form of `tactable.control.steps`, behind their size, and are read piece by piece.
 """
 
-import base64
 import contextlib
 import os
-import pickle
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
-from engine.effects import ControlStep, Effects, Outcome
+from engine.effects import ControlStep, Outcome
+from engine.plain import to_plain
+from engine.printable import printable
 from firmware_link.child import Child
 from firmware_link.host.link_values import Capabilities
+from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
 from tactable.run.table_watch import Messages
 
 
@@ -26,8 +29,6 @@ class ControlOf:
     socket: Path
     ring: Path
     table: Path
-    effects: Effects
-    """The rules that the run begins with."""
     port: int | None = None
     """The loopback port of the WebSocket, 0 for any; None: no WebSocket."""
     osc_port: int | None = None
@@ -35,13 +36,19 @@ class ControlOf:
     is_watched: bool = True
     """Whether the run changes over to another table at the same path."""
 
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> "ControlOf":
+        """What `to_plain` made of it."""
+        paths = {key: Path(plain[key]) for key in ("socket", "ring", "table")}
+        return cls(**{**plain, **paths})
+
 
 class ControlProcess:
     """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
 
-    def __init__(self, served: ControlOf) -> None:
-        arguments = {"served": _as_text(served)}
-        self._child = Child("tactable.control.process", arguments, name="the control channel")
+    def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
+        self._child = start("tactable.control.process", to_plain(served), name="the control channel")
+        self._decoder = StepDecoder()
         try:
             self.lines: list[str] = self._child.read()["lines"]
             """What to print: where it is reached."""
@@ -51,7 +58,7 @@ class ControlProcess:
         self.process_id = self._child.process_id
         self._descriptor = self._child.fileno()
         self._is_there = True
-        self._messages = Messages(self._descriptor)
+        self._messages = Messages(self._descriptor, MOST_BYTES)
 
     def __enter__(self) -> "ControlProcess":
         return self
@@ -63,28 +70,32 @@ class ControlProcess:
         self._child.end()
 
     def begin(self, capabilities: Capabilities) -> None:
-        """Take steps from now on; the device is connected. The process hands none over before."""
+        """Take parts from now on; the device is connected. The process hands none over before."""
         self._child.write({"board": [capabilities.frequency_resolution_hz, list(capabilities.full_scales_m)]})
 
-    def change_run(self, table: Path, effects: Effects) -> None:
-        """Say that another run follows, of this table and with these rules; programs and their regions go on in it."""
-        self._child.write({"run": {"table": str(table), "effects": _as_text(effects)}})
+    def change_run(self, table: Path) -> None:
+        """Say that another run follows, of this table; programs and their regions go on in it."""
+        self._child.write({"run": str(table)})
+
+    def scene(self) -> ControlStep:
+        """What programs want of the whole bar now."""
+        return self._decoder.scene
 
     def fileno(self) -> int:
-        """The descriptor that is readable when a part of a step has come."""
+        """The descriptor that is readable when something of a part has come."""
         return self._descriptor
 
     def poll(self) -> ControlStep | None:
-        """Read at most 64 KiB; a step once its last part has come."""
+        """Read at most one part; the step that it has, None where others follow."""
         try:
-            message = self._messages.read()
+            part = self._messages.read()
+            step = None if part is None else self._decoder.decode(part)
         except (EOFError, ConnectionResetError):
-            self._end()
-            return None
-        if message is None:
-            return None
-        step = pickle.loads(message)  # from our own process
-        assert isinstance(step, ControlStep)
+            return self._end("the control process has ended")
+        except StepError as error:
+            return self._end(str(error))
+        if part is not None and step is None:
+            self.tell(Outcome.DONE)
         return step
 
     def tell(self, outcome: Outcome) -> None:
@@ -93,16 +104,14 @@ class ControlProcess:
             with contextlib.suppress(BlockingIOError):
                 self._child.write({"outcome": outcome})
 
-    def _end(self) -> None:
-        """Replace the socket of a child that died by a silent one, so that the run goes on."""
-        sys.stderr.write("note: programs are no longer heard: the control process has ended; start the run again\n")
+    def _end(self, why: str) -> ControlStep:
+        """Replace the socket of a child that died by a silent one, so that the run goes on; what programs held ends."""
+        sys.stderr.write(f"note: programs are no longer heard: {printable(why)}; start the run again\n")
         sys.stderr.flush()
         self._is_there = False
         silent, self._kept_open = os.pipe()
         os.dup2(silent, self._descriptor)
         os.close(silent)
         os.set_blocking(self._descriptor, False)
-
-
-def _as_text(value: ControlOf | Effects) -> str:
-    return base64.b64encode(pickle.dumps(value)).decode()
+        self._decoder = StepDecoder()
+        return replace(self._decoder.scene, are_all_gone=True)

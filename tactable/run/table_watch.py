@@ -60,8 +60,9 @@ def identity_of(path: Path) -> tuple[int, int, int]:
 class Messages:
     """Messages of a pipe that never waits, each led by its size: read piece by piece, where they will stay."""
 
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+    def __init__(self, descriptor: int, most_bytes: int = _MOST_BYTES) -> None:
+        """What states to be longer than `most_bytes` is the end of the messages."""
+        self._descriptor, self._most_bytes = descriptor, most_bytes
         os.set_blocking(descriptor, False)
         self._is_size = True
         self._expect(WORD.size)
@@ -79,10 +80,11 @@ class Messages:
             return None
         whole, is_size = self._expected, self._is_size
         size = WORD.unpack(whole)[0] if is_size else WORD.size
-        if size > _MOST_BYTES:
+        is_text = size > self._most_bytes
+        self._is_size = is_text or not is_size
+        self._expect(WORD.size if is_text else size)
+        if is_text:
             raise EOFError
-        self._is_size = not is_size
-        self._expect(size)
         return None if is_size else whole
 
     def _expect(self, size: int) -> None:

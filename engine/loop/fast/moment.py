@@ -9,6 +9,7 @@ from typing import Any
 
 from engine.effects import Effects, Rule, Segment, Trigger
 from engine.effects.player import FOLLOW_M
+from engine.effects.rules import changed_level
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.layout import CONSTANTS, NONE, Fast
 from engine.loop.fast.library import FastPathError
@@ -63,7 +64,7 @@ class Moment:
         if table is None or len(rules) > CONSTANTS["MOST_RULES"]:
             return
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
-        if any(_first_segment(rule).level_db not in self._levels for rule in rules):
+        if any(_first_level(rule) not in self._levels for rule in rules):
             return
         self._table, fast = table, self.fast
         _set_bar(fast, pipeline)
@@ -75,9 +76,8 @@ class Moment:
         fast.seed[CONSTANTS["PLAY"]] = seed_of(Play.type_byte)
 
     def _set_rule(self, place: Any, rule: Rule) -> None:
-        first = _first_segment(rule)
-        place.trigger, place.is_click = _TRIGGERS[rule.on], first.is_click
-        place.level = self._levels[first.level_db]
+        place.trigger, place.is_click = _TRIGGERS[rule.on], _first_segment(rule).is_click
+        place.level = self._levels[_first_level(rule)]
         place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
         place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
 
@@ -97,6 +97,8 @@ class Moment:
         fast, table = self.fast, self._table
         fast.touch, fast.waited, fast.can_answer = descriptors[0], len(descriptors), 0
         fast.descriptor[: len(descriptors)] = descriptors
+        if pipeline.player.settings.level_change_db:
+            return  # the step knows the levels of the rules alone
         if table is None or ahead is None or (ahead.lease_ms, ahead.drive_size) != (table.lease_ms, table.drive_size):
             return
         if not self._write_contacts(pipeline):
@@ -151,6 +153,11 @@ class Moment:
 def _first_segment(rule: Rule) -> Segment:
     """What the rule's effect begins with; quiet where it has no segment."""
     return rule.effect.envelope[0] if rule.effect.envelope else _QUIET
+
+
+def _first_level(rule: Rule) -> float | None:
+    """The level that a finger feels first by a rule."""
+    return changed_level(_first_segment(rule).level_db, rule.level_change_db)
 
 
 def _rules_of(effects: Effects) -> list[Rule]:

@@ -102,7 +102,7 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         has_solver = order.has_kernels or order.is_first  # whose first click has compiled it
         solves_clicks = has_solver and table.clicks and effects.have_clicks
         solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
-        slot = programs.open(order.table, effects)
+        slot = programs.open(order.table)
         source = PointerSource(pipe)
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
         parent.say({"clicks": live.clicks, "lines": programs.begin(live.capabilities)})

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.effects import Effects
 from firmware_link.host.link_values import Capabilities
 from tactable.control.slot import ControlOf, ControlProcess
 
@@ -30,13 +29,13 @@ class Programs:
         """Whether a channel was asked for."""
         return self._asked is not None
 
-    def open(self, table: Path, effects: Effects) -> ControlProcess | None:
+    def open(self, table: Path) -> ControlProcess | None:
         """The slot of the next run, which is told of it. Raises ChildError where a port or the socket is taken."""
         if self.slot is not None:
-            self.slot.change_run(table, effects)
+            self.slot.change_run(table)
         elif self._asked is not None:
             asked = self._asked
-            of = ControlOf(Path(asked.socket), self._ring, table, effects, asked.port, asked.osc_port, is_watched=False)
+            of = ControlOf(Path(asked.socket), self._ring, table, asked.port, asked.osc_port, is_watched=False)
             self.slot = ControlProcess(of)
         return self.slot
 

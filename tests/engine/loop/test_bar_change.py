@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
-from engine.effects import ControlStep, Effect, Effects, Outcome, Rule, Segment, Trigger, TriggeredEffect
+from engine.effects import ControlStep, Effect, Effects, Outcome, Role, Rule, Segment, Trigger, TriggeredEffect
 from engine.effects.rules import burst, click
 from engine.loop import Pipeline, open_pipeline
 from engine.loop.fast.table import with_fast_table
@@ -98,7 +98,7 @@ class Story:
             assert isinstance(value, float)
             self.trigger(value * LENGTH_M)
         else:
-            self.pipeline.control(ControlStep(roles=((value, True),)), self.time_ns)  # type: ignore[arg-type]  # an int
+            self.pipeline.control(ControlStep(role=Role(value, True, 1)), self.time_ns)  # type: ignore[arg-type]  # an int
         self.look()
 
     def change_bar(self, device: Device) -> None:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from engine.effects import ControlStep, Effects, Outcome, Rule, Trigger, TriggeredEffect
-from engine.effects.rules import click
+from engine.effects import ControlStep, Effects, Outcome, Role, Rule, SceneSettings, Trigger, TriggeredEffect
+from engine.effects.rules import burst, click
 from engine.loop import Fate
+from firmware_link.emulator import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.engine.loop.test_pipeline import pipeline_of
 from tests.engine.made_clicks import every_click
@@ -21,6 +22,8 @@ RUNS_BOTH_WAYS = True
 CLICKS = every_click(DEVICE)
 SOFT, FIRM, STRONG = (click(level_db) for level_db in (10.0, 15.0, 20.0))
 OTHER = click(12.34)
+NOTHING = ControlStep()
+ALONE = SceneSettings(uses_rule_file=False)
 
 
 def rules_of(*effects: object, others: bool = True) -> Effects:
@@ -36,6 +39,12 @@ class Slot:
     steps: Sequence[tuple[float, ControlStep]]
     line: VirtualLine
     told: list[tuple[int, Outcome]] = field(default_factory=list)
+    begins_with: ControlStep = NOTHING
+    stall_ns: int = 0
+    """How long the loop stands still when it looks for a step that is there."""
+
+    def scene(self) -> ControlStep:
+        return self.begins_with
 
     def __post_init__(self) -> None:
         self.start_ns = 0
@@ -51,6 +60,7 @@ class Slot:
         if self.line.time_ns < self.start_ns + time_ms * MS:
             return None
         self._given += 1
+        self.line.time_ns += self.stall_ns
         return step
 
     def tell(self, outcome: Outcome) -> None:
@@ -58,10 +68,14 @@ class Slot:
 
 
 def run(
-    frames: Sequence[tuple[float, bytes]], steps: Sequence[tuple[float, ControlStep]], effects: Effects
+    frames: Sequence[tuple[float, bytes]],
+    steps: Sequence[tuple[float, ControlStep]],
+    effects: Effects,
+    begins_with: ControlStep = NOTHING,
+    stall_ns: int = 0,
 ) -> tuple[Rig, Slot]:
     line = VirtualLine(wakes_every_ns=MS)
-    slot = Slot(steps, line)
+    slot = Slot(steps, line, begins_with=begins_with, stall_ns=stall_ns)
     rig = Rig(recording_of(*frames), line, effects=effects, clicks=CLICKS, control=slot)
     slot.start_ns = rig.start_ns
     rig.run()
@@ -112,7 +126,7 @@ def test_while_a_scene_changes_a_thousand_times_each_touch_feels_the_rules_of_it
         # Between two frames of 8 ms, so that it is certain which one is first.
         steps.append((8 * int(now / 8) + random_.choice((3.0, 5.0)), rules_of(*random_.choices(effects, k=5))))
         now += (40 * count - 60) / 1000
-    asked = [(time_ms, ControlStep(effects=rules)) for time_ms, rules in steps]
+    asked = [(time_ms, ControlStep(rules.rules, ALONE)) for time_ms, rules in steps]
     rig, slot = run(taps(count), asked, steps[0][1])
     assert rig.loop.counters.reports == len(rig.recording.reports)
     assert [outcome for _, outcome in slot.told] == [Outcome.DONE] * 1000
@@ -133,9 +147,9 @@ def test_the_same_steps_at_the_same_times_give_the_same_commands() -> None:
     rig = Rig(recording_of(*taps(60)), effects=rules_of(SOFT, FIRM, STRONG), clicks=CLICKS)
     steps = [
         ControlStep(
-            effects=random_.choice((None, rules_of(*random_.choices((None, SOFT, FIRM), k=5)))),
-            ended_owner=random_.choice((None, 1, 2)),
-            roles=random_.choice(((), ((1, True),), ((1, False),))),
+            rules=random_.choice((None, rules_of(*random_.choices((None, SOFT, FIRM), k=5)).rules)),
+            stopped_owner=random_.choice((None, 1, 2)),
+            role=random_.choice((None, Role(1, True, 1), Role(1, False, 2))),
             trigger=random_.choice(
                 (
                     None,
@@ -156,3 +170,47 @@ def test_the_same_steps_at_the_same_times_give_the_same_commands() -> None:
         found.append(commands)
     assert found[0] == found[1]
     assert len([command for command in found[0] if command is not None]) > 50
+
+
+def test_a_run_begins_with_what_programs_want_already() -> None:
+    off = ControlStep((), SceneSettings(is_enabled=False))
+    rig, _ = run(taps(10, zone=0), [(180.0, ControlStep(settings=SceneSettings()))], rules_of(STRONG), off)
+    assert [round(time_ms) for time_ms, _ in clicks_of(rig)] == [200, 240, 280, 320, 360]
+
+
+def test_feeling_that_is_switched_off_silences_a_click_that_sounds() -> None:
+    steps = [(3.0, ControlStep(settings=SceneSettings(is_enabled=False)))]
+    rig, _ = run([*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))], steps, rules_of(STRONG))
+    click_us, silent_us = [event.device_time_us for event in rig.log if event.cause in (Cause.PLAY, Cause.SET)][:2]
+    assert silent_us - click_us < 10_000 and clicks_of(rig)[0][1] == 20.0
+    assert not any(channel.amplitude for channel in rig.log[-1].channels)
+
+
+@pytest.mark.parametrize("change_db", [-6.0, 0.0])
+def test_each_tap_has_the_level_of_the_scene_whichever_step_answers(change_db: float, way: str) -> None:
+    settings = SceneSettings(level_change_db=change_db)
+    rig, _ = run(taps(10, zone=0), [(100.0, ControlStep(settings=settings))], rules_of(STRONG))
+    expected = [20.0] * 3 + [20.0 + change_db] * 7
+    assert [level_db for _, level_db in clicks_of(rig)] == expected
+    if way == "fast path":
+        assert (rig.session.fast_counters.answered > 5) is (change_db == 0.0)
+
+
+def test_what_is_due_before_a_step_is_taken_before_it() -> None:
+    """The pass stands still between its reports and its step: what has ended by then is not felt beside it."""
+    trigger = TriggeredEffect(burst(10.0, 20), 1, contact_id=2)
+    frames = [*held(0.0, 0.3, (1, 0.1), (2, 0.9)), (0.3, report(lifted=[1, 2]))]
+    rig, _ = run(frames, [(15.0, ControlStep(trigger=trigger))], rules_of(burst(20.0, 20)), stall_ns=30 * MS)
+    felt = [each.placement.is_felt for each in rig.trace if each.fate is not Fate.NONE and each.placement]
+    assert felt == [(True, False), (False, True)]
+
+
+def test_a_place_beyond_the_bar_that_is_played_now_is_refused() -> None:
+    """As after a change to the table of a shorter bar, which a program has not heard of yet."""
+    length_m = DEVICE.bar.length_m
+    steps = [
+        (10.0 + 50 * number, ControlStep(trigger=TriggeredEffect(STRONG, 1, position_m=position_m)))
+        for number, position_m in enumerate((length_m + 1e-6, length_m))
+    ]
+    rig, slot = run([*held(0.0, 0.3, (1, 0.1)), (0.3, report(lifted=[1]))], steps, rules_of(None))
+    assert [outcome for _, outcome in slot.told] == [Outcome.OFF_BAR, Outcome.DONE] and len(clicks_of(rig)) == 1

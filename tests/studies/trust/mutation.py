@@ -55,9 +55,29 @@ _EMULATOR = tuple(
 _CORE = tuple(f"tests/{FIRMWARE}/test_{name}.py" for name in ("core", "framing", "twins", "synthesis"))
 _HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session", "host/test_outbox", "host/test_link"))
 _FINGERS = ("tests/engine/touch/test_finger_tracker.py", "tests/engine/touch/test_placement.py")
+_LOOP_CONTROL = "tests/engine/loop/test_control.py"
+
+
+def _control(*names: str) -> tuple[str, ...]:
+    return tuple(f"tests/tactable/control/test_{name}.py" for name in names)
+
+
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
     "engine/effects/player.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
+    "engine/effects/play.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
+    "engine/effects/control.py": ("tests/engine/effects/test_control.py", _LOOP_CONTROL),
+    "engine/loop/control.py": (_LOOP_CONTROL,),
+    "tactable/control/scene.py": _control("scene", "server", "laws"),
+    "tactable/control/server.py": _control("server", "laws"),
+    "tactable/control/steps.py": _control("steps", "scene", "laws"),
+    "tactable/control/requests.py": _control("requests", "server"),
+    "tactable/control/security.py": _control("security"),
+    "tactable/control/unix_socket.py": _control("unix_socket"),
+    "tactable/control/slot.py": _control("in_process"),
+    "tactable/control/process.py": _control("in_process"),
+    "tactable/control/osc.py": _control("osc"),
+    "tactable/control/osc_codec.py": _control("osc"),
     "engine/touch/finger_tracker.py": tuple(
         f"tests/engine/touch/test_{each}.py" for each in ("finger_tracker", "placement")
     ),

@@ -9,15 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactable.control.osc import _MESSAGES, PREFIX, OscControl, message_of
+from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import read_request
-from tactable.control.scene import Scene
-from tactable.control.server import ControlServer
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.test_requests import MESSAGE
-from tests.tactable.control.test_scene import BASE
-from tests.tactable.control.test_server import FINGERS, Loop
+from tests.tactable.control.virtual import FINGERS, VirtualSlot, run_virtual, server_of, settle
 
 VALUES = st.one_of(
     st.integers(-(1 << 31), (1 << 31) - 1), st.floats(width=32, allow_nan=False), st.booleans(), st.none(),
@@ -87,6 +84,9 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
     backwards = b"#bundle\0" + bytes(8) + (-4).to_bytes(4, "big", signed=True)
     with pytest.raises(OscError, match="byte 16: an element of -4 bytes"):
         decode_osc(backwards)
+    for size in (0, 9):
+        with pytest.raises(OscError, match=f"byte 16: an element of {size} bytes"):
+            decode_osc(b"#bundle\0" + bytes(8) + size.to_bytes(4, "big") + bytes(8))
     message = encode_osc("/x", [])
     with pytest.raises(OscError, match="more than 64 messages"):
         decode_osc(b"#bundle\0" + bytes(8) + 65 * (len(message).to_bytes(4, "big") + message))
@@ -137,8 +137,8 @@ class Sender(asyncio.DatagramProtocol):
 @pytest.mark.machine
 def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
     async def act() -> None:
-        loop = Loop()
-        server = ControlServer(Scene(BASE, named_effects()), find_device("reference-a"), loop.take, lambda: FINGERS)
+        loop = VirtualSlot(polls=True)
+        server = server_of(loop)
         osc = OscControl(server)
         peer = ("127.0.0.1", await osc.open(0))
         first, second = Sender(), Sender()
@@ -174,6 +174,61 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
             way.close()
 
     asyncio.run(act())
+
+
+@pytest.mark.parametrize(("host", "is_heard"), [("127.0.0.1", True), ("192.168.1.2", False), ("8.8.8.8", False)])
+def test_only_programs_of_this_machine_are_heard(host: str, is_heard: bool) -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot(polls=True)))
+        for data in (encode_osc(f"{PREFIX}ping", []), b"nonsense"):
+            osc.datagram_received(data, (host, 9))
+        await settle()
+        assert (osc.messages, osc.refused, len(osc._senders)) == ((2, 1, 1) if is_heard else (2, 2, 0))
+        assert (host in osc.last_error) is not is_heard
+        await osc.close()
+
+    run_virtual(act())
+
+
+def test_the_port_is_on_loopback() -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot(polls=True)))
+        await osc.open(0)
+        assert osc._transport is not None and osc._transport.get_extra_info("sockname")[0] == "127.0.0.1"
+        await osc.close()
+
+    asyncio.run(act())
+
+
+def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held() -> None:
+    async def act() -> None:
+        slot = VirtualSlot(polls=True)
+        osc = OscControl(server_of(slot))
+        asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "region": ASKED["region"]}
+        for name, values in asked.items():
+            osc.datagram_received(encode_osc(PREFIX + name, values), ("127.0.0.1", 9))
+        await settle()
+        await asyncio.sleep(0.99 * LEASE_S)
+        osc.datagram_received(encode_osc(f"{PREFIX}ping", []), ("127.0.0.1", 9))
+        await asyncio.sleep(0.99 * LEASE_S)
+        assert slot.player.level_db is not None and slot.decoder.scene.rules and osc._senders
+        await asyncio.sleep(0.02 * LEASE_S)
+        await settle()
+        assert slot.player.level_db is None and slot.decoder.scene.rules == () and not osc._senders
+        await osc.close()
+
+    run_virtual(act())
+
+
+def test_of_a_flood_what_does_not_wait_is_refused() -> None:
+    async def act() -> None:
+        osc = OscControl(server_of(VirtualSlot()))
+        for _ in range(300):
+            osc.datagram_received(encode_osc(f"{PREFIX}stop", []), ("127.0.0.1", 9))
+        assert osc.refused == 300 - 255 and "send fewer" in osc.last_error  # its hello is the 256th
+        await osc.close()
+
+    run_virtual(act())
 
 
 def test_a_definition_fits_as_text() -> None:

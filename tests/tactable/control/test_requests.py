@@ -107,6 +107,12 @@ def test_what_is_no_message_is_refused(line: bytes) -> None:
         decode_line(line)
 
 
+def test_numbers_of_messages_are_what_every_language_counts_to() -> None:
+    assert decode_line(b'{"id": 9007199254740991}') == (9007199254740991, {})
+    with pytest.raises(ControlError, match="id"):
+        decode_line(b'{"id": 9007199254740992}')
+
+
 def test_a_line_that_is_too_long_is_refused() -> None:
     with pytest.raises(ControlError, match=f"expected at most {MOST_BYTES}"):
         decode_line(b'{"type": "ping", "x": "' + b"x" * MOST_BYTES + b'"}')

@@ -10,22 +10,18 @@ from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
 from firmware_link.child import ChildError
-from tactable.control.scene import Scene
 from tactable.control.server import ControlServer
 from tactable.control.web import WebControl
-from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import HELLO, VALID
-from tests.tactable.control.test_scene import BASE
-from tests.tactable.control.test_server import FINGERS, Loop
+from tests.tactable.control.virtual import FINGERS, VirtualSlot, server_of
 
 pytestmark = pytest.mark.machine
 
 
-def run(act: Callable[[WebControl, ControlServer, Loop], Awaitable[None]]) -> None:
+def run(act: Callable[[WebControl, ControlServer, VirtualSlot], Awaitable[None]]) -> None:
     async def started() -> None:
-        loop = Loop()
-        scene = Scene(BASE, named_effects())
-        server = ControlServer(scene, find_device("reference-a"), loop.take, lambda: FINGERS)
+        loop = VirtualSlot(polls=True)
+        server = server_of(loop)
         web = WebControl(server, 0)
         serving = asyncio.create_task(web.run())
         try:
@@ -38,7 +34,7 @@ def run(act: Callable[[WebControl, ControlServer, Loop], Awaitable[None]]) -> No
 
 
 def test_a_page_says_what_its_buttons_feel_like_and_loses_them_when_it_closes() -> None:
-    async def act(web: WebControl, server: ControlServer, loop: Loop) -> None:
+    async def act(web: WebControl, server: ControlServer, loop: VirtualSlot) -> None:
         async with connect(web.address, origin=Origin("null")) as page:
             answers = []
             for message in (HELLO, VALID[1], {"type": "subscribe", "to": ["touches"]}, {"type": "nonsense"}):
@@ -59,7 +55,7 @@ def test_a_page_says_what_its_buttons_feel_like_and_loses_them_when_it_closes() 
 def test_a_text_that_is_not_utf_8_closes_its_own_connection_and_prints_nothing(
     capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def act(web: WebControl, _server: ControlServer, _loop: Loop) -> None:
+    async def act(web: WebControl, _server: ControlServer, _loop: VirtualSlot) -> None:
         async with connect(web.address, origin=Origin("null")) as page:
             await page.send(b"\xff\xfe", text=True)
             with pytest.raises(websockets.ConnectionClosed) as closed:
@@ -75,7 +71,7 @@ def test_a_text_that_is_not_utf_8_closes_its_own_connection_and_prints_nothing(
 
 @pytest.mark.parametrize("wrong", ["token", "host"])
 def test_without_the_token_or_by_a_foreign_name_nobody_speaks(wrong: str) -> None:
-    async def act(web: WebControl, server: ControlServer, _loop: Loop) -> None:
+    async def act(web: WebControl, server: ControlServer, _loop: VirtualSlot) -> None:
         port = int(web.address.split(":")[2].split("/")[0])
         address = web.address.replace("/control", "x/control")
         if wrong == "host":
@@ -89,7 +85,7 @@ def test_without_the_token_or_by_a_foreign_name_nobody_speaks(wrong: str) -> Non
 
 
 def test_a_port_that_is_taken_is_named() -> None:
-    async def act(web: WebControl, server: ControlServer, _loop: Loop) -> None:
+    async def act(web: WebControl, server: ControlServer, _loop: VirtualSlot) -> None:
         taken = int(web.address.split(":")[2].split("/")[0])
         with pytest.raises(ChildError, match=f"port {taken}: .*choose another"):
             WebControl(server, taken)

@@ -1,0 +1,324 @@
+"""The control process and its slot in one process, on virtual time: programs at the socket, the test is the loop."""
+
+import asyncio
+import json
+import random
+import re
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from engine.device import Device
+from engine.effects import ControlStep, EffectPlayer, Outcome, SceneSettings
+from engine.loop import RingReader, RingWriter
+from engine.loop.latency import Stage
+from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.table import Table
+from engine.touch import Touch
+from firmware_link.child import Child, Parent
+from firmware_link.host.link_values import Capabilities
+from tactable.control.client import AsyncClient, ClientError, connect_async
+from tactable.control.osc_codec import Value, decode_osc, encode_osc
+from tactable.control.process import serve
+from tactable.control.slot import ControlOf, ControlProcess
+from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_table import write_table
+from tests.tactable.control.messages import HELLO, hostile_datagram
+from tests.tactable.control.virtual import BASE, DEVICE, FINGER, run_virtual, settle
+
+LONGER = DEVICE.with_values({"bar.length": "350 mm"})
+FULL_SCALES_M = tuple(each.full_scale_m for each in DEVICE.actuators)
+CAPABILITIES = Capabilities(2, 0.01, 10.0, 1000.0, FULL_SCALES_M, 80, 48_000, 1, 0, (1, 0, 0))
+BUZZ = {"type": "trigger", "effect": "buzz", "finger": 3}
+REGION = {"type": "region", "name": "a", "region": ["0 mm", "90 mm"], "rules": [{"on": "touch", "effect": "press"}]}
+
+
+class ParentHere(Parent):
+    """The child's end of a socket pair."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._socket, self._received, self.descriptors = end, bytearray(), []
+
+
+class ChildHere(Child):
+    """The parent's end; the child is a task of the same process."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._socket, self._received, self._name, self.process_id = end, bytearray(), "the control channel", 0
+
+    def end(self, _timeout_s: float | None = None) -> int:
+        self._socket.close()
+        return 0
+
+    kill = end
+
+
+@dataclass
+class Run:
+    """A run whose loop is polled every millisecond of virtual time."""
+
+    slot: ControlProcess
+    served: ControlOf
+    ring: RingWriter
+    serving: "asyncio.Task[None]"
+    player: EffectPlayer
+    controlled: int = 0
+
+    async def connect(self, lease_s: float | None = None) -> AsyncClient:
+        return await connect_async(self.served.socket, name="a test", lease_s=lease_s)
+
+    def poll(self) -> ControlStep | None:
+        step = self.slot.poll()
+        if step is not None:
+            self.controlled += 1
+            self.slot.tell(self.player.control(step, 0))
+        return step
+
+    async def loop(self) -> None:
+        while True:
+            self.poll()
+            await asyncio.sleep(0.001)
+
+    def change_run(self, table: Path) -> None:
+        self.slot.change_run(table)
+        self.player = player_of(self.slot)
+
+    def touch(self, *touches: Touch) -> None:
+        """A frame of the loop, in the ring."""
+        stamps = (0,) * len(Stage)
+        frame = (None, None, False, False, touches, b"", Fate.NONE, None)
+        self.ring.observe(CommandRecord(stamps, 1, b"", None, *frame), LoopCounters())  # type: ignore[arg-type]
+
+
+def player_of(slot: ControlProcess) -> EffectPlayer:
+    player = EffectPlayer(BASE)
+    player.control(slot.scene(), 0)
+    player.take([FINGER], 0)
+    return player
+
+
+def write(path: Path, device: Device = DEVICE) -> Path:
+    write_table(path, device, [entry_of(device, felt_states(device)[0])], response=0.05)
+    return path
+
+
+@asynccontextmanager
+async def started(folder: Path, **more: Any) -> AsyncIterator[Run]:
+    """A run that has connected to its device, until the end of the block."""
+    served = ControlOf(folder / "c.sock", folder / "ring", write(folder / "bar.nc"), **more)
+    ours, theirs = socket.socketpair()
+    with RingWriter(served.ring, 64) as ring, RingReader(served.ring) as reader, theirs:
+        table = Table.open(served.table, verify=False)
+        serving = asyncio.ensure_future(serve(served, table, reader, ParentHere(theirs)))
+        child = ChildHere(ours)
+        while not child.has_spoken():
+            await asyncio.sleep(0)
+        slot = ControlProcess(served, lambda *_, **__: child)
+        run = Run(slot, served, ring, serving, player_of(slot))
+        slot.begin(CAPABILITIES)
+        looping = asyncio.ensure_future(run.loop())
+        try:
+            yield run
+        finally:
+            looping.cancel()
+            slot.__exit__(None, None, None)
+            await serving
+            table.close()
+            assert not served.socket.exists()
+
+
+def act(folder: Path, story: Callable[[Run], Awaitable[None]], **more: Any) -> None:
+    async def told() -> None:
+        async with started(folder, **more) as run:
+            await story(run)
+
+    run_virtual(told())
+
+
+def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_path: Path) -> None:
+    async def story(run: Run) -> None:
+        client = await run.connect()
+        assert (client.run["device"], client.run["lease_s"]) == ("reference-a", 5.0)
+        await client.ask(BUZZ)
+        assert run.player.level_db == 20.0
+        await client.ask({"type": "subscribe", "to": ["touches"]})
+        await client.ask(REGION)
+        run.touch(FINGER)
+        (finger,) = (await anext(client.events()))["fingers"]
+        assert (finger["finger"], finger["at_m"], finger["zone"], finger["region"]) == (3, 0.05, "I", "a")
+        await client.close()
+        await asyncio.sleep(0.1)
+        assert run.player.level_db is None and run.slot.scene().rules == ()
+
+    act(tmp_path, story)
+
+
+def test_before_the_device_is_connected_nothing_is_handed_over(tmp_path: Path) -> None:
+    async def story(run: Run) -> None:
+        assert run.slot.lines == [f"control: {run.served.socket}"]
+        client = await run.connect()
+        with pytest.raises(ClientError, match="does not touch"):
+            await client.ask(BUZZ | {"finger": 4})
+        await client.close()
+
+    act(tmp_path, story)
+
+
+def test_programs_scene_holds_in_another_run_from_its_first_touch_and_their_regions_unless_zones_differ(
+    tmp_path: Path,
+) -> None:
+    async def story(run: Run) -> None:
+        client = await run.connect(60.0)
+        await client.ask(REGION)
+        await client.ask({"type": "settings", "level_change": "-5 dB"})
+        run.change_run(write(tmp_path / "longer.nc", LONGER))
+        assert run.player.effects.rules[0].region_m == (0.0, 0.09) and run.player.level_db == 20.0  # press, 5 dB less
+        await until(run, lambda run_: run_["length_m"] == LONGER.bar.length_m)
+        assert run.player.effects.rules[0].region_m == (0.0, 0.09)
+        run.change_run(write(tmp_path / "other.nc", DEVICE.with_values({"zones.count": 3})))
+        await until(run, lambda run_: not run_["regions"])
+        await asyncio.sleep(0.1)
+        assert run.player.effects.rules == BASE.rules and run.player.settings == SceneSettings(level_change_db=-5.0)
+        run.change_run(tmp_path / "missing.nc")  # replaced already: the next one is announced
+        await until(run, lambda run_: len(run_["zones"]) == 3)
+        await client.close()
+
+    act(tmp_path, story)
+
+
+async def until(run: Run, holds: Callable[[dict[str, Any]], bool]) -> None:
+    """Greet again until the greeting says so."""
+    while True:
+        client = await run.connect()
+        await client.close()
+        if holds(client.run):
+            return
+        await asyncio.sleep(0.05)
+
+
+@pytest.mark.parametrize("is_watched", [True, False])
+def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_changes_to_it(
+    tmp_path: Path, is_watched: bool
+) -> None:
+    async def story(run: Run) -> None:
+        for device in (DEVICE.with_values({"zones.count": 3}), LONGER):  # the run refuses the first one
+            write(tmp_path / "new.nc", device).replace(run.served.table)
+            if is_watched and device is LONGER:
+                await until(run, lambda run_: run_["length_m"] == LONGER.bar.length_m)
+            await asyncio.sleep(5.0)
+            await settle()
+            client = await run.connect()
+            is_adopted = is_watched and device is LONGER
+            assert client.run["length_m"] == (LONGER if is_adopted else DEVICE).bar.length_m
+            assert len(client.run["zones"]) == len(DEVICE.zones)
+            await client.close()
+
+    act(tmp_path, story, is_watched=is_watched)
+
+
+def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_path: Path) -> None:
+    async def told() -> None:
+        async with started(tmp_path) as run:
+            client = await run.connect()
+            await client.ask({"type": "subscribe", "to": ["touches"]})
+        with pytest.raises(ClientError):
+            await client.ask({"type": "ping"})
+        await client.close()
+
+    run_virtual(told())
+
+
+def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_held(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ours, theirs = socket.socketpair()
+    child = ChildHere(ours)
+    theirs.sendall(b'{"lines": []}\n')
+    slot = ControlProcess(ControlOf(tmp_path, tmp_path, tmp_path), lambda *_, **__: child)
+    held = [
+        {"effect": 0, "name": "e", "at": 0, "segments": [[None, 20.0, False]], "is_whole": True},
+        {"act": {"stopped": None, "gone": None, "role": None, "trigger": [0, 7, 3, None, 0.0]}},
+        {"act": {"stopped": None, "gone": None, "role": [4, True, 8], "trigger": None}},
+        {"scene": [], "settings": [True, False, -6.0]},
+    ]
+    player = player_of(slot)
+    player.take([FINGER, Touch(4, 0.2, 3)], 0)
+    player.advance(10**9)
+    for document in held:
+        part = json.dumps(document).encode()
+        theirs.sendall(len(part).to_bytes(8, "little") + part)
+        for _ in range(2):  # the size, then the part
+            step = slot.poll()
+            if step is not None:
+                slot.tell(player.control(step, 2 * 10**9))
+        assert theirs.recv(1 << 16).count(b"\n") == 1
+    assert player.level_db == 14.0 and player.fingers[4].is_kept_quiet
+    theirs.close()
+    step = slot.poll()
+    assert step is not None and player.control(step, 0) is Outcome.DONE
+    assert player.level_db is None and not player.fingers[4].is_kept_quiet and player.settings == SceneSettings()
+    slot.tell(Outcome.DONE)
+    assert slot.poll() is None and "no longer heard" in capfd.readouterr().err
+    slot.__exit__(None, None, None)
+
+
+@pytest.mark.parametrize("said", [b"\x02" + bytes(7) + b"{}", b"Traceback", (8193).to_bytes(8, "little")])
+def test_a_control_process_that_says_what_is_no_part_is_not_heard_again(tmp_path: Path, said: bytes) -> None:
+    ours, theirs = socket.socketpair()
+    theirs.sendall(b'{"lines": []}\n')
+    child = ChildHere(ours)
+    slot = ControlProcess(ControlOf(tmp_path, tmp_path, tmp_path), lambda *_, **__: child)
+    theirs.sendall(said)
+    steps = [slot.poll() for _ in range(3)]
+    assert [step.are_all_gone for step in steps if step is not None] == [True]
+    theirs.close()
+    slot.__exit__(None, None, None)
+
+
+def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(tmp_path: Path) -> None:
+    async def story(run: Run) -> None:
+        reader, writer = await asyncio.open_unix_connection(run.served.socket)
+        writer.write(b'{"type": "ping"}\n' + b"x" * 100_000 + b"\n" + json.dumps(HELLO | {"id": 3}).encode() + b"\n")
+        writer.write(b"[1]\n\xff\n\n" + b'{"id": 4, "type": "ping"}\n')
+        answers = [json.loads(await reader.readline()) for _ in range(7)]
+        assert [each["answer"] for each in answers] == [None, None, 3, None, None, None, 4]
+        assert [each["ok"] for each in answers] == [False, False, True, False, False, False, True]
+        writer.close()
+
+    act(tmp_path, story)
+
+
+def test_open_sound_control_is_served_whatever_else_comes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    async def story(run: Run) -> None:
+        (found,) = [each for each in map(OSC_LINE.search, run.slot.lines) if each is not None]
+        peer, random_, loop = ("127.0.0.1", int(found[1])), random.Random(5), asyncio.get_running_loop()
+        heard: asyncio.Queue[bytes] = asyncio.Queue()
+
+        class Sender(asyncio.DatagramProtocol):
+            def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002  # asyncio's
+                heard.put_nowait(data)
+
+        ways = [(await loop.create_datagram_endpoint(Sender, remote_addr=peer))[0] for _ in range(2)]
+        for _ in range(100):
+            ways[1].sendto(hostile_datagram(random_))
+        await settle()
+        ways[1].close()
+        while not heard.empty():
+            heard.get_nowait()
+        asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "stop": []}
+        for name, values in asked.items():
+            ways[0].sendto(encode_osc(f"/tactable/{name}", values))
+            while decode_osc(await heard.get()) != [("/tactable/answer", [f"/tactable/{name}", True, ""])]:
+                pass
+        ways[0].close()
+
+    act(tmp_path, story, osc_port=0)
+    assert "messages" in capfd.readouterr().err  # what was refused is told at the end
+
+
+OSC_LINE = re.compile(r"osc://127\.0\.0\.1:(\d+)/tactable/")

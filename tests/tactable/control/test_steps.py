@@ -1,0 +1,209 @@
+"""Laws of the stated form of control steps: what is written is read, in parts whose size no scene changes."""
+
+import json
+import math
+import random
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from engine.effects import Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
+from engine.effects.files.conversion import MOST_SEGMENTS as MOST_OF_AN_EFFECT
+from tactable.control.requests import MOST_RULES, Region
+from tactable.control.scene import MOST_DEFINED, MOST_REGIONS, Scene
+from tactable.control.steps import MOST_BYTES, MOST_SEGMENTS, StepDecoder, StepEncoder, StepError
+from tactable.shipped import named_effects
+
+ODD = Effect("ödd", (Segment(5, None), Segment(7, math.inf), Segment(None, 20.25, is_click=True), Segment(None, 1 / 3)))
+LONGEST_NAME = "\U0001f600" * 64
+PLACES: list[tuple[frozenset[int] | None, tuple[float, float] | None]] = [
+    (frozenset({0, 3}), None),
+    (None, (1 / 3, 2 / 3)),
+]
+
+
+def large(number: int) -> Effect:
+    """An effect of the allowed size whose numbers are as long as numbers get."""
+    segments = [Segment(10**15 + at, 60 + at / 7e7, is_click=False) for at in range(MOST_OF_AN_EFFECT)]
+    return Effect(f"{number}{LONGEST_NAME}"[:64], tuple(segments))
+
+
+def region_of(number: int, *effects: Effect, zones: bool = False, **more: object) -> Region:
+    rules = [Rule(on, effect, every_m=1 / 3) for on, effect in zip(2 * tuple(Trigger), effects, strict=False)]
+    place = (frozenset(range(16)), None) if zones else (None, (number / 1001, number / 999))
+    values: dict[str, object] = {"is_enabled": True, "level_change_db": -1 / 3, "stays": False, **more}
+    return Region(f"r{number}", tuple(rules), *place, **values)  # type: ignore[arg-type]  # its fields
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("is_enabled", [True, False])
+def test_what_is_written_is_read(
+    place: tuple[frozenset[int] | None, tuple[float, float] | None], is_enabled: bool
+) -> None:
+    scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
+    asked = [
+        Rule(Trigger.HOLD, ODD, after_ns=10**9),
+        Rule(Trigger.DRAG, large(1), every_m=0.005),
+        Rule(Trigger.DRAG, ODD, every_m=1),
+    ]
+    scene.set_region(Region("a", tuple(asked), *place, is_enabled, -1 / 3, False), 1)
+    scene.set_settings(1, SceneSettings(False, True, 1 / 3))
+    role, trigger = Role(1 << 52, True, 9), TriggeredEffect(ODD, 7, None, 1 / 3, -0.5)
+    steps = [decoder.decode(part) for part in encoder.parts(scene, stopped=4, gone=5, role=role, trigger=trigger)]
+    scene_step, act = [step for step in steps if step is not None]
+    assert scene_step == decoder.scene and scene_step.settings == SceneSettings(False, True, 1 / 3)
+    assert (act.stopped_owner, act.gone_owner, act.role, act.trigger) == (4, 5, role, trigger)
+    assert (act.rules, act.settings, scene_step.trigger) == (None, None, None)
+    own = asked if is_enabled else []
+    expected = [Rule(each.on, each.effect, *place, each.after_ns, each.every_m, -1 / 3) for each in own]
+    rules = [*(scene_step.rules or ())]
+    assert rules[: len(own)] == expected
+    others = {
+        rule.on for rule in rules[len(own) :] if (rule.zones, rule.region_m) == place and not rule.effect.envelope
+    }
+    assert others == set(Trigger) - {rule.on for rule in own} and len(rules) == len(own) + len(others)
+
+
+def test_a_step_is_bounded_whatever_programs_hold_and_only_what_changed_crosses() -> None:
+    scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
+    kinds = Counter[str]()
+
+    def hand_over(**more: Any) -> list[str]:
+        """The kinds of the parts that bring the loop up to the scene."""
+        found = []
+        for part in encoder.parts(scene, **more):
+            document = json.loads(part)
+            assert len(part) <= MOST_BYTES and len(document.get("segments", ())) <= MOST_SEGMENTS
+            assert len(document.get("rules", ())) <= MOST_RULES
+            found.append(next(iter(document)))
+            decoder.decode(part)
+        kinds.update(found)
+        return found
+
+    effects = [large(number) for number in range(MOST_DEFINED)]
+    for effect in effects:
+        scene.define(effect, 1)
+    assert hand_over() == []
+    for number in range(MOST_REGIONS - 1):
+        mine = [effects[(3 * number + at) % MOST_DEFINED] for at in range(MOST_RULES)]
+        scene.set_region(region_of(number, *mine, zones=number % 2 == 0), 1)
+        hand_over()
+    assert kinds["effect"] == MOST_DEFINED * MOST_OF_AN_EFFECT / MOST_SEGMENTS  # each of them once
+    scene.set_region(region_of(MOST_REGIONS, *effects[:MOST_RULES]), 1)
+    assert hand_over() == ["region", "scene"]
+    scene.set_region(region_of(MOST_REGIONS, *effects[:MOST_RULES], is_enabled=False), 1)
+    assert hand_over() == ["region", "scene"]
+    scene.set_settings(1, SceneSettings(level_change_db=1 / 3))
+    assert hand_over() == ["scene"] and hand_over() == [] and hand_over(stopped=1) == ["act"]
+    scene.define(large(0), 2)
+    scene.set_region(region_of(0, ODD), 2)
+    assert hand_over() == ["effect", "region", "scene"]  # the region 1 names the first effect 0 no more, another does
+    scene.end_lease(1)
+    scene.end_lease(2)
+    ended = hand_over(gone=1)
+    assert ended[:2] == ["scene", "act"] and set(ended[2:]) == {"forget"}
+    assert kinds["forget"] == MOST_DEFINED + 1 and decoder.scene.rules == ()
+
+
+def test_a_scene_may_change_without_an_end() -> None:
+    """Numbers of what is no longer held are given again."""
+    scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
+    for number in range(1100):
+        scene.set_region(region_of(0, Effect("e", (Segment(number, 20.0),))), 1)
+        for part in encoder.parts(scene):
+            decoder.decode(part)
+        assert (decoder.scene.rules or ())[0].effect.envelope[0].duration_ns == number
+
+
+def test_a_region_that_is_set_anew_with_the_same_effects_keeps_their_objects() -> None:
+    scene, encoder, decoder = Scene(named_effects()), StepEncoder(), StepDecoder()
+    found = []
+    for start in (0, 1):
+        scene.set_region(region_of(start, ODD), 1)
+        for part in encoder.parts(scene):
+            decoder.decode(part)
+        found.append((decoder.scene.rules or ())[0].effect)
+    assert found[0] is found[1]
+
+
+EFFECT = {"effect": 1, "name": "e", "at": 0, "segments": [[5, 20.0, False]], "is_whole": True}
+REGION = {"region": 0, "rules": [["touch", 1, 0, 0.0]], "zones": None, "region_m": [0.0, 0.1], "level_change_db": 0.0}
+SCENE = {"scene": [0], "settings": [True, True, 0.0]}
+ACT = {"act": {"stopped": None, "gone": 1, "role": [3, True, 1], "trigger": [1, 1, 3, None, 0.0]}}
+WRONG = [
+    {},
+    {"other": 1},
+    EFFECT | {"more": 1},
+    EFFECT | {"effect": -1},
+    EFFECT | {"effect": True},
+    EFFECT | {"effect": 1024},
+    EFFECT | {"name": 3},
+    EFFECT | {"at": 1},
+    EFFECT | {"at": 1, "effect": 2},
+    EFFECT | {"segments": [[5, 20.0]]},
+    EFFECT | {"segments": [[5.5, 20.0, False]]},
+    EFFECT | {"segments": [[5, "x", False]]},
+    EFFECT | {"segments": 3},
+    EFFECT | {"segments": [[5, 20.0, 1]]},
+    EFFECT | {"segments": [[1, None, False]] * (MOST_SEGMENTS + 1)},
+    REGION | {"rules": [["tap", 1, 0, 0.0]]},
+    REGION | {"rules": [["touch", 2, 0, 0.0]]},
+    REGION | {"region": 1024},
+    REGION | {"rules": [["touch", 1, 1.5, 0.0]]},
+    REGION | {"rules": [["touch", 1, 0, None]]},
+    REGION | {"zones": [1.5]},
+    REGION | {"region_m": [0.0]},
+    REGION | {"region_m": ["0", "1"]},
+    REGION | {"level_change_db": None},
+    SCENE | {"scene": [3]},
+    SCENE | {"settings": [1, True, 0.0]},
+    SCENE | {"settings": [True, 0, 0.0]},
+    SCENE | {"settings": [True, True]},
+    SCENE | {"settings": [True, True, "0"]},
+    {"act": {}},
+    {"act": None},
+    {"act": ACT["act"] | {"gone": -1}},
+    {"act": ACT["act"] | {"stopped": "1"}},
+    {"act": ACT["act"] | {"role": [3, 1, 1]}},
+    {"act": ACT["act"] | {"role": [3.5, True, 1]}},
+    {"act": ACT["act"] | {"trigger": [2, 1, 3, None, 0.0]}},
+    {"act": ACT["act"] | {"trigger": [1, 1, None, None, 0.0]}},
+    {"act": ACT["act"] | {"trigger": [1, 1, 3, 0.1, 0.0]}},
+    {"act": ACT["act"] | {"trigger": [1, 1, 3, None, None]}},
+    {"forget": 7},
+]
+
+
+def decoded() -> StepDecoder:
+    decoder = StepDecoder()
+    for document in (EFFECT, REGION, SCENE, ACT):
+        decoder.decode(json.dumps(document).encode())
+    return decoder
+
+
+@pytest.mark.parametrize("document", WRONG, ids=str)
+def test_what_does_not_have_the_form_is_refused_and_changes_no_scene(document: object) -> None:
+    decoder = decoded()
+    before = decoder.scene
+    with pytest.raises(StepError):
+        decoder.decode(json.dumps(document).encode())
+    assert decoder.scene is before
+
+
+@pytest.mark.parametrize("part", [b"", b"\xff", b"[1]", b"3", b'{"scene": NaN}', b" " * MOST_BYTES + b"{}"])
+def test_what_is_no_part_is_refused(part: bytes) -> None:
+    with pytest.raises(StepError):
+        decoded().decode(part)
+
+
+def test_other_bytes_are_read_or_refused() -> None:
+    random_, refused = random.Random(3), 0
+    for _ in range(2000):
+        part = bytearray(json.dumps(random_.choice((EFFECT, REGION, SCENE, ACT))).encode())
+        part[random_.randrange(len(part))] = random_.randrange(256)
+        try:
+            decoded().decode(bytes(part))
+        except StepError:
+            refused += 1
+    assert 1000 < refused < 2000
