@@ -24,11 +24,12 @@ from engine.touch.placement import CLOSEST_M
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast import scripts
 from tests.engine.loop.fast.scripts import random_frames, random_rules, varied_clicks
-from tests.engine.loop.rig import DEVICE, HELD, MS, Rig, held, recording_of, report
-from tests.engine.loop.test_table_swap import Later, SwapLine
+from tests.engine.loop.rig import DEVICE, HELD, Rig, held, recording_of, report
+from tests.engine.loop.test_table_swap import Later
 from tests.engine.made_entries import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
 from tests.quick import first_quick
+from tests.tools.virtual import MS, VirtualLine
 
 LENGTH_M = DEVICE.bar.length_m
 EVERYTHING = Effects(
@@ -145,7 +146,7 @@ def run_over(
     rig_class: type[Rig], frames: Recording, effects: Effects, coming: list[tuple[int, Device]], *, has_clicks: bool
 ) -> Rig:
     """A run whose bars come so many ms after its beginning."""
-    line = SwapLine()
+    line = VirtualLine()
     updates = Later(line)
     clicks = varied_clicks(bar(), missing=10**6) if has_clicks else RIG.clicks
     rig = rig_class(frames, line, effects=effects, device=bar(), clicks=clicks, updates=updates)

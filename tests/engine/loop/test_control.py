@@ -60,7 +60,7 @@ class Slot:
         if self.line.time_ns < self.start_ns + time_ms * MS:
             return None
         self._given += 1
-        self.line.time_ns += self.stall_ns
+        self.line.clock.run_to(self.line.time_ns + self.stall_ns)
         return step
 
     def tell(self, outcome: Outcome) -> None:

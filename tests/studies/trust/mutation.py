@@ -66,7 +66,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
     "engine/effects/player.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
     "engine/effects/play.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
-    "engine/effects/control.py": ("tests/engine/effects/test_control.py", _LOOP_CONTROL),
     "engine/loop/control.py": (_LOOP_CONTROL,),
     "tactable/control/scene.py": _control("scene", "server", "laws"),
     "tactable/control/server.py": _control("server", "laws"),
