@@ -109,6 +109,15 @@ def one_blas_thread() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def both_ends() -> Iterator[None]:
+    """Allows sockets whose two ends this process holds: where it stands still, both do."""
+    from tests.tools.guard import allowed  # pytest imports its plugins itself
+
+    with allowed("both ends are in this process"):
+        yield
+
+
 @pytest.fixture(scope="session")
 def fast_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The compiled step, or the one that TACTABLE_STEP_LIBRARY names; without a compiler tests are skipped by name."""

@@ -78,6 +78,7 @@ def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Pat
     assert not link.is_symlink()
 
 
+@pytest.mark.usefixtures("both_ends")
 def test_the_link_of_a_killed_emulator_is_taken_over_by_the_one_that_was_given_its_terminal(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     port, link = os.ttyname(terminal), tmp_path / "board"

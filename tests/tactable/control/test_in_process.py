@@ -31,6 +31,7 @@ from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram
 from tests.tactable.control.virtual import BASE, DEVICE, FINGER, run_virtual, settle
 
+pytestmark = pytest.mark.usefixtures("both_ends")
 LONGER = DEVICE.with_values({"bar.length": "350 mm"})
 FULL_SCALES_M = tuple(each.full_scale_m for each in DEVICE.actuators)
 CAPABILITIES = Capabilities(2, 0.01, 10.0, 1000.0, FULL_SCALES_M, 80, 48_000, 1, 0, (1, 0, 0))

@@ -190,6 +190,7 @@ def test_only_programs_of_this_machine_are_heard(host: str, is_heard: bool) -> N
     run_virtual(act())
 
 
+@pytest.mark.usefixtures("both_ends")
 def test_the_port_is_on_loopback() -> None:
     async def act() -> None:
         osc = OscControl(server_of(VirtualSlot(polls=True)))

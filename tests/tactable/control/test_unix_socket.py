@@ -12,6 +12,8 @@ import pytest
 from firmware_link.child import ChildError
 from tactable.control.unix_socket import listening_socket
 
+pytestmark = pytest.mark.usefixtures("both_ends")
+
 
 @pytest.fixture(autouse=True)
 def _open_umask() -> Iterator[None]:
