@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.render.chosen_basis import NO_BASIS, choose_basis, play_ns
+from engine.render.chosen_basis import NO_BASIS, choose_basis
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import Features
@@ -59,7 +59,3 @@ def test_a_device_or_line_that_carries_no_click_gets_no_basis(changed: dict[str,
     basis = whole((44, 121))
     assert choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]
     assert choose_basis(None, CAPABILITIES, RATE_HZ, LEASE_MS) == NO_BASIS
-
-
-def test_a_play_of_44_weights_takes_9_ms_at_115200() -> None:
-    assert play_ns(44, RATE_HZ) == pytest.approx(103 * 10 / RATE_HZ * 1e9, abs=1)

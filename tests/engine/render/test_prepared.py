@@ -8,7 +8,7 @@ import pytest
 
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.render import SILENCE, PlayCommand, WhenNotAchieved, render_table
+from engine.render import SILENCE, PlayCommand, render_table
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Features
@@ -52,23 +52,8 @@ def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives
         assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click=True) == steady != SILENCE
 
 
-def test_a_click_short_of_its_level_is_counted_and_silent_where_it_is_refused(table: Table) -> None:
-    for when in WhenNotAchieved:
-        renderer = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS), when).renderer
-        command = renderer.render(PLACEMENTS[1], LEVEL_DB, is_click=True)
-        assert (command == SILENCE) == (when is WhenNotAchieved.REFUSE)
-        assert (renderer.not_achieved, renderer.click_shortfalls) == (1, {LEVEL_DB: 1})
-
-
 def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None:
     rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
     before = [rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)]
     there = pickle.loads(pickle.dumps(rendering))
     assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
-
-
-def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], others={"bursts": 1.0})
-    with Table.open(path, device=REFERENCE) as table:
-        rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features(0)))
-        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE

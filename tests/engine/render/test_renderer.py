@@ -8,7 +8,7 @@ import pytest
 
 from engine.device import Device
 from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
-from engine.render.chosen_basis import NO_BASIS, ChosenBasis
+from engine.render.chosen_basis import ChosenBasis
 from engine.render.clicks import RenderedClicks
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -81,11 +81,6 @@ def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned() -> None
     assert renderer.playable_clicks == len(CLICKS)
 
 
-def test_fingers_at_one_place_cannot_be_asked_for() -> None:
-    at_m = places_of(REFERENCE).position_m[3]
-    assert renderer_of(CLICKS).at_places(Placement((at_m, at_m + 0.01), (True, False))) is None
-
-
 def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("engine.render.clicks.MOST_LEARNED", 2)
     rendered = RenderedClicks(made_clicks(REFERENCE, CLICKS), HELD, refuses=False)
@@ -93,13 +88,6 @@ def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch
     for placement in learned:
         rendered.learn(click_of(REFERENCE, placement))
     assert [rendered.is_unknown(placement) for placement in learned] == [True, False, False]
-
-
-def test_a_device_that_plays_no_clicks_gets_the_steady_drive() -> None:
-    renderer = renderer_of(CLICKS, basis=NO_BASIS)
-    for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
-        assert renderer.render(placement, LEVEL_DB, is_click=True) == renderer.render(placement, LEVEL_DB) != SILENCE
-    assert (renderer.playable_clicks, renderer.click_shortfalls) == (0, {})
 
 
 def test_a_click_of_a_set_that_the_device_does_not_hold_is_the_steady_drive() -> None:
