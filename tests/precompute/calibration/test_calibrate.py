@@ -41,24 +41,6 @@ def test_a_tenth_of_the_readings_may_be_wrong_by_3(loss: Loss) -> None:
     assert (found.is_wrong == (np.abs(flawed.acceleration / flawless.acceleration - 1) > 0.5)).all()
 
 
-@pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
-@pytest.mark.parametrize("factor", [50.0, 1 / 50])
-def test_one_reading_that_is_wrong_by_50_is_named_and_moves_nothing(loss: Loss, factor: float) -> None:
-    read = read_bar(DEVICE, TRUTH, PAIRS_HZ[:3])
-    wrong = np.arange(len(read)) == 17
-    found = calibrate(
-        DEVICE, replace(read, acceleration=np.where(wrong, factor, 1.0) * read.acceleration), PAPERS_SIX, loss, starts=1
-    )
-    assert max(relative_errors(found, TRUTH).values()) < 1e-5
-    assert (found.is_wrong == wrong).all()
-
-
-def test_plain_squares_do_not_survive_wrong_readings() -> None:
-    read = read_bar(DEVICE, TRUTH, PAIRS_HZ[:5], Flaws(wrong=0.1))
-    found = calibrate(DEVICE, read, PAPERS_SIX, Loss.SQUARES, starts=2)
-    assert relative_errors(found, TRUTH)["actuator.full_scale"] > 1e-3
-
-
 def test_what_is_published_of_sigma_is_admitted_to_be_beyond_these_readings() -> None:
     """1.008e-5 1/s: less than a 200 000th of the damping. The interval holds it, and all that explains as well."""
     truth = {**TRUTH, "bar.mass_damping": DEVICE.bar.mass_damping_per_s}
@@ -169,8 +151,3 @@ def test_readings_that_repeat_a_few_cannot_fit_more_parameters() -> None:
     repeated = read_bar(DEVICE, {}).part(np.tile(np.arange(6), 9))
     with pytest.raises(MeasurementError, match="54 readings, 6 without repetitions, cannot fit 7 parameters"):
         calibrate(DEVICE, repeated)
-
-
-def test_the_full_scale_of_an_actuator_that_is_never_driven_is_refused() -> None:
-    with pytest.raises(MeasurementError, match=r"actuator\[2\]\.full_scale: changes none"):
-        calibrate(DEVICE, read_bar(DEVICE, {}, ((150, NAN),)), ["actuator[2].full_scale"])

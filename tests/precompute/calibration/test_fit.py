@@ -72,12 +72,3 @@ def test_holding_a_parameter_costs_and_costs_nothing_where_it_was(loss: Loss) ->
     there, dearer = refit_held(found, 2, moved)
     assert there[2] == moved[2]
     assert dearer > found.cost + 1
-
-
-def test_noise_is_found() -> None:
-    assert fit(noisy(), Loss.ROBUST, 1, seed=0).noise == pytest.approx(0.02, rel=0.35)
-
-
-def test_the_same_seed_gives_the_same_fit() -> None:
-    first, second = (fit(noisy(), Loss.ROBUST, 2, seed=5) for _ in range(2))
-    assert (first.coordinate == second.coordinate).all()

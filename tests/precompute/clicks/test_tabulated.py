@@ -1,6 +1,6 @@
 """Laws of tabulated clicks: every placement of up to two fingers that can come, each once, by any processes."""
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -45,13 +45,6 @@ def test_no_placement_is_tabulated_twice_or_without_a_felt_finger(pitch_m: float
         == [(2 * p + 1,) for p in range(places.count)]
     )
     assert tabulated_keys(places, 0) == []
-
-
-def test_the_roles_of_a_pair_follow_one_another() -> None:
-    keys = tabulated_keys(Places.every(LENGTH_M, 12e-3), 2)
-    pairs = [tuple(code // 2 for code in key) for key in keys]
-    changes = sum(one != other for one, other in pairwise(pairs))
-    assert changes == len(set(pairs)) - 1
 
 
 def test_clicks_are_the_same_by_however_many_processes() -> None:

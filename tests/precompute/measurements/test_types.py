@@ -67,12 +67,3 @@ def test_a_row_that_cannot_be_is_refused_by_place_column_and_value(changes: dict
 def test_a_complex_response_of_two_frequencies_is_refused() -> None:
     with pytest.raises(MeasurementError, match="150 Hz and 130 Hz: a complex response has one frequency"):
         check_measurements(replace(READ, kind=Kind.RESPONSE), DEVICE, "some.csv", str)
-
-
-def test_no_row_is_refused() -> None:
-    with pytest.raises(MeasurementError, match="has no measurement"):
-        check_measurements(READ.part(np.zeros(0, dtype=np.int64)), DEVICE, "some.csv", str)
-
-
-def test_what_is_right_passes_unchanged() -> None:
-    assert check_measurements(READ, DEVICE, "some.csv", str) is READ
