@@ -9,7 +9,7 @@ import pytest
 
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.pairwise import fit_pairwise
-from precompute.calibration.report import calibration_report, drive_text, open_text, report_markdown
+from precompute.calibration.report import calibration_report, open_text, report_markdown
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
 from tests.precompute.measured import NAN, read_bar
@@ -69,7 +69,3 @@ def test_what_is_not_there_is_said_not_to_be() -> None:
     assert "No two are correlated by 0.9 or more." in page
     assert "No reading is off by more than four times the noise." in page
     assert "it needs from 2 to 24 drives" in page
-
-
-def test_a_drive_is_said_with_who_is_still() -> None:
-    assert drive_text([150.0, None]) == drive_text([150.0, NAN]) == "150 Hz and still"
