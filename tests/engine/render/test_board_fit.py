@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,20 +15,16 @@ from engine.render.board_fit import fit_board
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
-from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, decode_drive, encode_play_body
+from firmware_link.protocol.messages import LINEARISES, Play, decode_body, decode_drive, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.engine.render.boards import board
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 TABLE_M = REFERENCE.actuators[0].full_scale_m
 PLACEMENT = in_zones(REFERENCE, [0])
-
-
-def board(*full_scales_m: float, **changed: object) -> Capabilities:
-    plain = Capabilities(len(full_scales_m), 0.01, 1.0, 655.35, full_scales_m, 100, 48_000, 1, 0, (0, 1, 0))
-    waves = replace(plain, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
-    return replace(waves, **changed)  # type: ignore[arg-type]
 
 
 def limited_to(amplitude: float) -> Device:

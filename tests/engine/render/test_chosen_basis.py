@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from engine.render.chosen_basis import NO_BASIS, choose_basis
-from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import Features
+from tests.engine.render.boards import board
 
-PLAIN = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
-CAPABILITIES = replace(PLAIN, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
+CAPABILITIES = board()
 RATE_HZ, LEASE_MS = 115_200, 40
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,8 +14,9 @@ from engine.device import Device
 from engine.render import LimitError, clamp, link_configuration
 from engine.table import Entry
 from tests.engine import made_entries
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 LOW_HZ, HIGH_HZ = REFERENCE.actuators[0].band_hz
 frequencies = st.floats(LOW_HZ, HIGH_HZ)
 amplitudes = st.floats(0, 10)

@@ -2,24 +2,23 @@
 
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import pytest
 
-from engine.device import Device
 from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
 from engine.render.chosen_basis import ChosenBasis
 from engine.render.clicks import RenderedClicks
 from engine.table import ClickEntry
 from engine.touch import Placement
-from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Play, decode_body, encode_play_body
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks, number_of, places_of
 from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.boards import plain_board
 from tests.engine.render.made_steady import MadeSteady
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
-CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
+REFERENCE = shipped("reference-a")
+CAPABILITIES = plain_board()
 HELD = ChosenBasis(basis_of(2, 121), {0: 0})
 PLACEMENTS = [in_zones(REFERENCE, [0]), in_zones(REFERENCE, [2], [0]), in_zones(REFERENCE, [0, 4])]
 CLICKS = [click_of(REFERENCE, placement) for placement in PLACEMENTS]

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device import Device
 from precompute.measurements import Kind, MeasurementError, Measurements, lay_out, read_measurements
 from precompute.measurements.file import write_measurements
+from tests.precompute.devices import shipped
 
-DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+DEVICE = shipped("reference-a")
 NAN = np.nan
 
 

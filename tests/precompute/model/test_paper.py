@@ -15,7 +15,6 @@ from tests.precompute.devices import damped_as_assembly, shipped
 
 Array = NDArray[np.float64]
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
-LEFT, RIGHT = 0, 1
 
 
 @pytest.mark.parametrize(

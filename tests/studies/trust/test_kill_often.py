@@ -6,7 +6,7 @@ import pytest
 
 from tests.studies.trust.kill_often import kill_often, work_of
 
-TIMES = {"swap": 2, "calibrate": 2, "fleet": 2}
+TIMES = {"swap": 2, "calibrate": 2, "fleet": 1}
 """`python -m tests.studies.trust.kill_often WHAT 200` is the long version, and has the build, too."""
 
 
