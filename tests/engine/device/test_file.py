@@ -10,9 +10,6 @@ from hypothesis import strategies as st
 
 from engine.device import Device, DeviceError
 from engine.device.file import ROMAN
-from engine.touch import open_digitizer
-from tactable.digitizers.axis_map import Stroke, digitizer_table, learn_axis
-from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
 SHIPPED = Path(__file__).parents[3] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
@@ -224,9 +221,7 @@ HOSTILE = ('"1e999 m"', "nan", "1e999", "1979-05-27T07:32:00Z", "[" * 50 + "]" *
 
 
 @pytest.mark.parametrize("value", HOSTILE, ids=range(len(HOSTILE)))
-@pytest.mark.parametrize(
-    ("section", "key"), [pair for pair in KEYS if pair[1] not in ("inferred", "description", "name")]
-)
+@pytest.mark.parametrize(("section", "key"), QUANTITIES)
 def test_a_hostile_value_is_refused_in_a_short_message(section: str, key: str, value: str) -> None:
     message = refusal(changed(section, key, value))
     assert f"{section}.{key}".strip(".") in message and len(message) < 1000
@@ -341,28 +336,6 @@ def test_an_active_length_may_end_beyond_the_bar(start: str, active: str) -> Non
     axis = Device.parse(with_margins(start, "0 mm", active), "some.toml").touch_axis
     assert axis.active_length_m == pytest.approx(float(active.split()[0]) / 1000)
     assert axis.start_margin_m == pytest.approx(float(start.split()[0]) / 1000)
-
-
-TOUCH_SURFACE = open_digitizer(DESCRIPTOR).surface
-ends = st.floats(0, 0.35)
-
-
-@unhurried
-@given(ends, ends, st.booleans(), st.none() | st.floats(150, 500))
-def test_what_map_prints_for_a_touch_area_beyond_the_bar_is_read(
-    before: float, after: float, flip: bool, bar_mm: float | None
-) -> None:
-    """The finger is put down and lifted within the touch area, short of its ends by `before` and `after`."""
-    low, high = round(before * X_MAXIMUM), round((1 - after) * X_MAXIMUM)
-    x = (high, low) if flip else (low, high)
-    learnt = learn_axis(TOUCH_SURFACE, Stroke(x, (0, 0)), bar_mm)
-    body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
-    text = changed("bar", "length", f'"{learnt.bar_mm!r} mm"', TEXT.replace(body, digitizer_table(learnt) + "\n\n"))
-    axis = Device.parse(text, "some.toml").touch_axis
-    assert (axis.axis, axis.flip) == ("x", flip)
-    read, meant = (axis.start_margin_m, axis.end_margin_m), (learnt.start_margin, learnt.end_margin)
-    assert learnt.bar_mm is not None
-    assert read == pytest.approx([margin * learnt.bar_mm / 1000 for margin in meant], rel=5e-3, abs=1e-9)
 
 
 @pytest.mark.parametrize("text", ["", "[bar", "bar = ", "name = 'a'\nname = 'b'\n", "\x00", "\ufeffname = 'a'", "[[[["])

@@ -20,7 +20,7 @@ from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import tabulated_states
 from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import SHIPPED, mirrored, shipped
+from tests.precompute.devices import SHIPPED, shipped
 from tests.precompute.entries.dense_state import threshold
 from tests.quick import first_quick
 
@@ -138,17 +138,6 @@ def test_a_drive_that_follows_keeps_to_its_peak_while_that_is_good_enough() -> N
             assert again.frequency_hz == pytest.approx(kept.frequency_hz, abs=0.1)
             held_hz, free_hz = kept.frequency_hz, free.frequency_hz
     assert jumps[1] < 0.7 * jumps[0]
-
-
-def test_a_mirrored_bar_gets_the_mirrored_drive() -> None:
-    device = shipped("reference-a")
-    length_m = device.bar.length_m
-    for positions_m, felt in (([0.05, 0.12], [True, False]), ([0.02, 0.1, 0.2], [False, True, True])):
-        drive = designer_of(device).solver.solve(positions_m, felt, 15.0)
-        image = designer_of(mirrored(device)).solver.solve([length_m - at for at in positions_m], felt, 15.0)
-        assert image.frequency_hz == pytest.approx(drive.frequency_hz, abs=0.02)
-        assert image.value == pytest.approx(drive.value, abs=0.01)
-        assert image.amplitudes == pytest.approx(drive.amplitudes, abs=2e-3)
 
 
 @pytest.mark.parametrize("at", ["actuator", "start", "end"])

@@ -107,11 +107,6 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert risen_db == pytest.approx(drawn.level_db, abs=1.0)
 
 
-def test_more_level_never_gives_more_contrast(front: Front) -> None:
-    assert (np.diff(front.level_db) > 0).all()
-    assert (np.diff(front.expected_db) < SEARCH_DB).all()
-
-
 def test_the_front_passes_through_the_entries_of_the_table(table: Table, front: Front) -> None:
     for level_db in table.levels_db:
         entry = table.entry_for(["I"], ["III"], level_db)
