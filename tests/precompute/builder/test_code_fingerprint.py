@@ -79,11 +79,6 @@ def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
     assert not counts("precompute.entries.bfgs", '"""Kernels of', '"""All kernels of')
 
 
-def test_a_docstring_is_no_number_of_an_otherwise_empty_function() -> None:
-    one, other = (fingerprint_of({"m": f'def f():\n    """{text}"""\n'}) for text in ("One.", "Other."))
-    assert one == other
-
-
 def test_every_version_of_python_comes_to_the_same() -> None:
     """The digest is what Python 3.11, 3.12 and 3.13 come to, whose trees of f-strings differ.
 

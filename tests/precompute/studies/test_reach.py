@@ -1,7 +1,5 @@
 """The greatest acceleration of each place: a bound on every drive, met by the best one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -51,17 +49,6 @@ def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
         hz = fine_frequencies(assemble(device))
         under = abs(solve_response(plant, hz).acceleration(np.array([at])))[:, :, 0]
         assert reach.tones[k] == pytest.approx(under.max(axis=0).sum(), rel=1e-9)
-
-
-def test_the_level_is_that_of_the_acceleration_over_the_threshold() -> None:
-    device = shipped("reference-a")
-    alone = replace(device, actuators=device.actuators[:1])
-    reach = compute_reach(assemble(alone), np.array([0.1]))
-    hz = fine_frequencies(assemble(alone))
-    over = abs(solve_response(assemble(alone), hz).acceleration(np.array([0.1])))[
-        :, 0, 0
-    ] / alone.threshold.peak_m_per_s2(hz)
-    assert reach.level_db[0] == pytest.approx(20 * np.log10(over.max()), abs=1e-9)
 
 
 def test_out_of_its_band_an_actuator_gives_nothing() -> None:

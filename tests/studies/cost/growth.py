@@ -1,6 +1,6 @@
 """Processor time and memory of entries and clicks as zones, fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows how the time of all
+`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE]` shows how the time of all
 states, or of one click, grows with each of them alone, and that memory stays bounded. Where a case has many states only
 some of them are solved, evenly chosen, and the time for all is extrapolated. Clicks are those of random placements; a
 table takes as many times longer as it has placements.
@@ -176,7 +176,6 @@ def main() -> None:
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--solved", type=int, default=SOLVED_PLACEMENTS, help="placements that the workers solve")
     parser.add_argument("--figure", type=Path)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     device = find_device(asked.device)
     machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
@@ -193,9 +192,6 @@ def main() -> None:
         rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
     if asked.figure is not None:
         draw(rows, machine, asked.figure)
-    if asked.json:
-        print(json.dumps({"machine": machine, "rows": rows, "exponents": exponents_of(rows)}, indent=2))
-        return
     print(machine)
     for row in rows:
         solved = "" if row["solved"] == row["states"] else f" (from {row['solved']})"
