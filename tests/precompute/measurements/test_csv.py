@@ -108,7 +108,7 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
         ),
         ("1,150,130,2\n2,150,130,2\n", "has no header: its first line is '1,150,130,2'"),
     ],
-    ids=range(25),
+    ids=lambda value: repr(value)[:40],
 )
 def test_what_is_wrong_is_named_by_row_and_column(text: str, message: str) -> None:
     with pytest.raises(MeasurementError) as caught:
