@@ -177,6 +177,7 @@ def zone(start_mm: int, stop_mm: int, more: str = "") -> str:
 
 
 REFUSED = {
+    "a misspelt key": (without_marks().replace("\nlength =", "\nlenght ="), "bar.lenght", "'length'"),
     "a table nobody knows": (TEXT + "\n[fingers]\nmass = '1 g'\n", "did you mean 'finger'?"),
     "two actuators in a place": (
         changed("actuator[2]", "position", '"16 %"'),

@@ -1,6 +1,7 @@
 """Laws of what becomes of a table for one device: what the device can play decides."""
 
 import pickle
+from pathlib import Path
 
 import pytest
 
@@ -50,3 +51,10 @@ def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None
     before = [rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)]
     there = pickle.loads(pickle.dumps(rendering))
     assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
+
+
+def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], others={"bursts": 1.0})
+    with Table.open(path, device=REFERENCE) as table:
+        rendering = render_table(table, DEFAULT_EFFECTS, board(features=Features(0)))
+        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE

@@ -14,6 +14,7 @@ from engine.device import Device
 from engine.table import ClickEntry, Clicks, Entry, Table
 from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, entry_figures
 from engine.table.entry import shifted
+from engine.touch.places import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
 from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
@@ -241,3 +242,10 @@ def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Comp
     assert any("actuators were left, right and are first, right" in note for note in found.notes)
     assert not found.entries.changed
     assert not found.clicks.changed
+
+
+def test_clicks_for_other_places_are_not_compared_and_it_is_said(compare: Compare) -> None:
+    places = Places.every(DEVICE.bar.length_m, 14e-3)
+    found = compare(clicks=Clicks.of(places, CLICKS))
+    assert found.notes == ("places were 27.9 mm apart and are 14 mm apart: clicks are not compared",)
+    assert (found.clicks.compared, found.clicks.vanished, found.clicks.appeared) == (0, (), ())

@@ -121,3 +121,11 @@ def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
         path.with_name(f".bar.nc.{int(gone.stdout)}.{kind}").write_text("half")
     roll_back(path)
     assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
+
+
+def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    path.unlink()
+    roll_back(path)
+    assert path.read_text() == "1"

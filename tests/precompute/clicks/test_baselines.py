@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, solve_baseline
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
@@ -62,3 +63,18 @@ def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
     tones = np.sin(2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None])
     assert waveform[:, inside] == pytest.approx((np.array(entry.amplitudes)[:, None] * tones)[:, inside])
     assert waveform[:, 8] == pytest.approx(np.array(entry.amplitudes) * tones[:, 8] * 0.4)
+
+
+def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:
+    """The most energy under the finger for that of the displacement: a singular vector of what the tones do."""
+    placement = placed(solver.device, "F----")
+    waveform, tones = energy_contrast(solver, placement, 0.02), make_tones(solver.device, 0.02)
+    played = solver.plants_of(placement.position_m).optimised.play_each(tones)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)]
+    rows = played.reshape(-1, len(tones.wave))
+    best = scipy.linalg.eigvalsh(
+        rows.T @ rows, (tones.wave @ tones.wave.T) * (tones.actuator[:, None] == tones.actuator)
+    )
+    energy = (
+        solver.plants_of(placement.position_m).optimised.play(waveform)[:, 0, : round(0.02 * EVALUATION_RATE_HZ)] ** 2
+    ).sum()
+    assert energy / (waveform**2).sum() == pytest.approx(best[-1], rel=1e-3)

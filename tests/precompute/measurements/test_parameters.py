@@ -18,7 +18,7 @@ from precompute.measurements.parameters import (
     with_changes,
     with_values,
 )
-from tests.precompute.devices import shipped, with_actuators
+from tests.precompute.devices import random_device, shipped, with_actuators
 
 DEVICE = shipped("reference-a")
 PAPERS_SIX = (
@@ -103,3 +103,8 @@ def test_what_cannot_be_fitted_is_refused_by_name(
 def test_a_damping_of_0_may_be_fitted() -> None:
     (damping,) = find_parameters(with_actuators(DEVICE, damping_n_s_per_m=0.0), ["actuator.damping"], {}, 0.0)
     assert (damping.start, damping.low) == (0.0, 0.0)
+
+
+def test_actuators_that_differ_by_design_are_fitted_each() -> None:
+    names = paper_names(random_device(seed=3))
+    assert {"actuator[3].stiffness", "actuator[2].damping", "actuator[1].full_scale"} <= set(names)

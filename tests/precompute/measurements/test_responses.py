@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.build import build_table
-from precompute.builder.measured_responses import interpolation_errors_of
+from precompute.builder.measured_responses import interpolation_errors_of, plant_of
+from precompute.entries.solver import EntrySolver
 from precompute.measurements import CalibrationError
 from precompute.measurements.csv import write_csv
 from precompute.measurements.plant import MeasuredPlant, estimate_errors, measured_plant
@@ -191,3 +192,14 @@ def test_the_same_responses_are_taken_over_and_others_are_not(tables: tuple[Path
         with Table.open(path) as table:
             assert table.attributes["responses_sha256"] == given.sha256
             assert len(table.values("measured", "frequency")) == len(SMALL_HZ)
+
+
+def test_the_plant_of_a_table_is_the_one_it_was_built_from(tables: tuple[Path, Path]) -> None:
+    def entries(table: Table) -> list[object]:
+        return list(EntrySolver(plant_of(table)).solve(table.entries[0].states))
+
+    for path, kind in zip(tables, (False, True), strict=True):
+        with Table.open(path) as table:
+            assert isinstance(plant_of(table), MeasuredPlant) is kind
+            index = table.entries[0].index
+            assert entries(table) == [table.entry_at(index, level_db) for level_db in table.levels_db]

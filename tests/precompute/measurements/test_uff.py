@@ -100,3 +100,12 @@ def test_what_is_wrong_is_named_by_its_dataset(sets: list[dict[str, Any]], messa
     with pytest.raises(MeasurementError) as caught:
         read_uff(written(tmp_path, *sets), DEVICE, 0.0)
     assert message in str(caught.value)
+
+
+def test_nodes_whose_places_are_cut_off_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, nodes(), response(1, 8))
+    lines = path.read_text(encoding="ascii").splitlines(keepends=True)
+    for cut in (lines[3][:20] + "\n", lines[3].replace(lines[3].split()[4], "nan".rjust(len(lines[3].split()[4])))):
+        path.write_text("".join([*lines[:3], cut, *lines[4:]]), encoding="ascii")
+        with pytest.raises(MeasurementError):
+            read_uff(path, DEVICE, 0.0)

@@ -65,7 +65,7 @@ def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(fo
         for at in found.screened_m[np.argsort(-np.nan_to_num(found.screened_db, nan=-99.0))[:2]].tolist()
     ]
     assert again.rank >= max(on_the_grid)
-    assert found.moved > 4
+    assert found.moved > 4 and found.count == 2
 
 
 def test_the_objective_of_the_shipped_places_is_that_of_the_shipped_device(found: PlacementSearch) -> None:
