@@ -306,7 +306,8 @@ def test_the_table_of_another_device_state_or_code_is_refused_and_names_it(whole
 
 
 def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
-    Table.open(whole, device=replace(DEVICE, description="something else", text="")).close()
+    with Table.open(whole, device=replace(DEVICE, description="something else", text="")) as table:
+        assert table.entries == ENTRIES
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
