@@ -11,9 +11,7 @@ from tests.precompute.devices import unhurried
 
 @unhurried
 @given(st.floats(0.01, 10.0), st.floats(1e-3, 1e3))
-def test_mass_and_stiffness_are_integrals_of_the_shapes_and_of_their_curvatures(
-    length_m: float, bending: float
-) -> None:
+def test_mass_and_stiffness_are_integrals_of_shapes_and_curvatures(length_m: float, bending: float) -> None:
     shapes = hermite(length_m)
     mass, stiffness = (integral(shapes, length_m, derivative) for derivative in (0, 2))
     for found, expected in (
