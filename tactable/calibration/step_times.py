@@ -9,9 +9,9 @@ Progress = Callable[[str, float], None]
 class StepTimes:
     """Seconds by step, from its creation on; a step ends when another one is reported."""
 
-    def __init__(self, show: Progress, step: str) -> None:
-        self._show, self._step = show, step
-        self._start_s = self._since_s = time.perf_counter()
+    def __init__(self, show: Progress, step: str, clock_s: Callable[[], float] = time.perf_counter) -> None:
+        self._show, self._step, self._clock_s = show, step, clock_s
+        self._start_s = self._since_s = clock_s()
         self._seconds: dict[str, float] = {}
 
     def tell(self, step: str, fraction: float) -> None:
@@ -29,10 +29,10 @@ class StepTimes:
     @property
     def total_s(self) -> float:
         """Seconds since its creation."""
-        return time.perf_counter() - self._start_s
+        return self._clock_s() - self._start_s
 
     def _end_step(self) -> None:
-        now_s = time.perf_counter()
+        now_s = self._clock_s()
         self._seconds[self._step] = self._seconds.get(self._step, 0.0) + now_s - self._since_s
         self._since_s = now_s
 

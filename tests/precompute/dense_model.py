@@ -44,8 +44,8 @@ class DenseModel:
         self.K, self.M = np.zeros((size, size)), np.zeros((size, size))
         for e, length_m in enumerate(np.diff(self.node_m)):
             part = slice(2 * e, 2 * e + 4)
-            self.K[part, part] += bending * _integral(_hermite(length_m), length_m, derivative=2)
-            self.M[part, part] += line_mass * _integral(_hermite(length_m), length_m, derivative=0)
+            self.K[part, part] += bending * integral(hermite(length_m), length_m, derivative=2)
+            self.M[part, part] += line_mass * integral(hermite(length_m), length_m, derivative=0)
         self.C = bar.mass_damping_per_s * self.M + bar.stiffness_damping_s * self.K
         sigma, eta = (bar.mass_damping_per_s, bar.stiffness_damping_s) if bar.damping_of == "assembly" else (0.0, 0.0)
         self.spring, self.damper = (np.zeros((size, len(device.actuators))) for _ in range(2))
@@ -81,7 +81,7 @@ class DenseModel:
         element = np.clip(np.searchsorted(self.node_m, place_m, side="right") - 1, 0, len(self.node_m) - 2)
         for e in np.unique(element):
             here = np.flatnonzero(element == e)
-            shapes = _hermite(self.node_m[e + 1] - self.node_m[e])
+            shapes = hermite(self.node_m[e + 1] - self.node_m[e])
             out[here, 2 * e : 2 * e + 4] = np.column_stack([shape(place_m[here] - self.node_m[e]) for shape in shapes])
         return out
 
@@ -91,7 +91,7 @@ class DenseModel:
         for e, (left_m, right_m) in enumerate(pairwise(self.node_m)):
             if start_m < (left_m + right_m) / 2 < stop_m:
                 length_m, part = right_m - left_m, slice(2 * e, 2 * e + 4)
-                out[part, part] += _integral(_hermite(length_m), length_m, derivative=0)
+                out[part, part] += integral(hermite(length_m), length_m, derivative=0)
         return out
 
     def unit_field(self, frequency_hz: Array) -> Complex:
@@ -169,14 +169,14 @@ def _nodes(device: Device) -> Array:
     return np.append(np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in spans]), length_m)
 
 
-def _hermite(length_m: float) -> list[Polynomial]:
+def hermite(length_m: float) -> list[Polynomial]:
     """The cubics with value and slope (1, 0, 0, 0), (0, 1, 0, 0) ... at the two ends of an element."""
     a = length_m
     at_ends = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [1, a, a**2, a**3], [0, 1, 2 * a, 3 * a**2]])
     return [Polynomial(column) for column in np.linalg.inv(at_ends).T]
 
 
-def _integral(shapes: list[Polynomial], length_m: float, derivative: int) -> Array:
+def integral(shapes: list[Polynomial], length_m: float, derivative: int) -> Array:
     """Shape (4, 4): integral over the element of the products of the shapes' derivatives."""
     derived = [shape.deriv(derivative) if derivative else shape for shape in shapes]
     return np.array([[(one * other).integ()(length_m) for other in derived] for one in derived])

@@ -27,6 +27,15 @@ def shipped(name: str) -> Device:
     return Device.read(SHIPPED / f"{name}.toml")
 
 
+def reference_text(changes: Mapping[str, str]) -> str:
+    """The description of reference-a with these parts replaced, each of which must be there."""
+    text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
+
+
 def every_device() -> dict[str, Device]:
     """Both shipped devices and a random one, by name."""
     devices = (shipped("reference-a"), shipped("reference-d"), random_device(int(RANDOM.removeprefix("random-"))))
@@ -54,12 +63,12 @@ def other_bars() -> dict[str, Device]:
 
 def other_bar(bar: tuple[str, str, str, str], stop: str = "300 Hz", **values: str) -> Device:
     """Reference-a with this length, thickness, modulus and density of its bar, swept to `stop`, and other values."""
-    text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+    text = reference_text({'stop = "300 Hz"': f'stop = "{stop}"'})
     keys = ("length", "thickness", "youngs_modulus", "density")
     for key, value in [*zip(keys, bar, strict=True), *values.items()]:
         text, count = re.subn(rf'^{key} = "[^"]*"', f'{key} = "{value}"', text, flags=re.MULTILINE)
         assert count
-    return Device.parse(text.replace('stop = "300 Hz"', f'stop = "{stop}"'), " ".join([*bar, stop]))
+    return Device.parse(text, " ".join([*bar, stop]))
 
 
 def random_device(seed: int, actuators: int = 3) -> Device:
@@ -116,37 +125,6 @@ def bare(device: Device, elements: int | None = None) -> Device:
     """The free bar: no actuators, no zones; in `elements` equal elements if asked."""
     length_m = device.bar.largest_element_m if elements is None else device.bar.length_m / elements
     return replace(with_bar(device, largest_element_m=length_m), actuators=(), zones=())
-
-
-def scaled(device: Device, *, length: float = 1.0, stiffness: float = 1.0, time: float = 1.0) -> Device:
-    """A similar device: lengths, stiffnesses (force per length) and times by these factors, the amplitude as it is.
-
-    Mass goes as stiffness time^2, damping as stiffness time, modulus as stiffness / length.
-    """
-    mass = stiffness * time**2
-    bar = with_bar(
-        device,
-        length_m=device.bar.length_m * length,
-        width_m=device.bar.width_m * length,
-        thickness_m=device.bar.thickness_m * length,
-        largest_element_m=device.bar.largest_element_m * length,
-        youngs_modulus_pa=device.bar.youngs_modulus_pa * stiffness / length,
-        density_kg_per_m3=device.bar.density_kg_per_m3 * mass / length**3,
-        mass_damping_per_s=device.bar.mass_damping_per_s / time,
-        stiffness_damping_s=device.bar.stiffness_damping_s * time,
-    )
-    actuators = tuple(
-        replace(
-            actuator,
-            position_m=actuator.position_m * length,
-            stiffness_n_per_m=actuator.stiffness_n_per_m * stiffness,
-            damping_n_s_per_m=actuator.damping_n_s_per_m * stiffness * time,
-            mass_kg=actuator.mass_kg * mass,
-        )
-        for actuator in device.actuators
-    )
-    zones = tuple(Zone(zone.name, zone.start_m * length, zone.stop_m * length) for zone in device.zones)
-    return replace(bar, actuators=actuators, zones=zones)
 
 
 def mirrored(device: Device) -> Device:

@@ -30,12 +30,6 @@ def test_the_second_harmonic_is_that_of_the_squared_voltages(
     assert electrodes.second_harmonic(amplitude) == pytest.approx(second / force, rel=1e-9, abs=1e-12)
 
 
-def test_two_electrodes_half_a_turn_apart_have_the_most_force_and_no_harmonic() -> None:
-    forces = {gap: harmonics(Electrodes(2, 0.5, gap, "nothing"), 1.0) for gap in (60.0, 120.0, 180.0, 240.0)}
-    assert forces[180.0] == pytest.approx((1.0, 0.0), abs=1e-12)
-    assert all(forces[gap][0] < 0.9 for gap in (60.0, 120.0, 240.0))
-
-
 def with_electrodes(*lines: str) -> str:
     """Reference-a with this table for both actuators."""
     table = "\n".join(["[actuator.electrodes]", *lines])

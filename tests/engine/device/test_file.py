@@ -1,7 +1,6 @@
 """Laws of device descriptions: errors name key, value and expectation; the fingerprint is that of the values."""
 
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,6 @@ from hypothesis import strategies as st
 
 from engine.device import Device, DeviceError
 from engine.device.file import ROMAN
-from engine.touch import Contact, TouchPosition, open_digitizer
-from tactable.digitizers.axis_map import Stroke, digitizer_table, learn_axis
-from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM
 
 SHIPPED = Path(__file__).parents[3] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
@@ -65,6 +61,27 @@ def with_zones(*zones: str) -> str:
     return text + "".join(f"\n[[zone]]\n{zone}\n" for zone in zones)
 
 
+UNDAMPED = (
+    ("bar", "mass_damping", '"0 1/s"'),
+    ("bar", "stiffness_damping", '"0 s"'),
+    ("actuator[1]", "damping", '"0 N*s/m"'),
+    ("actuator[2]", "damping", '"0 N*s/m"'),
+)
+
+
+def without_damping(still_damped: str | None = None) -> str:
+    """Reference-a with no damping but, if asked, that of one section."""
+    text = TEXT
+    for section, key, value in UNDAMPED:
+        text = text if section == still_damped else changed(section, key, value, text)
+    return text
+
+
+def without_section(header: str) -> str:
+    bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
+    return "".join(body for section, body in bodies.items() if section != header)
+
+
 def refusal(text: str) -> str:
     with pytest.raises(DeviceError) as error:
         Device.parse(text, "some.toml")
@@ -80,87 +97,62 @@ def fingerprint(text: str) -> str:
 # What is wrong: (section, key, value in TOML, what the message must also say)
 WRONG = [
     ("bar", "length", '"279.4"', "has no unit; expected a length such as '1 m'"),
-    ("bar", "length", "279.4", "has no unit; expected a length such as '1 m'"),
     ("bar", "length", '"279.4 kg"', "is a mass; expected a length"),
-    ("bar", "length", '"0 mm"', "expected more than 0 m"),
-    ("bar", "length", '"-279 mm"', "expected more than 0 m"),
-    ("bar", "length", '"279 smoots"', "not known (smoots); expected a length"),
-    ("bar", "youngs_modulus", '"70 GN"', "is a force; expected a pressure"),
-    ("bar", "density", '"2.7 kg"', "is a mass; expected a density"),
-    ("bar", "mass_damping", '"-1 1/s"', "expected at least 0 1/s"),
-    ("bar", "stiffness_damping", '"5e-5 1/s"', "is a frequency; expected a time"),
-    ("bar", "largest_element", '"1 um"', "expected at least"),
-    ("bar", "damping_of", '"table"', "expected one of bar, assembly"),
-    ("bar", "damping_of", "1", "expected one of bar, assembly"),
-    ("actuator[1]", "stiffness", '"18.9 kN"', "is a force; expected a stiffness such as '1 N/m'"),
-    ("actuator[2]", "stiffness", '"0 N/m"', "expected more than 0 N/m"),
-    ("actuator[2]", "damping", '"0.045 N/m"', "is a stiffness; expected a damping"),
-    ("actuator[1]", "mass", '"-1 g"', "expected at least 0 kg"),
-    ("actuator[1]", "full_scale", '"52 %"', "is a plain number; expected a length"),
+    ("bar", "length", '"0 mm"', "more than 0 m"),
+    ("bar", "mass_damping", '"-1 1/s"', "at least 0 1/s"),
+    ("bar", "largest_element", '"1 um"', "at least"),
+    ("bar", "damping_of", '"table"', "one of bar, assembly"),
+    ("actuator[2]", "stiffness", '"0 N/m"', "more than 0 N/m"),
+    ("actuator[1]", "mass", '"-1 g"', "at least 0 kg"),
     ("actuator[2]", "position", '"101 %"', "is off the bar, which is 279.4 mm long"),
-    ("actuator[2]", "position", '"279.5 mm"', "is off the bar, which is 279.4 mm long"),
-    ("actuator[1]", "position", '"-1 mm"', "expected at least 0 m"),
-    ("actuator[1]", "position", '"-1 %"', "expected at least 0"),
-    ("actuator[1]", "position", '"0.16"', "has no unit"),
-    ("actuator[1]", "name", '"left, lower"', "expected a short printable name"),
-    ("actuator[1]", "name", "7", "expected a short printable name"),
+    ("actuator[1]", "position", '"-1 %"', "at least 0"),
+    ("actuator[1]", "name", '"left, lower"', "a short printable name"),
     ("actuator[1]", "band", '["300 Hz", "60 Hz"]', "is empty: the first frequency must be below the second"),
     ("actuator[1]", "band", '["60 Hz", "60 Hz"]', "is empty"),
-    ("actuator[1]", "band", "[]", "expected two frequencies"),
-    ("actuator[1]", "band", '["60 Hz"]', "expected two frequencies"),
-    ("actuator[1]", "band", '"60 Hz"', "expected two frequencies"),
+    ("actuator[1]", "band", '["60 Hz"]', "two frequencies"),
     ("actuator[1]", "band", '["60 Hz", "300 m"]', "is a length; expected a frequency"),
-    ("zones", "count", "0", "expected a whole number from 1 to 16"),
-    ("zones", "count", "17", "expected a whole number from 1 to 16"),
-    ("zones", "count", "-5", "expected a whole number from 1 to 16"),
-    ("zones", "count", "5.0", "expected a whole number from 1 to 16"),
-    ("zones", "count", "true", "expected a whole number from 1 to 16"),
-    ("zones", "count", '"5"', "expected a whole number from 1 to 16"),
-    ("zones", "hysteresis", '"2 %"', "is a plain number; expected a length"),
-    ("finger", "mass", '"0.1 N"', "is a force; expected a mass"),
-    ("finger", "spread", "0.5", "expected a factor of at least 1"),
-    ("spread", "stiffness", '"-1 %"', "expected at least 0"),
-    ("spread", "stiffness", '"20 %"', "expected less than 20 %"),
-    ("spread", "mass", '"1 g"', "mass"),
-    ("spread", "finger", '"100 %"', "expected less than 100 %"),
-    ("spread", "finger_position", '"4 %"', "expected a length"),
-    ("finger", "spread", "nan", "expected a factor of at least 1"),
-    ("finger", "spread", "inf", "expected a factor of at least 1"),
-    ("finger", "spread", '"3"', "expected a factor of at least 1"),
-    ("digitizer", "axis", '"z"', "expected one of x, y"),
-    ("digitizer", "flip", '"yes"', "expected true or false"),
-    ("digitizer", "start_margin", '"300 mm"', "is off the bar"),
+    ("zones", "count", "0", "a whole number from 1 to 16"),
+    ("zones", "count", "17", "a whole number from 1 to 16"),
+    ("zones", "count", "true", "a whole number from 1 to 16"),
+    ("finger", "spread", "0.5", "a factor of at least 1"),
+    ("spread", "stiffness", '"-1 %"', "at least 0"),
+    ("spread", "stiffness", '"20 %"', "less than 20 %"),
+    ("spread", "finger", '"100 %"', "less than 100 %"),
+    ("digitizer", "axis", '"z"', "one of x, y"),
+    ("digitizer", "flip", '"yes"', "true or false"),
     ("digitizer", "start_margin", '"279.4 mm"', "leave nothing of the bar"),
-    ("digitizer", "end_margin", '"300 mm"', "is off the bar"),
     ("digitizer", "end_margin", '"100.1 %"', "is off the bar"),
-    ("digitizer", "end_margin", '"-5 kg"', "is a mass; expected a length"),
-    ("digitizer", "start_margin", '"-1e999 m"', "is not finite; expected a length"),
-    ("digitizer", "start_margin", '"-1e999 %"', "is not finite; expected a plain number"),
-    ("digitizer", "active_length", '"0 mm"', "expected more than 0 m"),
-    ("digitizer", "active_length", '"-1 mm"', "expected more than 0 m"),
-    ("digitizer", "active_length", '"1e999 m"', "is not finite; expected a length"),
-    ("sweep", "start", '"0 Hz"', "expected more than 0 Hz"),
-    ("sweep", "stop", '"60 Hz"', "expected more than 60 Hz"),
-    ("sweep", "step", '"0 Hz"', "expected more than 0 Hz"),
-    ("sweep", "amplitude_steps", "0", "expected a whole number from 1 to 100"),
-    ("sweep", "amplitude_steps", "101", "expected a whole number from 1 to 100"),
-    ("sweep", "phase_steps", "3", "expected a whole number from 4 to 360"),
-    ("sweep", "phase_steps", "361", "expected a whole number from 4 to 360"),
-    ("limits", "amplitude", '"0 %"', "expected more than 0"),
-    ("limits", "ramp", '"0 ms"', "expected at least 1e-06 s"),
-    ("bar", "thickness", '"60 mm"', "expected at most 1/5 of the length: no beam is that thick"),
-    ("limits", "level_floor", '"0.3 m/s^2"', "unknown key"),
-    ("feel", "levels", "[]", "expected a list of 1 to 16 levels"),
-    ("feel", "levels", '"10 dB"', "expected a list of 1 to 16 levels"),
-    ("feel", "levels", '["10 dB", "10 dB"]', "expected rising levels"),
-    ("feel", "levels", '["20 dB", "10 dB"]', "expected rising levels"),
-    ("feel", "levels", '["81 dB"]', "expected 0 to 80 dB above threshold"),
-    ("feel", "levels", '["10 Hz"]', "expected 0 to 80 dB above threshold"),
-    ("feel", "levels", "[10]", "expected 0 to 80 dB above threshold"),
+    ("digitizer", "active_length", '"0 mm"', "more than 0 m"),
+    ("sweep", "start", '"0 Hz"', "more than 0 Hz"),
+    ("sweep", "stop", '"60 Hz"', "more than 60 Hz"),
+    ("sweep", "step", '"0 Hz"', "more than 0 Hz"),
+    ("sweep", "amplitude_steps", "0", "a whole number from 1 to 100"),
+    ("sweep", "amplitude_steps", "101", "a whole number from 1 to 100"),
+    ("sweep", "phase_steps", "3", "a whole number from 4 to 360"),
+    ("sweep", "phase_steps", "361", "a whole number from 4 to 360"),
+    ("limits", "amplitude", '"0 %"', "more than 0"),
+    ("limits", "ramp", '"0 ms"', "at least 1e-06 s"),
+    ("bar", "thickness", '"60 mm"', "at most 1/5 of the length: no beam is that thick"),
+    ("feel", "levels", "[]", "a list of 1 to 16 levels"),
+    ("feel", "levels", '["10 dB", "10 dB"]', "rising levels"),
+    ("feel", "levels", '["81 dB"]', "0 to 80 dB above threshold"),
+    ("feel", "levels", '["10 Hz"]', "0 to 80 dB above threshold"),
     ("limits", "lease", '"40 mm"', "is a length; expected a time"),
     ("bar", "inferred", '["lenght"]', "is no key of this table; its keys are length, width"),
-    ("bar", "inferred", '"length"', "expected a list of keys"),
-    ("", "description", "5", "expected text"),
+    ("bar", "inferred", '"length"', "a list of keys"),
+    ("", "description", "5", "text"),
+    ("bar", "density", '"1e-300 kg/m^3"', "1 to 100000 kg/m^3"),
+    ("bar", "youngs_modulus", '"1e290 GPa"', "10000 to 1e+13 Pa"),
+    ("bar", "length", '"1e300 m"', "1e-12 to 100 m"),
+    ("finger", "mass", '"1e-300 g"', "1e-09 to 1000 kg"),
+    ("limits", "lease", '"1e300 s"', "1e-09 to 100000 s"),
+    ("digitizer", "start_margin", '"-1.7e308 m"', "1e-12 to 100 m"),
+    ("actuator[2]", "band", '["400 Hz", "500 Hz"]', "400-500 Hz: has no frequency of the sweep, 60-300 Hz"),
+    ("actuator[1]", "band", '["100.2 Hz", "100.8 Hz"]', "100.2-100.8 Hz"),
+    ("sweep", "step", '"0.7 Hz"', "the range 60-300 Hz"),
+    ("sweep", "step", '"241 Hz"', "the range 60-300 Hz"),
+    ("actuator[2]", "name", '"left"', "'left'"),
+    ("limits", "amplitude", '"101 %"', "100 %"),
 ]
 
 
@@ -173,6 +165,67 @@ def test_a_wrong_value_is_refused_by_key_value_and_expectation(
     *_, written = re.findall(r"[^\[\]\"',\s]+", value) or ["[]"]
     assert written.lower() in message.lower()
     assert expected in message
+
+
+def with_margins(start: str, end: str, active: str | None = None) -> str:
+    text = changed("digitizer", "start_margin", f'"{start}"', changed("digitizer", "end_margin", f'"{end}"'))
+    return text if active is None else changed("digitizer", "active_length", f'"{active}"', text)
+
+
+def zone(start_mm: int, stop_mm: int, more: str = "") -> str:
+    return f'start = "{start_mm} mm"\nstop = "{stop_mm} mm"\n{more}'
+
+
+REFUSED = {
+    "a misspelt key": (without_marks().replace("\nlength =", "\nlenght ="), "bar.lenght", "'length'"),
+    "a table nobody knows": (TEXT + "\n[fingers]\nmass = '1 g'\n", "did you mean 'finger'?"),
+    "two actuators in a place": (
+        changed("actuator[2]", "position", '"16 %"'),
+        "actuator[2].position: '44.704 mm'",
+        "left",
+    ),
+    "zones that overlap": (with_zones(zone(0, 60), zone(50, 90)), "zone[2].start: '50 mm'", "zone I,"),
+    "zones out of order": (with_zones(zone(100, 160), zone(0, 90)), "zone[2].start: '0 mm'", "zone I"),
+    "a zone that leaves the bar": (with_zones(zone(0, 300)), "zone[1].stop: '300 mm'", "279.4 mm"),
+    "a zone beside the bar": (with_zones(zone(290, 300)), "zone[1].start: '290 mm'", "279.4 mm"),
+    "a zone before the bar": (with_zones(zone(-1, 30)), "zone[1].start: '-1 mm'", "at least 0"),
+    "a zone of nothing": (with_zones(zone(30, 30)), "zone[1].stop: '30 mm'", "start"),
+    "a zone without an end": (with_zones('start = "30 mm"'), "[zone[1]]", "'stop'"),
+    "a zone with two ends": (with_zones(zone(0, 30, 'end = "40 mm"')), "zone[1].end: '40 mm'", "unknown key"),
+    "two zones of a name": (with_zones(zone(0, 60, 'name = "II"'), zone(60, 90)), "zone[2].name: 'II'"),
+    "a count and zones": (TEXT + f"\n[[zone]]\n{zone(0, 60)}", "zones.count: 5", "[[zone]]"),
+    "more zones than names": (with_zones(*(zone(5 * i, 5 * i + 5) for i in range(17))), "zone: 17", "at most 16"),
+    "hysteresis of a narrow zone": (with_zones(zone(0, 60), zone(60, 63)), "zones.hysteresis: '2 mm'", "zone II"),
+    "margins that meet": (with_margins("50 %", "50 %"), "digitizer.end_margin: '139.7 mm'", "nothing of the bar"),
+    "an area beside the start": (with_margins("100 %", "-10 mm"), "digitizer.start_margin: ", "nothing of the bar"),
+    "an area beside the end": (with_margins("-10 mm", "279.4 mm"), "digitizer.end_margin: ", "nothing of the bar"),
+    "an area too short": (with_margins("-10 mm", "0 mm", "10 mm"), "digitizer.active_length: '10 mm'", "from -10 mm"),
+    "nothing that damps": (without_damping(), "bar.mass_damping", "bar.stiffness_damping", "actuator[...].damping"),
+    "400 digits": (changed("finger", "spread", "1" + "0" * 400), "finger.spread: "),
+    "steps beyond number": (changed("sweep", "stop", '"1e200 Hz"', changed("sweep", "step", '"1e-200 Hz"')), "sweep."),
+    "a list without end": (changed("actuator[1]", "band", "[" * 100_000), "not TOML"),
+    **{f"no {table}": (without_section(table), f"'{table}'") for table in ("bar", "finger", "sweep", "limits")},
+    "no zones": (without_section("zones"), "'count'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_description_that_contradicts_itself_is_refused_by_the_place_and_what_it_meets(case: str) -> None:
+    text, *names = REFUSED[case]
+    message = refusal(text)
+    assert all(name in message for name in names), message
+
+
+QUANTITIES = [pair for pair in KEYS if pair[1] not in ("inferred", "description", "name")]
+HOSTILE = ('"1e999 m"', "nan", "1e999", "1979-05-27T07:32:00Z", "[" * 50 + "]" * 50, "{ m = 5 }", f'"{"9" * 10_000} m"')
+"""Quantities that are hostile as texts are those of test_quantity.py."""
+
+
+@pytest.mark.parametrize("value", HOSTILE, ids=range(len(HOSTILE)))
+@pytest.mark.parametrize(("section", "key"), QUANTITIES)
+def test_a_hostile_value_is_refused_in_a_short_message(section: str, key: str, value: str) -> None:
+    message = refusal(changed(section, key, value))
+    assert f"{section}.{key}".strip(".") in message and len(message) < 1000
 
 
 @pytest.mark.parametrize(("section", "key"), [pair for pair in KEYS if pair[1] != "inferred"])
@@ -198,17 +251,6 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
         assert refusal(text).endswith(f"{f'[{section}] ' if section else ''}has no key {key!r}")
 
 
-def without_section(header: str) -> str:
-    bodies = dict(zip(SECTIONS, re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE), strict=True))
-    return "".join(body for section, body in bodies.items() if section != header)
-
-
-@pytest.mark.parametrize("header", ["bar", "zones", "finger", "sweep", "limits"])
-def test_a_missing_table_is_named(header: str) -> None:
-    message = refusal(without_section(header))
-    assert "has no key 'count'" in message if header == "zones" else f"has no key '{header}'" in message
-
-
 def test_without_a_digitizer_the_touch_area_is_assumed_to_lie_over_the_whole_bar() -> None:
     device = Device.parse(without_section("digitizer"), "some.toml")
     assert device.touch_axis == Device.parse(TEXT, "some.toml").touch_axis
@@ -231,34 +273,6 @@ def test_a_property_of_the_device_that_nobody_gave_is_an_estimate(section: str, 
     assert Device.parse(changed(section, key, None), "some.toml").inferred.count(f"{section}.{key}") == 1
 
 
-def test_a_device_without_spread_counts_its_four_defaults_as_estimates() -> None:
-    bare = re.sub(r"^inferred = .*\n", "", without_section("spread"), flags=re.MULTILINE)
-    assert Device.parse(bare, "some.toml").spread == Device.parse(TEXT, "some.toml").spread
-    assert len(Device.parse(bare, "some.toml").estimated_values) == 4
-
-
-def without_damping(still_damped: str | None = None) -> str:
-    """Reference-a with no damping but, if asked, that of one section."""
-    text = TEXT
-    for section, key, value in UNDAMPED:
-        text = text if section == still_damped else changed(section, key, value, text)
-    return text
-
-
-UNDAMPED = (
-    ("bar", "mass_damping", '"0 1/s"'),
-    ("bar", "stiffness_damping", '"0 s"'),
-    ("actuator[1]", "damping", '"0 N*s/m"'),
-    ("actuator[2]", "damping", '"0 N*s/m"'),
-)
-
-
-def test_a_bar_that_nothing_damps_is_refused_by_every_key_that_could() -> None:
-    message = refusal(without_damping())
-    for key in ("bar.mass_damping", "bar.stiffness_damping", "actuator[...].damping", "resonances are infinite"):
-        assert key in message
-
-
 @pytest.mark.parametrize("section", ["bar", "actuator[1]", "actuator[2]"])
 def test_any_one_damping_is_enough(section: str) -> None:
     assert Device.parse(without_damping(section), "some.toml")
@@ -272,12 +286,6 @@ def test_elements_follow_from_the_shortest_wave_of_the_sweep_and_of_clicks() -> 
         speed = (bar.youngs_modulus_pa * inertia_m2 / bar.density_kg_per_m3 * (2 * np.pi * top_hz) ** 2) ** 0.25
         wave_m = speed / top_hz
         assert bar.largest_element_m == pytest.approx(wave_m / count, rel=1e-12)
-
-
-def test_elements_that_the_file_asks_for_are_kept() -> None:
-    assert Device.parse(
-        changed("bar", "largest_element", '"9 mm"'), "some.toml"
-    ).bar.largest_element_m == pytest.approx(0.009)
 
 
 def test_without_a_word_on_feeling_there_are_entries_for_10_20_and_30_db() -> None:
@@ -299,34 +307,10 @@ def test_an_unknown_key_is_refused_with_the_nearest_name(section: str, key: str)
     assert f"'1 m': unknown key; did you mean {key!r}?" in message
 
 
-@pytest.mark.parametrize(("written", "meant"), [("lenght", "length"), ("widht", "width"), ("stifness", "stiffness")])
-def test_a_misspelt_key_is_refused_as_it_is_written_and_as_it_was_meant(written: str, meant: str) -> None:
-    message = refusal(re.sub(rf"^{meant} =", f"{written} =", without_marks(), count=1, flags=re.MULTILINE))
-    assert f"{written}: " in message and repr(meant) in message
-
-
 @pytest.mark.parametrize("section", SECTIONS)
 def test_an_unknown_key_like_no_other_is_refused_with_the_known_ones(section: str) -> None:
     message = refusal(changed(section, "xyzzy", "1"))
     assert f"{section}.xyzzy: 1: unknown key; known keys are ".lstrip(".") in message
-
-
-def test_a_misspelt_table_is_refused_with_the_nearest_name() -> None:
-    assert "did you mean 'finger'?" in refusal(TEXT + "\n[fingers]\nmass = '1 g'\n")
-
-
-def test_a_band_outside_the_sweep_is_refused() -> None:
-    message = refusal(changed("actuator[2]", "band", '["400 Hz", "500 Hz"]'))
-    assert "actuator[2].band: 400-500 Hz: has no frequency of the sweep, 60-300 Hz" in message
-
-
-def test_a_band_between_two_frequencies_of_the_sweep_is_refused() -> None:
-    assert "actuator[1].band: " in refusal(changed("actuator[1]", "band", '["100.2 Hz", "100.8 Hz"]'))
-
-
-@pytest.mark.parametrize("step", ["7 Hz", "0.7 Hz", "241 Hz", "1 kHz"])
-def test_a_step_that_does_not_divide_the_range_is_refused(step: str) -> None:
-    assert "must divide the range 60-300 Hz evenly" in refusal(changed("sweep", "step", f'"{step}"'))
 
 
 @pytest.mark.parametrize(("step", "count"), [("240 Hz", 2), ("0.1 Hz", 2401), ("0.3 Hz", 801), ("16 Hz", 16)])
@@ -336,79 +320,10 @@ def test_a_step_that_divides_gives_both_ends(step: str, count: int) -> None:
     assert frequency_hz[[0, -1]].tolist() == [60.0, 300.0]
 
 
-def test_two_actuators_in_one_place_are_refused() -> None:
-    message = refusal(changed("actuator[2]", "position", '"16 %"'))
-    assert "actuator[2].position: '44.704 mm': " in message and "left" in message
-
-
-def test_two_actuators_of_one_name_are_refused_by_their_name() -> None:
-    message = refusal(changed("actuator[2]", "name", '"left"'))
-    assert "actuator[2].name: 'left': " in message
-
-
-def test_overlapping_zones_are_refused() -> None:
-    message = refusal(with_zones('start = "0 mm"\nstop = "60 mm"', 'start = "50 mm"\nstop = "90 mm"'))
-    assert "zone[2].start: '50 mm': " in message and "overlaps or precedes zone I, which stops at 60 mm" in message
-
-
-def test_zones_out_of_order_are_refused() -> None:
-    message = refusal(with_zones('start = "100 mm"\nstop = "160 mm"', 'start = "0 mm"\nstop = "90 mm"'))
-    assert "zone[2].start: '0 mm': " in message and "precedes zone I" in message
-
-
-@pytest.mark.parametrize(
-    ("zone", "key", "expected"),
-    [
-        ('start = "0 mm"\nstop = "300 mm"', "zone[1].stop: '300 mm'", "is off the bar, which is 279.4 mm long"),
-        ('start = "290 mm"\nstop = "300 mm"', "zone[1].start: '290 mm'", "is off the bar, which is 279.4 mm long"),
-        ('start = "-1 mm"\nstop = "30 mm"', "zone[1].start: '-1 mm'", "expected at least 0 m"),
-        ('start = "30 mm"\nstop = "30 mm"', "zone[1].stop: '30 mm'", "expected more than start, 30 mm"),
-        ('start = "30 mm"\nstop = "20 mm"', "zone[1].stop: '20 mm'", "expected more than start, 30 mm"),
-        ('start = "30 mm"', "[zone[1]]", "has no key 'stop'"),
-        ('start = "0 mm"\nstop = "30 mm"\nend = "40 mm"', "zone[1].end: '40 mm'", "unknown key"),
-    ],
-)
-def test_a_wrong_zone_is_refused(zone: str, key: str, expected: str) -> None:
-    message = refusal(with_zones(zone))
-    assert key in message and expected in message
-
-
-def test_two_zones_of_one_name_are_refused() -> None:
-    zones = ('name = "II"\nstart = "0 mm"\nstop = "60 mm"', 'start = "60 mm"\nstop = "90 mm"')
-    assert "zone[2].name: 'II': another zone has this name" in refusal(with_zones(*zones))
-
-
-def test_both_a_count_and_zone_tables_are_refused() -> None:
-    message = refusal(TEXT + '\n[[zone]]\nstart = "0 mm"\nstop = "60 mm"\n')
-    assert "zones.count: 5: give either a count of equal zones or [[zone]] tables" in message
-
-
-def test_more_zones_than_names_are_refused() -> None:
-    zones = [f'start = "{5 * i} mm"\nstop = "{5 * i + 5} mm"' for i in range(len(ROMAN) + 1)]
-    assert "zone: 17: expected at most 16 zones" in refusal(with_zones(*zones))
-
-
-def test_hysteresis_is_less_than_half_the_shortest_zone() -> None:
-    zones = ('start = "0 mm"\nstop = "60 mm"', 'start = "60 mm"\nstop = "63 mm"')
-    assert "zones.hysteresis: '2 mm': must be under half of zone II" in refusal(with_zones(*zones))
-
-
-def test_margins_leave_something_of_the_bar() -> None:
-    text = changed("digitizer", "start_margin", '"50 %"', changed("digitizer", "end_margin", '"50 %"'))
-    assert "digitizer.end_margin: '139.7 mm': the margins leave nothing of the bar" in refusal(text)
-    assert Device.parse(text.replace('"50 %"', '"49.9 %"'), "some.toml").touch_axis.end_margin_m < 0.1397
-
-
-def with_margins(start: str, end: str) -> str:
-    return changed("digitizer", "start_margin", f'"{start}"', changed("digitizer", "end_margin", f'"{end}"'))
-
-
 @pytest.mark.parametrize(
     ("start", "end", "start_m", "end_m"),
     [
         ("-5 mm", "-1 cm", -0.005, -0.01),
-        ("-50 %", "25 %", -0.1397, 0.06985),
-        ("-500 mm", "279 mm", -0.5, 0.279),
         ("279 mm", "-1000 %", 0.279, -2.794),
     ],
 )
@@ -417,87 +332,11 @@ def test_a_touch_area_may_reach_beyond_the_bar(start: str, end: str, start_m: fl
     assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((start_m, end_m))
 
 
-@pytest.mark.parametrize(
-    ("start", "end", "key"),
-    [
-        ("100 %", "-10 mm", "start_margin"),
-        ("-10 mm", "279.4 mm", "end_margin"),
-        ("100 mm", "179.4 mm", "end_margin"),
-        ("200 mm", "100 mm", "end_margin"),
-    ],
-)
-def test_a_touch_area_beside_the_bar_is_refused(start: str, end: str, key: str) -> None:
-    message = refusal(with_margins(start, end))
-    assert f"digitizer.{key}: " in message and "the margins leave nothing of the bar" in message
-
-
-@pytest.mark.parametrize(
-    ("section", "key", "value", "expected"),
-    [
-        ("bar", "density", "1e-300 kg/m^3", "1 to 100000 kg/m^3"),
-        ("bar", "youngs_modulus", "1e290 GPa", "10000 to 1e+13 Pa"),
-        ("bar", "length", "1e300 m", "1e-12 to 100 m"),
-        ("finger", "mass", "1e-300 g", "1e-09 to 1000 kg"),
-        ("limits", "lease", "1e300 s", "1e-09 to 100000 s"),
-        ("digitizer", "start_margin", "-1.7e308 m", "1e-12 to 100 m"),
-    ],
-)
-def test_a_value_that_no_bar_has_is_refused(section: str, key: str, value: str, expected: str) -> None:
-    message = refusal(changed(section, key, f'"{value}"'))
-    assert f"{section}.{key}: {value!r}: expected {expected}" in message
-
-
-@pytest.mark.parametrize(("start", "active"), [("10 mm", "270 mm"), ("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])
+@pytest.mark.parametrize(("start", "active"), [("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])
 def test_an_active_length_may_end_beyond_the_bar(start: str, active: str) -> None:
-    text = changed("digitizer", "active_length", f'"{active}"', with_margins(start, "0 mm"))
-    axis = Device.parse(text, "some.toml").touch_axis
+    axis = Device.parse(with_margins(start, "0 mm", active), "some.toml").touch_axis
     assert axis.active_length_m == pytest.approx(float(active.split()[0]) / 1000)
     assert axis.start_margin_m == pytest.approx(float(start.split()[0]) / 1000)
-
-
-@pytest.mark.parametrize("active", ["10 mm", "9 mm"])
-def test_an_active_length_that_ends_before_the_bar_is_refused(active: str) -> None:
-    message = refusal(changed("digitizer", "active_length", f'"{active}"', with_margins("-10 mm", "0 mm")))
-    assert f"digitizer.active_length: {active!r}: ends before the bar, from -10 mm" in message
-
-
-TOUCH_SURFACE = open_digitizer(DESCRIPTOR).surface
-ends = st.floats(0, 0.35)
-
-
-@unhurried
-@given(ends, ends, st.booleans(), st.none() | st.floats(150, 500))
-def test_what_map_prints_for_a_touch_area_beyond_the_bar_is_read(
-    before: float, after: float, flip: bool, bar_mm: float | None
-) -> None:
-    """The finger is put down and lifted within the touch area, short of its ends by `before` and `after`."""
-    low, high = round(before * X_MAXIMUM), round((1 - after) * X_MAXIMUM)
-    x = (high, low) if flip else (low, high)
-    learnt = learn_axis(TOUCH_SURFACE, Stroke(x, (0, 0)), bar_mm)
-    body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
-    text = changed("bar", "length", f'"{learnt.bar_mm!r} mm"', TEXT.replace(body, digitizer_table(learnt) + "\n\n"))
-    axis = Device.parse(text, "some.toml").touch_axis
-    assert (axis.axis, axis.flip) == ("x", flip)
-    read, meant = (axis.start_margin_m, axis.end_margin_m), (learnt.start_margin, learnt.end_margin)
-    assert learnt.bar_mm is not None
-    assert read == pytest.approx([margin * learnt.bar_mm / 1000 for margin in meant], rel=5e-3, abs=1e-9)
-
-
-def test_what_map_prints_goes_into_reference_a_as_it_is() -> None:
-    low, high = round(0.1 * X_MAXIMUM), round(0.8 * X_MAXIMUM)
-    learnt = learn_axis(TOUCH_SURFACE, Stroke((low, high), (0, 0)))
-    assert "beyond the bar" in learnt.notes[-1]
-    body = re.split(r"^(?=\[)", TEXT, flags=re.MULTILINE)[SECTIONS.index("digitizer")]
-    device = Device.parse(TEXT.replace(body, digitizer_table(learnt) + "\n\n"), "some.toml")
-    axis = device.touch_axis
-    assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((-0.02794, -0.05588), rel=5e-3)
-    position = TouchPosition(device, TOUCH_SURFACE)
-    assert position.position_m(Contact(1, 0, 0, True)) == 0.0
-    assert position.position_m(Contact(1, X_MAXIMUM, 0, True)) == device.bar.length_m
-
-
-def test_amplitudes_above_full_scale_are_refused() -> None:
-    assert "limits.amplitude: '101 %': expected at most 100 %" in refusal(changed("limits", "amplitude", '"101 %"'))
 
 
 @pytest.mark.parametrize("text", ["", "[bar", "bar = ", "name = 'a'\nname = 'b'\n", "\x00", "\ufeffname = 'a'", "[[[["])
@@ -521,55 +360,8 @@ def test_a_byte_order_mark_is_no_part_of_a_description(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["\\u001b[31mred", "a\\u0007", "a\\u202eb", "a\\u009b2J"])
 @pytest.mark.parametrize("section", ["", "actuator[1]"])
 def test_a_name_that_would_command_a_terminal_is_refused(section: str, name: str) -> None:
-    with pytest.raises(DeviceError, match="expected a short printable name"):
+    with pytest.raises(DeviceError, match="a short printable name"):
         Device.parse(changed(section, "name", f'"{name}"'), "a.toml")
-
-
-HOSTILE = {
-    "power tower": '"5 ** 9 ** 9 m"',
-    "10 kB of digits": f'"{"9" * 10_000} m"',
-    "10 kB of units": f'"5 {"m*" * 5_000}m"',
-    "10 kB of spaces": f'"{" " * 10_000}5 m"',
-    "nan text": '"nan m"',
-    "infinite text": '"1e999 m"',
-    "nan": "nan",
-    "infinity": "inf",
-    "huge float": "1e999",
-    "code": "\"__import__('os').abort() m\"",
-    "date": "1979-05-27T07:32:00Z",
-    "deep list": "[" * 50 + "]" * 50,
-    "table": "{ m = 5 }",
-}
-hostile = pytest.mark.parametrize("value", HOSTILE.values(), ids=HOSTILE)
-
-
-@hostile
-@pytest.mark.parametrize(
-    ("section", "key"),
-    [pair for pair in KEYS if pair[1] not in ("inferred", "description", "name")],
-)
-def test_a_hostile_value_is_refused_quickly(section: str, key: str, value: str) -> None:
-    started = time.process_time()
-    message = refusal(changed(section, key, value))
-    assert time.process_time() - started < 0.5
-    assert f"{section}.{key}".strip(".") in message
-
-
-def test_a_message_stays_short_however_long_the_value() -> None:
-    assert len(refusal(changed("bar", "length", HOSTILE["10 kB of digits"]))) < 1000
-
-
-@pytest.mark.parametrize("value", ["1" + "0" * 400, "1" * 5000, "true"])
-def test_a_spread_that_is_no_sensible_number_is_refused(value: str) -> None:
-    refusal(changed("finger", "spread", value))
-
-
-def test_a_range_of_more_steps_than_numbers_is_refused() -> None:
-    refusal(changed("sweep", "stop", '"1e200 Hz"', changed("sweep", "step", '"1e-200 Hz"')))
-
-
-def test_a_list_nested_without_end_is_refused() -> None:
-    refusal(changed("actuator[1]", "band", "[" * 100_000))
 
 
 @unhurried
@@ -614,8 +406,6 @@ def test_any_number_of_zone_tables_with_gaps_and_names(count: int) -> None:
 
 
 SAME = [
-    ("bar", "length", '"0.2794 m"'),
-    ("bar", "length", '"27.94 cm"'),
     ("bar", "length", '"11 in"'),
     ("bar", "width", '"0.0127 m"'),
     ("bar", "thickness", '"790 um"'),
@@ -624,21 +414,15 @@ SAME = [
     ("bar", "mass_damping", '"0.01008 1/ks"'),
     ("bar", "stiffness_damping", '"50.0456 us"'),
     ("actuator[1]", "stiffness", '"18.9 N/mm"'),
-    ("actuator[1]", "stiffness", '"18900 N/m"'),
     ("actuator[1]", "damping", '"45 mN*s/m"'),
     ("actuator[1]", "mass", '"0.0095 kg"'),
-    ("actuator[2]", "mass", '"9500 mg"'),
     ("actuator[1]", "full_scale", '"520 nm"'),
-    ("actuator[1]", "full_scale", '"0.00052 mm"'),
-    ("actuator[1]", "position", '"44.704 mm"'),
     ("actuator[2]", "position", '"272.9738 mm"'),
     ("actuator[1]", "band", '["0.06 kHz", "0.3 kHz"]'),
     ("zones", "hysteresis", '"0.2 cm"'),
     ("finger", "mass", '"100 mg"'),
     ("finger", "stiffness", '"1 N/mm"'),
-    ("finger", "spread", "3"),
     ("spread", "finger_position", '"0.4 cm"'),
-    ("spread", "mass", '"1.00 %"'),
     ("digitizer", "end_margin", '"0 %"'),
     ("sweep", "step", '"0.001 kHz"'),
     ("limits", "ramp", '"0.005 s"'),
@@ -715,41 +499,11 @@ def test_a_device_keeps_the_text_it_was_read_from() -> None:
     assert Device.read(SHIPPED / "reference-a.toml").text == TEXT
 
 
-def test_a_missing_file_is_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        Device.read(tmp_path / "none.toml")
-
-
-ESTIMATES = (  # docs/theory.md#model: L, B, h, lumped masses, zone edges, bounds; #fingers: the finger
-    *("bar.length", "bar.width", "bar.thickness"),
-    *("actuator[1].mass", "actuator[2].mass", "actuator[1].band", "actuator[2].band"),
-    *("zones.count", "sweep.start", "sweep.stop", "limits.amplitude"),
-    *("finger.mass", "finger.damping", "finger.stiffness", "finger.spread"),
-    *("spread.stiffness", "spread.mass", "spread.finger", "spread.finger_position"),
-)
-
-
-@pytest.mark.parametrize("estimate", ESTIMATES)
-@pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
-def test_every_estimate_of_the_shipped_devices_is_marked(name: str, estimate: str) -> None:
-    assert estimate in Device.read(SHIPPED / f"{name}.toml").inferred
-
-
 def test_what_the_paper_publishes_is_not_marked_in_reference_a() -> None:
     published = {"bar.youngs_modulus", "bar.density", "bar.mass_damping", "bar.stiffness_damping"}
     for i in (1, 2):
         published |= {f"actuator[{i}].{key}" for key in ("position", "stiffness", "damping", "full_scale")}
     assert not published & set(Device.read(SHIPPED / "reference-a.toml").inferred)
-
-
-def test_only_physical_values_count_as_estimates_of_a_device() -> None:
-    """The sweep and the limits are choices; they are marked all the same."""
-    device = Device.read(SHIPPED / "reference-a.toml")
-    masses = [f"actuator[{i}].{key}" for i in (1, 2) for key in ("mass", "band")]
-    fingers = ["finger.mass", "finger.damping", "finger.stiffness", "finger.spread"]
-    spreads = ["spread.stiffness", "spread.mass", "spread.finger", "spread.finger_position"]
-    assert list(device.estimated_values) == ["bar.length", "bar.width", "bar.thickness", *masses, *fingers, *spreads]
-    assert set(device.estimated_values) < set(device.inferred)
 
 
 @pytest.mark.parametrize("name", ["reference-d", "reference-t"])
@@ -758,3 +512,16 @@ def test_every_physical_value_of_a_made_up_device_is_inferred(name: str) -> None
     physical = {f"bar.{key}" for _, key in KEYS if _ == "bar" and key != "inferred"}
     physical |= {f"{s}.{key}" for s, key in KEYS if s.startswith("actuator") and key not in ("inferred", "name")}
     assert physical <= set(device.inferred)
+
+
+@pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])
+def test_the_estimates_of_the_shipped_devices_are_marked_and_the_physical_ones_count(name: str) -> None:
+    """docs/theory.md#model: L, B, h, lumped masses, zone edges, bounds; #fingers: the finger."""
+    device = Device.read(SHIPPED / f"{name}.toml")
+    masses = [f"actuator[{i}].{key}" for i in (1, 2) for key in ("mass", "band")]
+    fingers = ["finger.mass", "finger.damping", "finger.stiffness", "finger.spread"]
+    spreads = ["spread.stiffness", "spread.mass", "spread.finger", "spread.finger_position"]
+    physical = {"bar.length", "bar.width", "bar.thickness", *masses, *fingers, *spreads}
+    assert physical | {"zones.count", "sweep.start", "sweep.stop", "limits.amplitude"} <= set(device.inferred)
+    assert physical <= set(device.estimated_values) < set(device.inferred)
+    assert name != "reference-a" or set(device.estimated_values) == physical

@@ -115,6 +115,8 @@ def test_files_become_part_of_the_description(tmp_path: Path) -> None:
 def test_what_is_no_impedance_of_a_finger_on_this_bar_is_refused(rows: object, text: str) -> None:
     with pytest.raises(DeviceError, match=f"finger.impedance: .*{text}"):
         measured(rows)
+    with pytest.raises(DeviceError, match=r"finger: 'thumb': .*fingertip"):
+        Device.parse(f'finger = "thumb"\n{BARE}', "text")
 
 
 @pytest.mark.parametrize(
@@ -130,8 +132,3 @@ def test_a_wrong_line_of_a_csv_file_is_named(tmp_path: Path, content: str, text:
     (tmp_path / "bar.toml").write_text(f'{BARE}[finger]\nimpedance = "mine.csv"\n')
     with pytest.raises(DeviceError, match=f"mine.csv: {text}"):
         Device.read(tmp_path / "bar.toml")
-
-
-def test_an_unknown_finger_is_refused_with_the_shipped_names() -> None:
-    with pytest.raises(DeviceError, match=r"finger: 'thumb': expected a shipped finger \(fingertip\), the path"):
-        Device.parse(f'finger = "thumb"\n{BARE}', "text")

@@ -68,11 +68,6 @@ def test_beyond_the_points_one_goes_on_and_the_other_is_held(octaves: float) -> 
     assert ends == pytest.approx([-97.81, -19.81])
 
 
-def test_skin_is_most_sensitive_about_250_hz_by_the_present_curve() -> None:
-    frequency_hz = np.linspace(40, 400, 721)
-    assert 230 <= frequency_hz[OWN.peak_m_per_s2(frequency_hz).argmin()] <= 260
-
-
 def test_rms_displacement_means_the_same_acceleration_as_its_peak() -> None:
     moved = replace(OWN, quantity="displacement", amplitude="rms")
     hz = np.array([60.0, 250.0])
@@ -129,18 +124,18 @@ def test_a_wrong_value_of_a_curve_is_refused_by_name(tmp_path: Path, before: str
         read_threshold_file(path)
 
 
-@pytest.mark.parametrize("value", ['"louder"', "3", "[]"])
-def test_what_is_no_curve_is_refused_with_the_shipped_names(value: str) -> None:
-    with pytest.raises(DeviceError, match=r"threshold: .* expected a shipped curve \(android, oh-choi-2019\)"):
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ('"louder"', "android, oh-choi-2019"),
+        ("3", "android"),
+        ("[]", "android"),
+        ('"mine.toml"', "names no other file"),
+    ],
+)
+def test_what_is_no_curve_is_refused(tmp_path: Path, value: str, says: str) -> None:
+    with pytest.raises(DeviceError, match=rf"threshold: .*{says}"):
         Device.parse(f"threshold = {value}\n{TEXT}", "text")
-
-
-def test_a_text_that_is_no_file_names_no_file() -> None:
-    with pytest.raises(DeviceError, match=r"threshold: 'mine\.toml': a text that is no file names no other file"):
-        Device.parse(f'threshold = "mine.toml"\n{TEXT}', "text")
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(f'threshold = "gone.toml"\n{TEXT}', encoding="utf-8")
-    with pytest.raises(DeviceError, match=r"threshold: .*gone\.toml: cannot be read: No such file"):
+    with pytest.raises(DeviceError, match=r"threshold: .*gone\.toml: .*No such file"):
         Device.read(tmp_path / "bar.toml")

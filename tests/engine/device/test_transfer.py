@@ -135,10 +135,3 @@ def test_all_points_are_counted_before_a_function_is_fitted_to_any_of_them() -> 
 def test_a_wrong_transfer_is_refused_by_name(rows: str, message: str) -> None:
     with pytest.raises(DeviceError, match=rf"actuator\[1\].transfer: .*{message}"):
         Device.parse(text_with(rows), "bar")
-
-
-def test_one_hundred_per_cent_without_a_lag_is_no_change() -> None:
-    rows = '[["60 Hz", "100 %", "0 deg"], ["180 Hz", "100 %", "0 deg"], ["300 Hz", "100 %", "0 deg"]]'
-    transfer = Device.parse(text_with(rows), "bar").actuators[0].transfer
-    assert transfer is not None
-    assert transfer.at(FINE_HZ) == pytest.approx(np.ones(len(FINE_HZ)), rel=1e-12)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,24 +11,20 @@ from engine.device import Device, Electrodes
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop.fast.table import with_fast_table
 from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
-from engine.render.board_fit import fit_board, scales_for
+from engine.render.board_fit import fit_board
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
-from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, decode_drive, encode_play_body
+from firmware_link.protocol.messages import LINEARISES, Play, decode_body, decode_drive, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.engine.render.boards import board
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 TABLE_M = REFERENCE.actuators[0].full_scale_m
 PLACEMENT = in_zones(REFERENCE, [0])
-
-
-def board(*full_scales_m: float, **changed: object) -> Capabilities:
-    plain = Capabilities(len(full_scales_m), 0.01, 1.0, 655.35, full_scales_m, 100, 48_000, 1, 0, (0, 1, 0))
-    waves = replace(plain, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
-    return replace(waves, **changed)  # type: ignore[arg-type]
 
 
 def limited_to(amplitude: float) -> Device:
@@ -117,35 +112,6 @@ def test_what_a_calibration_finds_beside_a_nominal_full_scale_is_played_as_it_is
     assert (fit.scales, fit.notes) == ((1.0, 1.0), ())
 
 
-@pytest.mark.parametrize(("full_m", "factors"), [(1.3 * TABLE_M, "0.769, 1"), (9.9 * TABLE_M, "0.101, 1")])
-def test_scaling_is_said_with_what_to_flash(full_m: float, factors: str) -> None:
-    (note,) = fit_board(REFERENCE, board(full_m, TABLE_M)).notes
-    assert f"amplitudes are multiplied by {factors}" in note
-    assert note.endswith("flash full_scales_pm = {520000, 520000}")
-
-
-def test_a_sound_card_has_nothing_to_flash() -> None:
-    card = replace(board(1.3 * TABLE_M, TABLE_M), board=BOARD_SOUND_CARD)
-    (note,) = fit_board(REFERENCE, card).notes
-    assert note.endswith("give --port full_scale=0.52 um+0.52 um")
-    with pytest.raises(RendererError, match=r"give --port full_scale=0\.52 um"):
-        fit_board(REFERENCE, replace(card, full_scales_m=(TABLE_M, 520e-6)))
-
-
-@pytest.mark.parametrize("full_m", [0.0, 0.03e-6, 5.3e-6, 520e-6])
-def test_another_device_or_unit_is_refused_by_name(full_m: float) -> None:
-    with pytest.raises(RendererError, match=r"full scale of actuator \w+ is 0.52 um in the table and .*: connect the"):
-        scales_for(limited_to(0.4), (TABLE_M, full_m))
-
-
-def test_a_board_that_is_too_slow_or_drives_too_few_is_refused() -> None:
-    with pytest.raises(RendererError, match="reference-a has 2 actuators, the connected device drives 1: connect"):
-        fit_board(REFERENCE, board(TABLE_M))
-    with pytest.raises(RendererError, match="makes only 2999 samples a second; expected 10 a period or more"):
-        fit_board(REFERENCE, board(TABLE_M, TABLE_M, synthesis_rate_hz=2999))
-    assert fit_board(REFERENCE, board(TABLE_M, TABLE_M, synthesis_rate_hz=3000)).notes == ()
-
-
 def test_a_board_slower_than_the_samples_of_clicks_gets_steady_drives(table: Table) -> None:
     rendering = render_table(table, DEFAULT_EFFECTS, board(TABLE_M, TABLE_M, synthesis_rate_hz=3999))
     assert rendering.basis is None
@@ -179,20 +145,40 @@ def test_the_square_of_the_voltage_is_undone_once_or_the_board_is_refused() -> N
     assert fit_board(REFERENCE, linearising).scales == (1.0, 1.0)  # the file does not say
 
 
+def test_a_range_that_ends_half_a_step_before_the_band_plays_it() -> None:
+    ends = board(TABLE_M, TABLE_M, frequency_minimum_hz=60.005, frequency_maximum_hz=299.995, synthesis_rate_hz=3000)
+    assert fit_board(REFERENCE, ends).scales == (1.0, 1.0)
+
+
 @pytest.mark.parametrize(
-    ("changed", "text"),
+    ("capabilities", "names"),
     [
-        ({"frequency_maximum_hz": 299.0}, "60-300 Hz; the connected device plays 1-299 Hz: narrow"),
-        ({"frequency_minimum_hz": 61.0}, "60-300 Hz; the connected device plays 61-655.35 Hz: narrow"),
-        ({"frequency_resolution_hz": 0.0}, "has frequencies 0 Hz apart, expected at most 0.6 Hz: flash a finer"),
-        ({"frequency_resolution_hz": 1.0}, "has frequencies 1 Hz apart, expected at most 0.6 Hz: flash a finer"),
+        *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (0.0, 0.03e-6)),
+        *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (5.3e-6, 520e-6)),
+        (board(TABLE_M), "reference-a has 2 actuators, .* 1: connect"),
+        (board(TABLE_M, TABLE_M, synthesis_rate_hz=2999), "2999 samples a second; expected 10 a period"),
+        (board(TABLE_M, TABLE_M, frequency_maximum_hz=299.0), "left .*60-300 Hz; .* 1-299 Hz: narrow"),
+        (board(TABLE_M, TABLE_M, frequency_minimum_hz=61.0), "left .*60-300 Hz; .* 61-655.35 Hz: narrow"),
+        (board(TABLE_M, TABLE_M, frequency_resolution_hz=0.0), "left .* 0 Hz apart, .*0.6 Hz: flash a finer"),
+        (board(TABLE_M, TABLE_M, frequency_resolution_hz=1.0), "left .* 1 Hz apart, .*0.6 Hz: flash a finer"),
+        (board(TABLE_M, 520e-6, board=BOARD_SOUND_CARD), r"give --port full_scale=0\.52 um"),
     ],
 )
-def test_a_board_that_would_move_a_frequency_is_refused(changed: dict[str, float], text: str) -> None:
-    with pytest.raises(RendererError, match=f"actuator left may be driven .*{text}"):
-        fit_board(REFERENCE, board(TABLE_M, TABLE_M, **changed))
+def test_a_board_that_cannot_play_the_table_is_refused_by_name_and_remedy(
+    capabilities: Capabilities, names: str
+) -> None:
+    with pytest.raises(RendererError, match=names):
+        fit_board(REFERENCE, capabilities)
 
 
-def test_a_range_that_ends_half_a_step_before_the_band_plays_it() -> None:
-    ends = board(TABLE_M, TABLE_M, frequency_minimum_hz=60.005, frequency_maximum_hz=299.995)
-    assert fit_board(REFERENCE, ends).scales == (1.0, 1.0)
+@pytest.mark.parametrize(
+    ("capabilities", "factors", "remedy"),
+    [
+        (board(1.3 * TABLE_M, TABLE_M), "0.769, 1", "flash full_scales_pm = {520000, 520000}"),
+        (board(9.9 * TABLE_M, TABLE_M), "0.101, 1", "flash full_scales_pm = {520000, 520000}"),
+        (board(1.3 * TABLE_M, TABLE_M, board=BOARD_SOUND_CARD), "0.769, 1", "give --port full_scale=0.52 um+0.52 um"),
+    ],
+)
+def test_scaling_is_said_with_its_factors_and_its_remedy(capabilities: Capabilities, factors: str, remedy: str) -> None:
+    (note,) = fit_board(REFERENCE, capabilities).notes
+    assert f"multiplied by {factors}" in note and note.endswith(remedy)

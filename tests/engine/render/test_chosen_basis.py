@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.render.chosen_basis import NO_BASIS, choose_basis, play_ns
-from firmware_link.host.link_values import Capabilities
+from engine.render.chosen_basis import NO_BASIS, choose_basis
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import Features
+from tests.engine.render.boards import board
 
-PLAIN = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
-CAPABILITIES = replace(PLAIN, features=Features.WAVEFORMS, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
+CAPABILITIES = board()
 RATE_HZ, LEASE_MS = 115_200, 40
 
 
@@ -59,7 +58,3 @@ def test_a_device_or_line_that_carries_no_click_gets_no_basis(changed: dict[str,
     basis = whole((44, 121))
     assert choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]
     assert choose_basis(None, CAPABILITIES, RATE_HZ, LEASE_MS) == NO_BASIS
-
-
-def test_a_play_of_44_weights_takes_9_ms_at_115200() -> None:
-    assert play_ns(44, RATE_HZ) == pytest.approx(103 * 10 / RATE_HZ * 1e9, abs=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -14,13 +14,15 @@ from engine.device import Device
 from engine.render import LimitError, clamp, link_configuration
 from engine.table import Entry
 from tests.engine import made_entries
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 LOW_HZ, HIGH_HZ = REFERENCE.actuators[0].band_hz
 frequencies = st.floats(LOW_HZ, HIGH_HZ)
 amplitudes = st.floats(0, 10)
 phases = st.floats(-100, 100)
 limits = st.floats(1e-3, 1)
+COLUMNS = ("frequencies_hz", "amplitudes", "phases_rad")
 
 
 def entry_of(frequencies_hz: tuple[float, ...], amplitudes: tuple[float, ...], *phases_rad: float) -> Entry:
@@ -72,17 +74,6 @@ def test_what_is_not_finite_is_refused_even_on_a_silent_actuator(bad: float, pla
         clamp(entry_of((frequency_hz, 100.0), (amplitude, 0.0), phase_rad, 0.0), REFERENCE)
 
 
-def test_a_negative_amplitude_is_refused() -> None:
-    with pytest.raises(LimitError, match=r"actuator left: amplitude -0\.1"):
-        clamp(entry_of((100.0, 100.0), (-0.1, 0.5)), REFERENCE)
-
-
-@pytest.mark.parametrize("number", [1, 3])
-def test_a_drive_for_another_number_of_actuators_is_refused(number: int) -> None:
-    with pytest.raises(LimitError, match=f"for {number} actuators, reference-a has 2"):
-        clamp(entry_of((100.0,) * number, (0.5,) * number), REFERENCE)
-
-
 def test_the_link_arms_the_firmware_with_the_limits_of_the_device() -> None:
     configuration = link_configuration(limited_to(0.75), bit_rate_hz=9600)
     assert configuration.amplitude_limits == (0.75, 0.75)
@@ -97,22 +88,20 @@ def test_the_link_never_arms_with_more_than_the_device_allows(slew_per_s: float,
     assert 1 <= configuration.lease_ms <= max(1, 1e3 * lease_s * (1 + 1e-8))
 
 
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"amplitudes": (-0.1, 0.5)}, r"actuator left: amplitude -0\.1"),
+        *(({key: (None, 1.0)}, "the table is broken") for key in COLUMNS),  # a NaN of a table is read as None
+        *(({key: (1.0,)}, "build the table for this device") for key in COLUMNS),
+        *((dict.fromkeys(COLUMNS, (100.0,) * n), f"for {n} actuators, reference-a has 2") for n in (1, 3)),
+    ],
+)
+def test_a_drive_that_is_none_of_this_device_is_refused_by_name(changes: dict[str, Any], names: str) -> None:
+    with pytest.raises(LimitError, match=names):
+        clamp(replace(entry_of((150.0, 150.0), (0.1, 0.1)), **changes), REFERENCE)
+
+
 def test_a_slew_that_the_firmware_cannot_count_is_refused() -> None:
     with pytest.raises(LimitError, match=r"limits\.ramp: 2 s"):
         link_configuration(replace(REFERENCE, limits=replace(REFERENCE.limits, slew_per_s=0.5)))
-
-
-@pytest.mark.parametrize("place", range(3))
-def test_a_value_that_a_table_marks_as_absent_is_refused(place: int) -> None:
-    """A NaN of a table is read as None, which no drive may be made of."""
-    values: list[tuple[float, ...]] = [(100.0, 100.0), (1.0, 1.0), (0.0, 0.0)]
-    values[place] = (None, values[place][1])  # type: ignore[assignment]  # what a broken table gives
-    with pytest.raises(LimitError, match="the table is broken"):
-        clamp(entry_of(values[0], values[1], *values[2]), REFERENCE)
-
-
-@pytest.mark.parametrize("missing", ["frequencies_hz", "amplitudes", "phases_rad"])
-def test_a_drive_whose_columns_have_different_lengths_is_refused(missing: str) -> None:
-    whole = entry_of((150.0, 150.0), (0.1, 0.1))
-    with pytest.raises(LimitError, match="build the table for this device"):
-        clamp(replace(whole, **{missing: (1.0,)}), REFERENCE)  # type: ignore[arg-type]  # a column of them

@@ -1,31 +1,25 @@
 """Laws of what becomes of a table for one device: what the device can play decides."""
 
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.render import SILENCE, PlayCommand, WhenNotAchieved, render_table
+from engine.render import SILENCE, PlayCommand, render_table
 from engine.table import Table
-from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Features
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_table import write_table
+from tests.engine.render.boards import board
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 STATES = felt_states(REFERENCE)[:4]
 PLACEMENTS = [in_zones(REFERENCE, [0]), in_zones(REFERENCE, [2], [0])]
 STEADY = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 MS = 1_000_000
-
-
-def capabilities(features: Features) -> Capabilities:
-    plain = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
-    return replace(plain, features=features, longest_waveform_ms=100, basis_capacity_bytes=1 << 18)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +31,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
 
 
 def test_a_placement_of_the_table_gets_its_click_and_another_has_none_yet(table: Table) -> None:
-    rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
+    rendering = render_table(table, DEFAULT_EFFECTS, board())
     assert (rendering.basis is not None, rendering.click_length_ns) == (True, 30 * MS)
     first, second = (rendering.renderer.render(placement, LEVEL_DB, is_click=True) for placement in PLACEMENTS)
     assert isinstance(first, PlayCommand) and isinstance(second, PlayCommand)
@@ -46,22 +40,14 @@ def test_a_placement_of_the_table_gets_its_click_and_another_has_none_yet(table:
 
 def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives(table: Table) -> None:
     for effects, features in ((DEFAULT_EFFECTS, Features(0)), (STEADY, Features.WAVEFORMS)):
-        rendering = render_table(table, effects, capabilities(features))
+        rendering = render_table(table, effects, board(features=features))
         assert rendering.basis is None
         steady = rendering.renderer.render(PLACEMENTS[0], LEVEL_DB)
         assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click=True) == steady != SILENCE
 
 
-def test_a_click_short_of_its_level_is_counted_and_silent_where_it_is_refused(table: Table) -> None:
-    for when in WhenNotAchieved:
-        renderer = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS), when).renderer
-        command = renderer.render(PLACEMENTS[1], LEVEL_DB, is_click=True)
-        assert (command == SILENCE) == (when is WhenNotAchieved.REFUSE)
-        assert (renderer.not_achieved, renderer.click_shortfalls) == (1, {LEVEL_DB: 1})
-
-
 def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None:
-    rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features.WAVEFORMS))
+    rendering = render_table(table, DEFAULT_EFFECTS, board())
     before = [rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)]
     there = pickle.loads(pickle.dumps(rendering))
     assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
@@ -70,5 +56,5 @@ def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None
 def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
     path = write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], others={"bursts": 1.0})
     with Table.open(path, device=REFERENCE) as table:
-        rendering = render_table(table, DEFAULT_EFFECTS, capabilities(Features(0)))
+        rendering = render_table(table, DEFAULT_EFFECTS, board(features=Features(0)))
         assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE

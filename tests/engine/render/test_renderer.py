@@ -2,24 +2,23 @@
 
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import pytest
 
-from engine.device import Device
 from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
 from engine.render.chosen_basis import NO_BASIS, ChosenBasis
 from engine.render.clicks import RenderedClicks
 from engine.table import ClickEntry
 from engine.touch import Placement
-from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import Play, decode_body, encode_play_body
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks, number_of, places_of
 from tests.engine.made_entries import LEVEL_DB
+from tests.engine.render.boards import plain_board
 from tests.engine.render.made_steady import MadeSteady
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
-CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
+REFERENCE = shipped("reference-a")
+CAPABILITIES = plain_board()
 HELD = ChosenBasis(basis_of(2, 121), {0: 0})
 PLACEMENTS = [in_zones(REFERENCE, [0]), in_zones(REFERENCE, [2], [0]), in_zones(REFERENCE, [0, 4])]
 CLICKS = [click_of(REFERENCE, placement) for placement in PLACEMENTS]
@@ -81,11 +80,6 @@ def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned() -> None
     assert renderer.playable_clicks == len(CLICKS)
 
 
-def test_fingers_at_one_place_cannot_be_asked_for() -> None:
-    at_m = places_of(REFERENCE).position_m[3]
-    assert renderer_of(CLICKS).at_places(Placement((at_m, at_m + 0.01), (True, False))) is None
-
-
 def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("engine.render.clicks.MOST_LEARNED", 2)
     rendered = RenderedClicks(made_clicks(REFERENCE, CLICKS), HELD, refuses=False)
@@ -93,13 +87,6 @@ def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch
     for placement in learned:
         rendered.learn(click_of(REFERENCE, placement))
     assert [rendered.is_unknown(placement) for placement in learned] == [True, False, False]
-
-
-def test_a_device_that_plays_no_clicks_gets_the_steady_drive() -> None:
-    renderer = renderer_of(CLICKS, basis=NO_BASIS)
-    for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
-        assert renderer.render(placement, LEVEL_DB, is_click=True) == renderer.render(placement, LEVEL_DB) != SILENCE
-    assert (renderer.playable_clicks, renderer.click_shortfalls) == (0, {})
 
 
 def test_a_click_of_a_set_that_the_device_does_not_hold_is_the_steady_drive() -> None:
@@ -127,3 +114,10 @@ def test_only_a_device_that_understands_the_drives_alike_fits() -> None:
     assert not renderer.fits(replace(CAPABILITIES, frequency_resolution_hz=0.02))
     assert not renderer.fits(replace(CAPABILITIES, full_scales_m=(0.52e-6, 0.6e-6)))
     assert renderer.suits_device_of(renderer_of(CLICKS))
+
+
+def test_a_device_that_plays_no_clicks_gets_the_steady_drive() -> None:
+    renderer = renderer_of(CLICKS, basis=NO_BASIS)
+    for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
+        assert renderer.render(placement, LEVEL_DB, is_click=True) == renderer.render(placement, LEVEL_DB) != SILENCE
+    assert (renderer.playable_clicks, renderer.click_shortfalls) == (0, {})

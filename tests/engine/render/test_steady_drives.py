@@ -17,10 +17,11 @@ from firmware_link.protocol.messages import decode_drive
 from precompute.entries.at_positions import SteadyDesigner
 from tests.engine.made_entries import entry_of
 from tests.engine.made_table import write_table
+from tests.engine.render.boards import plain_board
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
-CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
+CAPABILITIES = plain_board()
 PLACEMENT = Placement((0.0371, 0.1234), (True, False))
 
 

@@ -40,6 +40,14 @@ def test_a_level_out_of_reach_and_full_scale_are_answered_by_the_loudest_drive()
             assert found.weakest_felt_db > best.weakest_felt_db - MOST_LOST_DB
 
 
+def test_an_actuator_is_still_outside_its_band() -> None:
+    device = DEVICES["reference-a"].with_values({"actuator[1].band": ["60 Hz", "120 Hz"]})  # type: ignore[dict-item]
+    plain = PlainSolver(device, designer_of(DEVICES["reference-a"]).receptances)
+    for position_m in ([0.03, 0.2], [0.1, 0.25]):
+        drive = plain.solve(position_m, [True, False], 20.0)
+        assert drive.frequency_hz <= 120.0 or drive.amplitudes[0] == 0.0
+
+
 def test_a_finger_alone_gets_the_share_of_its_zone() -> None:
     device = DEVICES["reference-a"]
     exact, plain = designer_of(device).solver, PlainSolver(device, designer_of(device).receptances)
@@ -47,11 +55,3 @@ def test_a_finger_alone_gets_the_share_of_its_zone() -> None:
         best, found = (each.solve([at_m], [True], 20.0) for each in (exact, plain))
         assert found.objective == best.objective == "localized factor"
         assert 0.8 * best.value < found.value < 1.05 * best.value
-
-
-def test_an_actuator_is_still_outside_its_band() -> None:
-    device = DEVICES["reference-a"].with_values({"actuator[1].band": ["60 Hz", "120 Hz"]})  # type: ignore[dict-item]
-    plain = PlainSolver(device, designer_of(DEVICES["reference-a"]).receptances)
-    for position_m in ([0.03, 0.2], [0.1, 0.25]):
-        drive = plain.solve(position_m, [True, False], 20.0)
-        assert drive.frequency_hz <= 120.0 or drive.amplitudes[0] == 0.0

@@ -20,7 +20,7 @@ from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import tabulated_states
 from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import SHIPPED, mirrored, shipped
+from tests.precompute.devices import SHIPPED, shipped
 from tests.precompute.entries.dense_state import threshold
 from tests.quick import first_quick
 
@@ -109,14 +109,6 @@ def test_no_drive_exceeds_its_amplitude_its_level_or_its_band(name: str, fingers
         assert amplitude < 1e-9 or actuator.band_hz[0] <= drive.frequency_hz <= actuator.band_hz[1]
 
 
-def test_a_level_within_reach_only_scales_the_drive() -> None:
-    solver = designer_of(shipped("reference-a")).solver
-    soft, loud = (solver.solve([0.06, 0.17], [True, False], level_db) for level_db in (3.0, 9.0))
-    assert soft.frequency_hz == loud.frequency_hz
-    assert np.array(loud.amplitudes) == pytest.approx(np.array(soft.amplitudes) * 10 ** (6 / 20))
-    assert loud.sampled_level_db == pytest.approx(soft.sampled_level_db + 6)
-
-
 def test_a_louder_level_never_has_more_contrast() -> None:
     solver = designer_of(shipped("reference-d")).solver
     drives = [solver.solve([0.03, 0.14], [True, False], level_db) for level_db in np.arange(5.0, 45.0, 2.5)]
@@ -148,25 +140,6 @@ def test_a_drive_that_follows_keeps_to_its_peak_while_that_is_good_enough() -> N
     assert jumps[1] < 0.7 * jumps[0]
 
 
-def test_a_mirrored_bar_gets_the_mirrored_drive() -> None:
-    device = shipped("reference-a")
-    length_m = device.bar.length_m
-    for positions_m, felt in (([0.05, 0.12], [True, False]), ([0.02, 0.1, 0.2], [False, True, True])):
-        drive = designer_of(device).solver.solve(positions_m, felt, 15.0)
-        image = designer_of(mirrored(device)).solver.solve([length_m - at for at in positions_m], felt, 15.0)
-        assert image.frequency_hz == pytest.approx(drive.frequency_hz, abs=0.02)
-        assert image.value == pytest.approx(drive.value, abs=0.01)
-        assert image.amplitudes == pytest.approx(drive.amplitudes, abs=2e-3)
-
-
-def test_the_order_of_fingers_does_not_matter() -> None:
-    solver = designer_of(shipped("reference-t")).solver
-    one = solver.solve([0.05, 0.12, 0.2], [True, False, False], 15.0)
-    other = solver.solve([0.2, 0.05, 0.12], [False, True, False], 15.0)
-    assert one.value == pytest.approx(other.value, abs=0.01)
-    assert one.level_db == pytest.approx(other.level_db[[1, 2, 0]], abs=0.1)
-
-
 @pytest.mark.parametrize("at", ["actuator", "start", "end"])
 def test_fingers_at_an_actuator_and_at_the_ends_are_answered(at: str) -> None:
     device = shipped("reference-a")
@@ -185,11 +158,6 @@ def test_one_actuator_has_its_frequency_to_choose() -> None:
     both = designer_of(device).solver.solve([0.06, 0.2], [True, False], 10.0)
     assert drive.achieved and len(drive.amplitudes) == 1
     assert 0 < drive.value < both.value
-
-
-def test_two_fingers_in_one_place_are_one_to_the_bar() -> None:
-    drive = designer_of(shipped("reference-a")).solver.solve([0.1, 0.1], [True, False], 10.0)
-    assert drive.achieved and abs(drive.value) < 1
 
 
 def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:

@@ -26,15 +26,6 @@ def changed(whole: Path, target: Path, change: Callable[[h5py.File], object]) ->
     return reseal(target)
 
 
-def with_bytes(whole: bytes, target: Path, at: int, flipped_bits: int) -> Path:
-    """A sealed copy of a table with some bits of one byte flipped."""
-    content = bytearray(whole[: -_SEAL.size])
-    content[at] ^= flipped_bits
-    target.write_bytes(content)
-    _append_seal(target)
-    return target
-
-
 def replace_array(file: h5py.File, name: str, values: object) -> None:
     """Put other values, of any kind and shape, in the place of an array; its labels stay."""
     labels = dict(file[name].attrs)

@@ -1,15 +1,14 @@
 """Laws of a click that is played softer."""
 
 from math import inf
-from pathlib import Path
 
 import pytest
 
-from engine.device import Device
 from engine.table.click import played_at
 from tests.engine.made_clicks import click_of, in_zones
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 ALONE = in_zones(REFERENCE, [4])
 
 

@@ -87,13 +87,6 @@ def test_every_row_is_found_by_its_key_and_no_other_key_finds_it() -> None:
     assert clicks.row_of((2, 3)) is None  # two fingers at one place
 
 
-def test_a_pair_is_found_in_either_order_and_one_finger_beside_none() -> None:
-    clicks = made_clicks(DEVICE, varied_clicks())
-    one, (low, high) = clicks.key_of(0)[0], clicks.key_of(1)
-    assert clicks.pair[0, one + 1] == clicks.pair[one + 1, 0] == 0
-    assert clicks.pair[low + 1, high + 1] == clicks.pair[high + 1, low + 1] == 1
-
-
 def test_three_fingers_are_found_too() -> None:
     clicks = made_clicks(DEVICE, varied_clicks())
     key = PLACES.key(PLACEMENTS[4])

@@ -12,7 +12,7 @@ import pytest
 
 from engine.device import Device
 from engine.table import ClickEntry, Clicks, Entry, Table
-from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, describe, entry_figures
+from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, entry_figures
 from engine.table.entry import shifted
 from engine.touch.places import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
@@ -193,11 +193,6 @@ def test_a_change_of_a_click_is_found_where_it_was_made(
     assert not found.entries.differs
 
 
-def test_a_click_that_moves_the_bar_the_other_way_first_is_the_same(compare: Compare) -> None:
-    found = compare(clicks=[CLICKS[0], replace(CLICKS[1], weights=-CLICKS[1].weights), CLICKS[2]])
-    assert not found.clicks.changed
-
-
 def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
     more = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=20.0)
     full = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=math.inf)
@@ -209,13 +204,6 @@ def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
         "felt 27.9 mm, quiet 195.6 mm",
         "felt 83.8 mm 139.7 mm, quiet 251.5 mm",
     )
-
-
-def test_clicks_for_other_places_are_not_compared_and_it_is_said(compare: Compare) -> None:
-    places = Places.every(DEVICE.bar.length_m, 14e-3)
-    found = compare(clicks=Clicks.of(places, CLICKS))
-    assert found.notes == ("places were 27.9 mm apart and are 14 mm apart: clicks are not compared",)
-    assert (found.clicks.compared, found.clicks.vanished, found.clicks.appeared) == (0, (), ())
 
 
 def test_responses_that_changed_are_told_by_actuator(compare: Compare) -> None:
@@ -256,7 +244,8 @@ def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Comp
     assert not found.clicks.changed
 
 
-def test_a_state_in_words() -> None:
-    assert describe(["I", "III"], ["V"], 20.0) == "felt I III, quiet V at 20 dB"
-    assert describe(["I"], [], math.inf) == "felt I at full scale"
-    assert describe(["I"], [], None) == "felt I"
+def test_clicks_for_other_places_are_not_compared_and_it_is_said(compare: Compare) -> None:
+    places = Places.every(DEVICE.bar.length_m, 14e-3)
+    found = compare(clicks=Clicks.of(places, CLICKS))
+    assert found.notes == ("places were 27.9 mm apart and are 14 mm apart: clicks are not compared",)
+    assert (found.clicks.compared, found.clicks.vanished, found.clicks.appeared) == (0, (), ())

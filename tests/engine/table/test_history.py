@@ -79,14 +79,6 @@ def test_rolled_back_twice_is_as_before(path: Path) -> None:
     assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
 
 
-def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
-    put(path, "1")
-    put(path, "2")
-    path.unlink()
-    roll_back(path)
-    assert path.read_text() == "1"
-
-
 def test_without_a_previous_table_there_is_nothing_to_put_back(path: Path) -> None:
     put(path, "1")
     with pytest.raises(TableError, match="there is no previous table"):
@@ -101,16 +93,6 @@ def test_a_folder_is_no_table_to_put_back(tmp_path: Path) -> None:
             roll_back(folder)
 
 
-def test_what_is_written_later_does_not_change_what_is_kept(path: Path) -> None:
-    """The kept table may be the same bytes under two names: no table is ever written in place."""
-    put(path, "1")
-    put(path, "2")
-    assert previous_of(path).read_text() == "1"
-    put(path, "3")
-    assert previous_of(path).read_text() == "2"
-
-
-@pytest.mark.machine
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     here = os.getpid()
     for name in (
@@ -137,3 +119,11 @@ def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
         path.with_name(f".bar.nc.{NO_PROCESS}.{kind}").write_text("half")
     roll_back(path)
     assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
+
+
+def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
+    put(path, "1")
+    put(path, "2")
+    path.unlink()
+    roll_back(path)
+    assert path.read_text() == "1"

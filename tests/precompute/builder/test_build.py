@@ -1,11 +1,6 @@
 """Laws of a built table: its figures are the dense model's, memory does not matter, it is complete or not there."""
 
 import itertools
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -127,16 +122,6 @@ def test_every_group_opens_in_xarray_with_units_and_labels(folder: Path, group: 
         assert data["zone"].values.tolist() == ["I", "II", "III"]
 
 
-def test_the_sweep_is_read_in_xarray_by_labels(folder: Path) -> None:
-    with xr.open_dataset(folder / "two.nc", group="sweep", engine="h5netcdf") as data, opened(folder, "two") as table:
-        chosen = data["localized_factor"].sel(
-            zone="II", frequency_1=80, frequency_2=220, amplitude_1=0.5, amplitude_2=1
-        )
-        assert float(chosen[0]) == pytest.approx(table.localized_factor(["II"])[1, 8, 1, 2])
-        assert data["frequency_1"].units == "Hz"
-        assert data["peak_acceleration"].units == "m s-2"
-
-
 def drive(
     device: Device, pair: tuple[int, int], hz: tuple[float, float], amplitude: tuple[complex, complex]
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
@@ -164,17 +149,6 @@ def test_the_pair_sweep_is_the_dense_models(folder: Path, name: str, diagonal: b
                 assert table.peak_acceleration([zone.name], p)[at] == pytest.approx(expected.peak[z], rel=1.5e-3)
                 dead = table.dead_spot([zone.name], p)[at]  # of the points looked at: between them it may be less
                 assert dead == pytest.approx(looked_at.dead[z], rel=1e-4, abs=1e-6 * looked_at.peak[z])
-
-
-@pytest.mark.parametrize("name", ["two", "three"])
-def test_one_actuator_of_a_pair_silent_is_the_other_alone(folder: Path, name: str) -> None:
-    device = DEVICES[name]
-    model, hz = DenseModel(device), device.sweep.frequency_hz
-    with opened(folder, name) as table:
-        for amplitude, at in (((0.5, 0.0), (4, 7, 1, 0)), ((0.0, 1.0), (7, 4, 0, 2)), ((0.0, 0.5), (5, 5, 0, 1))):
-            expected = model.figures(*drive(device, (0, 1), (hz[at[0]], hz[at[1]]), amplitude))
-            assert table.localized_factor(["I"])[at] == pytest.approx(expected.share[0], rel=1e-4)
-            assert table.peak_acceleration(["III"])[at] == pytest.approx(expected.peak[2], rel=1.5e-3)
 
 
 @pytest.mark.parametrize("name", ["two", "three"])
@@ -207,19 +181,6 @@ def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None
             assert values["localized_factor"][p, f, :, r, s] == pytest.approx(expected.share, rel=1e-3)
             assert values["peak_acceleration"][p, f, :, r, s] == pytest.approx(expected.peak, rel=1.5e-3)
             assert values["dead_spot"][p, f, :, r, s] == pytest.approx(looked_at.dead, rel=1e-3, abs=1e-5)
-
-
-@pytest.mark.parametrize("name", ["two", "three"])
-def test_zones_combine_over_the_whole_table(folder: Path, name: str) -> None:
-    with opened(folder, name) as table:
-        one, other = (table.localized_factor([zone]) for zone in ("I", "III"))
-        assert np.allclose(table.localized_factor(["I", "III"]), one + other, rtol=1e-6, equal_nan=True)
-        levels = [table.peak_acceleration([zone]) for zone in ("I", "III")]
-        assert np.array_equal(table.peak_acceleration(["III", "I"]), np.maximum(*levels), equal_nan=True)
-        least = [table.dead_spot([zone]) for zone in ("I", "III")]
-        assert np.array_equal(table.dead_spot(["I", "III"]), np.minimum(*least), equal_nan=True)
-        everywhere = table.localized_factor(["I", "II", "III"])
-        assert np.nanmax(abs(everywhere - 1)) < 1e-5
 
 
 def contents(path: Path) -> dict[str, object]:
@@ -257,15 +218,6 @@ def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None
         assert table.entry_for(["I"]).family == "single tone"
         with pytest.raises(TableError, match="pair"):
             table.localized_factor(["I"])
-
-
-def test_the_interpolation_error_is_stored_and_not_negative(folder: Path) -> None:
-    with opened(folder, "two") as table:
-        for name in ("localized_factor_error", "peak_acceleration_error"):
-            error = table.values("responses", name)
-            assert error.shape == (12, 2)
-            assert (error >= 0).all()
-            assert error.max() > 0.01  # 20 Hz apart, resonances are missed
 
 
 @pytest.mark.usefixtures("folder")
@@ -308,47 +260,6 @@ def test_an_exception_on_the_way_leaves_nothing(
                 DEVICES["two"], path, created="", clicks_up_to=0, memory_budget_bytes=1, progress=Stop(error, calls)
             )
     assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
-    assert older.read_bytes() == (folder / "three.nc").read_bytes()
-
-
-LENGTHY = {
-    "sweep": TEXT.replace('step = "1 Hz"', 'step = "2 Hz"'),
-    "entries": SMALL.replace("count = 3", "count = 5"),
-}
-"""Descriptions whose builds take seconds with this step."""
-
-
-@pytest.mark.machine
-@pytest.mark.parametrize("at", first_quick(["entries", "sweep"]))
-def test_ctrl_c_of_a_build_leaves_nothing_behind(folder: Path, tmp_path: Path, at: str) -> None:
-    older = tmp_path / "table.nc"
-    older.write_bytes((folder / "three.nc").read_bytes())
-    (tmp_path / "device.toml").write_text(LENGTHY[at], encoding="utf-8")
-    script = (
-        "import sys; from pathlib import Path; from engine.device import Device\n"
-        "from precompute.builder.build import build_table\n"
-        "build_table(Device.read(Path('device.toml')), Path('table.nc'), created='', clicks_up_to=0,\n"
-        "            memory_budget_bytes=1,\n"
-        "            progress=lambda step, fraction: print(step, flush=True))"
-    )
-    # The handler is set anew: a shell tells the jobs it runs in the background to ignore Ctrl-C.
-    child = subprocess.Popen(
-        [sys.executable, "-c", f"import signal; signal.signal(2, signal.default_int_handler)\n{script}"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    assert child.stdout is not None
-    while child.stdout.readline().strip() != at:
-        assert child.poll() is None
-    time.sleep(0.05)
-    child.send_signal(signal.SIGINT)
-    child.stdout.read()
-    child.stdout.close()
-    assert child.wait() != 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["device.toml", "table.nc"]
     assert older.read_bytes() == (folder / "three.nc").read_bytes()
 
 

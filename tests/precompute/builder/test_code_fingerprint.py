@@ -80,11 +80,6 @@ def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
     assert not counts("precompute.entries.bfgs", '"""Kernels of', '"""All kernels of')
 
 
-def test_a_docstring_is_no_number_of_an_otherwise_empty_function() -> None:
-    one, other = (fingerprint_of({"m": f'def f():\n    """{text}"""\n'}) for text in ("One.", "Other."))
-    assert one == other
-
-
 @pytest.mark.machine
 def test_every_version_of_python_comes_to_the_same() -> None:
     """The digest is what Python 3.11, 3.12 and 3.13 come to, whose trees of f-strings differ.
@@ -100,9 +95,3 @@ def test_every_version_of_python_comes_to_the_same() -> None:
         with contextlib.suppress(OSError):
             done = subprocess.run([f"python{version}", "-c", script], capture_output=True, text=True, check=False)
             assert done.returncode or done.stdout.strip() == digest, version
-
-
-def test_sources_are_found_beside_this_package() -> None:
-    for name, path in numeric_modules().items():
-        assert path.is_file() and name.split(".")[-1] in (path.stem, path.parent.name)
-        assert Path(__file__).parents[3] in path.parents or "site-packages" in path.parts

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.calibration.adequacy import Adequacy, adequacy_report, assess
+from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.measurements.parameters import default_names, paper_names, with_changes
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
@@ -20,16 +20,10 @@ pytestmark = pytest.mark.long
 DEVICE = shipped("reference-a")
 FLAWS = Flaws(noise=0.02, wrong=0.05)
 STIFFER = {**TRUTH, "bar.youngs_modulus": 1.06 * DEVICE.bar.youngs_modulus_pa}
-THICKER = {
-    **TRUTH,
-    "bar.youngs_modulus": 1.03**3 * DEVICE.bar.youngs_modulus_pa,
-    "bar.density": 1.03 * DEVICE.bar.density_kg_per_m3,
-}
-"""A bar that is 3 % thicker bends and weighs as one of this modulus and density."""
 
 
 def fitted(truth: dict[str, float], names: tuple[str, ...], flaws: Flaws = FLAWS, seed: int = 1) -> Calibration:
-    return calibrate(DEVICE, read_bar(DEVICE, truth, flaws=flaws, seed=seed), names, starts=2)
+    return calibrate(DEVICE, read_bar(DEVICE, truth, flaws=flaws, seed=seed), names, starts=1)
 
 
 def outside(calibration: Calibration, truth: dict[str, float]) -> list[str]:
@@ -60,16 +54,8 @@ def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth
     assert adequacy_report(DEVICE, found, {})["doubt"] == ""
 
 
-def test_a_wrong_thickness_is_doubted_and_the_mass_is_named() -> None:
-    """What the first fit cannot take in; with the density besides, stiffness and mass are both free."""
-    report = adequacy_report(DEVICE, fitted(THICKER, default_names(DEVICE)), {})
-    assert "Try --also " in report["doubt"] and report["remedy"]["name"] in ("bar.density", "actuator.mass")
-    mended = fitted(THICKER, (*default_names(DEVICE), "bar.density"))
-    assert adequacy_report(DEVICE, mended, {})["doubt"] == "" and outside(mended, THICKER) == []
-
-
 @pytest.mark.parametrize(
-    "misread", first_quick([("bar.length", 3.0), ("actuator[2].position", 0.7), ("bar.length", -5.0)], 2)
+    "misread", first_quick([("bar.length", 3.0), ("actuator[2].position", 0.7), ("bar.length", -5.0)])
 )
 def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, float]) -> None:
     """The bar of the readings is longer than its description, or driven elsewhere: no parameter can say so."""
@@ -83,7 +69,7 @@ def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, f
         bar = replace(described, actuators=(described.actuators[0], replace(right, position_m=true_m)))
     shorter = min(bar, described, key=lambda device: device.bar.length_m)
     layout = lay_out(np.array(PAIRS_HZ[:3], dtype=np.float64), even_places(shorter, 22), SENSOR_MASS_KG, Kind.PEAK)
-    found = calibrate(described, simulate_measurements(with_changes(bar, TRUTH), layout, FLAWS, 1), starts=2)
+    found = calibrate(described, simulate_measurements(with_changes(bar, TRUTH), layout, FLAWS, 1), starts=1)
     report = adequacy_report(described, found, {})
     assert report["remedy"]["name"] == name
     assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
@@ -123,10 +109,3 @@ def test_repeats_tell_a_misfit_that_changes_its_sign_from_place_to_place() -> No
     assert told.repeat_noise == pytest.approx(0.002, rel=0.3)
     noise = assess(replace(twice, log_residual=random.normal(0, 0.02, len(rows))))
     assert noise.is_noise and noise.repeat_chance is not None
-
-
-def test_the_wrong_readings_are_left_out() -> None:
-    found = fitted(TRUTH, paper_names(DEVICE))
-    assert isinstance(assess(found), Adequacy)
-    kept = int((~found.is_wrong).sum())
-    assert assess(found).neighbours == kept - 3  # three drives

@@ -29,12 +29,6 @@ def test_two_parameters_that_do_the_same_are_named_together() -> None:
     assert abs(found.correlation[0, 1]) > 0.95
 
 
-def test_nothing_is_open_where_all_is_well_known() -> None:
-    found = calibrate(DEVICE, read_bar(DEVICE, {}, flaws=Flaws(noise=0.01)), ["actuator.full_scale"], starts=1)
-    assert open_combinations(found) == ()
-    assert advise(found) == ()
-
-
 def test_the_advised_drive_narrows_what_is_open_when_it_is_read() -> None:
     read = read_bar(DEVICE, {}, ((60, NAN),), Flaws(noise=0.1))
     names = ["actuator[1].stiffness", "actuator[2].stiffness", "bar.stiffness_damping"]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from precompute.calibration.calibrate import calibrate
-from precompute.calibration.misfit import Loss
 from precompute.calibration.pairwise import fit_pairwise
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import read_bar
@@ -27,14 +26,6 @@ def test_with_noise_the_average_explains_less_than_the_one_fit() -> None:
     assert pairwise.average == pytest.approx(pairwise.value.mean(axis=0))
     assert pairwise.typical > pairwise.joint_typical
     assert pairwise.joint_typical == pytest.approx(0.0135, rel=0.3)  # of 2 % noise the median size
-
-
-def test_the_l1_fit_of_all_drives_has_the_least_sum_of_differences() -> None:
-    names = ["actuator[1].stiffness", "actuator.full_scale"]
-    found = calibrate(DEVICE, noisy_calibration().measurements, names, Loss.L1, starts=1)
-    pairwise = fit_pairwise(DEVICE, found)
-    assert pairwise is not None
-    assert pairwise.joint_total <= pairwise.total
 
 
 @pytest.mark.parametrize("pairs_hz", [((150, 130),), tuple((100 + i, 150) for i in range(25))])

@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from precompute.calibration.calibrate import calibrate
 from precompute.calibration.pairwise import fit_pairwise
-from precompute.calibration.report import calibration_report, drive_text, open_text, report_markdown
-from precompute.measurements.simulate import Flaws
+from precompute.calibration.report import calibration_report, open_text, report_markdown
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
-from tests.precompute.measured import NAN, read_bar
 
 
 @cache
@@ -60,16 +57,3 @@ def test_what_is_open_is_told_with_what_would_close_it() -> None:
     assert "bar.mass_damping alone: it hardly changes what was measured" in text
     assert "bar.mass_damping is at most" in text
     assert "Leave it as it is, or give it bounds." in text or "read along the bar, would make that" in text
-
-
-def test_what_is_not_there_is_said_not_to_be() -> None:
-    found = calibrate(DEVICE, read_bar(DEVICE, {}, ((140, NAN),), Flaws(0.01)), ["actuator.full_scale"], starts=1)
-    page = report_markdown(calibration_report(found, None))
-    assert "Nothing: every parameter is known within a factor of 2 or better." in page
-    assert "No two are correlated by 0.9 or more." in page
-    assert "No reading is off by more than four times the noise." in page
-    assert "it needs from 2 to 24 drives" in page
-
-
-def test_a_drive_is_said_with_who_is_still() -> None:
-    assert drive_text([150.0, None]) == drive_text([150.0, NAN]) == "150 Hz and still"

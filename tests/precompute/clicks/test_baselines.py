@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from precompute.clicks.baselines import BASELINES, energy_contrast, gate, gated_drive, solve_baseline
+from precompute.clicks.baselines import BASELINES, energy_contrast, gate, solve_baseline
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.solver import PEAK, ClickSolver
 from precompute.entries.solver import EntrySolver
@@ -63,25 +63,6 @@ def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
     tones = np.sin(2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None])
     assert waveform[:, inside] == pytest.approx((np.array(entry.amplitudes)[:, None] * tones)[:, inside])
     assert waveform[:, 8] == pytest.approx(np.array(entry.amplitudes) * tones[:, 8] * 0.4)
-
-
-def test_the_gated_drive_is_the_entry_that_is_felt_most_so(solver: ClickSolver) -> None:
-    placement, limited = placed(solver.device, "F--q-"), replace_limits(solver)
-    entries = EntrySolver(assemble(solver.device)).solve(states("F--q-"))
-
-    def felt_db(drive: np.ndarray) -> float:
-        return limited.evaluate(placement, 0.02, drive, "").evaluation.felt.low_db
-
-    own = gated_drive(limited, placement, entries, 0.02)
-    gated = [gate(entry, 0.02, slew_per_s=200.0) for entry in entries]
-    assert any(np.allclose(own, drive) for drive in gated)
-    assert felt_db(own) == pytest.approx(max(map(felt_db, gated)))
-
-
-def replace_limits(solver: ClickSolver) -> ClickSolver:
-    """A solver of the device with a slew of 200 a second: 5 ms to full scale."""
-    device = replace(solver.device, limits=replace(solver.device.limits, slew_per_s=200.0))
-    return ClickSolver(device, CHEAP)
 
 
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from precompute.clicks import program as program_module
-from precompute.clicks.program import TOLERANCE, UNBOUNDED
+from precompute.clicks.program import TOLERANCE
 from precompute.clicks.simplex import Outcome
 from tests.precompute.clicks.dense_rows import program_of
 
@@ -39,14 +39,6 @@ def test_it_is_the_optimum_of_the_whole_program(seed: int, aims: int) -> None:
     assert found.value == pytest.approx(expected, rel=2 * TOLERANCE)
     assert found.value <= expected * (1 + 2e-5) and expected <= found.bound.at(1.0) * (1 + 1e-9)
     assert found.value == pytest.approx((goals @ found.weight).min())
-
-
-@seeds
-@aims_of
-def test_no_limit_is_violated(seed: int, aims: int) -> None:
-    kept, watched, goals = problem(seed, aims)
-    weight = program_of(kept, watched, aims).maximise(goals).weight
-    assert abs(kept @ weight).max() <= 1 + 1e-6 and abs(watched @ weight).max() <= 1 + 2e-5
 
 
 @seeds
@@ -97,21 +89,11 @@ def test_a_bound_holds_at_every_other_limit(seed: int, aims: int, limit: float) 
     assert bound.at(1.0) == pytest.approx(whole(kept, watched, goals), rel=2 * TOLERANCE)
 
 
-def test_what_was_not_tried_has_no_bound() -> None:
-    assert UNBOUNDED.at(0.5) == np.inf
-
-
 def test_a_search_below_its_floor_is_given_up_with_a_bound() -> None:
     kept, watched, goals = problem(0, 1)
     best = whole(kept, watched, goals)
     given_up = program_of(kept, watched, 1).maximise(goals, floor=1.05 * best)
     assert best * (1 - 1e-9) <= given_up.bound.at(1.0) <= 1.05 * best
-
-
-def test_a_wide_tolerance_ends_within_it() -> None:
-    kept, watched, goals = problem(2, 1)
-    rough = program_of(kept, watched, 1).maximise(goals, tolerance=0.1)
-    assert rough.value >= 0.9 * rough.bound.at(1.0) >= 0.9 * whole(kept, watched, goals) * (1 - 1e-9)
 
 
 def test_many_aims_one_after_another_do_not_fill_the_program() -> None:

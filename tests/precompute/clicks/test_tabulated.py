@@ -1,7 +1,5 @@
 """Laws of tabulated clicks: every placement of up to two fingers that can come, each once, by any processes."""
 
-from itertools import pairwise, product
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +10,7 @@ from engine.touch.placement import CLOSEST_M
 from engine.touch.places import Places
 from precompute.clicks.tabulated import _chunks, tabulate_clicks, tabulated_keys
 from tests.precompute.clicks.click_cases import CHEAP
-from tests.precompute.devices import random_device, shipped
+from tests.precompute.devices import shipped
 
 LENGTH_M = 0.2794
 
@@ -47,13 +45,6 @@ def test_no_placement_is_tabulated_twice_or_without_a_felt_finger(pitch_m: float
     assert tabulated_keys(places, 0) == []
 
 
-def test_the_roles_of_a_pair_follow_one_another() -> None:
-    keys = tabulated_keys(Places.every(LENGTH_M, 12e-3), 2)
-    pairs = [tuple(code // 2 for code in key) for key in keys]
-    changes = sum(one != other for one, other in pairwise(pairs))
-    assert changes == len(set(pairs)) - 1
-
-
 def test_clicks_are_the_same_by_however_many_processes() -> None:
     device, places = shipped("reference-a"), Places(LENGTH_M, 6)
     keys = [(2, 7), (3, 6), (3, 7), (5,)]
@@ -73,12 +64,3 @@ def test_no_piece_of_the_work_parts_the_roles_of_a_pair() -> None:
     assert [key for chunk in chunks for key in chunk] == keys
     places_of = [{tuple(code // 2 for code in key) for key in chunk} for chunk in chunks]
     assert sum(map(len, places_of)) == len(set.union(*places_of))
-
-
-def test_a_bar_of_three_actuators_has_clicks_too() -> None:
-    device = random_device(seed=4, actuators=3)
-    places = Places(device.bar.length_m, 5)
-    keys = list(product((1, 3), (6, 7)))
-    clicks = [click for click, _ in tabulate_clicks(device, CHEAP, places, keys)]
-    assert [places.key(click.placement) for click in clicks] == keys
-    assert all(click.samples.shape[1] == 3 for click in clicks)

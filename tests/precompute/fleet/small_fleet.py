@@ -8,7 +8,7 @@ from engine.device import Device
 from precompute.measurements.csv import write_csv
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import lay_out
-from tests.precompute.devices import SHIPPED
+from tests.precompute.devices import reference_text
 
 _CHANGES = {
     'step = "1 Hz"': 'step = "40 Hz"',
@@ -22,11 +22,7 @@ _CHANGES = {
 
 def small_text(stiffness: str = "18.9 kN/m") -> str:
     """A coarse reference-a with two zones, its left actuator with this stiffness."""
-    text = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
-    for old, new in {**_CHANGES, "18.9 kN/m": stiffness}.items():
-        assert old in text
-        text = text.replace(old, new)
-    return text
+    return reference_text({**_CHANGES, "18.9 kN/m": stiffness})
 
 
 def write_unit(folder: Path, text: str) -> Path:

@@ -152,18 +152,9 @@ def test_a_value_of_every_actuator_is_set_at_each() -> None:
     assert [actuator.damping_n_s_per_m for actuator in device.actuators] == [0.1, 0.1]
 
 
-def test_without_values_not_a_byte_changes() -> None:
-    assert text_with_values("anything", {}, "bar") == "anything"
-
-
 @pytest.mark.parametrize(
     "key", ["actuator[3].mass", "actuator[0].mass", "bar[1].width", "nowhere.mass", "bar.", "a.b.c", ""]
 )
 def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
     with pytest.raises(DeviceError, match="bar: "):
         text_with_values(small_text(), {key: "1 g"}, "bar")
-
-
-def test_an_unknown_key_is_refused_by_the_reader() -> None:
-    with pytest.raises(DeviceError, match="thicknes"):
-        Device.parse(text_with_values(small_text(), {"bar.thicknes": "1 mm"}, "bar"), "bar")

@@ -2,11 +2,7 @@
 
 import json
 import multiprocessing
-import os
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -173,48 +169,6 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     assert {outcome.name for outcome in outcomes if outcome.error is not None} == set(BROKEN)
     for i in range(2):
         assert_complete(out / f"good-{i}")
-
-
-_CHILD = """
-import sys
-from pathlib import Path
-from precompute.fleet.plan import plan_fleet
-from precompute.fleet.run import run_here
-from precompute.fleet.run import run_fleet
-from precompute.fleet.units import FleetOptions
-run_fleet(plan_fleet(Path("bars")), FleetOptions(clicks_up_to=0), Path("out"), run_here, created="2024-01-01",
-          progress=lambda step, fraction: print(step, flush=True))
-"""
-
-
-# Quick are a worker that is killed, and results that are damaged, which are built again.
-@pytest.mark.machine
-def test_killed_at_any_instant_it_goes_on_and_no_half_file_is_taken(tmp_path: Path) -> None:
-    bars, out = tmp_path / "bars", tmp_path / "out"
-    write_good(bars, (18.0, 18.5))
-    write_measurements(write_unit(bars / "measured", small_text()), true=small_text("19.3 kN/m"))
-    for lines in (5, 15):
-        child = subprocess.Popen(
-            [sys.executable, "-c", _CHILD],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert child.stdout is not None
-        for _ in range(lines):
-            child.stdout.readline()
-        child.send_signal(signal.SIGKILL)
-        child.stdout.close()
-        child.wait()
-        for table in out.glob(f"*/{TABLE}"):
-            Table.open(table).close()
-    complete = {path.parent.name for path in out.glob(f"*/{OUTCOME}")}
-    outcomes = run(bars, out)
-    assert {name for name, outcome in outcomes.items() if outcome.is_kept} == complete
-    for name, outcome in outcomes.items():
-        assert outcome.error is None
-        assert_complete(out / name)
 
 
 def test_drives_judged_on_their_own_bar_lose_nothing_and_on_another_something(tmp_path: Path) -> None:

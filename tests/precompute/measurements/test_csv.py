@@ -27,23 +27,6 @@ def assert_same(found: Measurements, expected: Measurements) -> None:
             np.testing.assert_allclose(getattr(found, field.name), value, rtol=close, atol=1e-15, err_msg=field.name)
 
 
-def test_more_rows_than_any_bar_has_are_refused_before_they_are_read() -> None:
-    text = HEADER + "\nnot a number" * (MOST_ROWS + 1)
-    with pytest.raises(MeasurementError, match=rf"many\.csv: has {MOST_ROWS + 1} rows; expected at most {MOST_ROWS}"):
-        parse_csv(text, DEVICE, 0.0, "many.csv")
-
-
-def test_a_cell_without_end_is_refused_by_its_row() -> None:
-    with pytest.raises(MeasurementError, match=r"^m\.csv: row 3: is no row of numbers \(field larger than"):
-        parse_csv(f"{HEADER}\n10,150,130,1\n{'1' * 200_000},150,130,1\n", DEVICE, 0.0, "m.csv")
-
-
-def test_a_quotation_mark_that_is_not_closed_is_told_at_its_own_row() -> None:
-    for row in ('10,150,130,"1', '10,150,130,"1"5'):
-        with pytest.raises(MeasurementError, match=r"^m\.csv: row 3: .*close its quotation marks"):
-            parse_csv(f"{HEADER}\n10,150,130,1\n{row}\n10,150,130,1\n", DEVICE, 0.0, "m.csv")
-
-
 @st.composite
 def measurements(draw: Any) -> Measurements:
     rows, seed = draw(st.integers(1, 6)), draw(st.integers(0, 2**32 - 1))
@@ -98,14 +81,11 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
     ("text", "message"),
     [
         ("", "x.csv: is empty"),
-        ("# only a comment\n", "x.csv: is empty"),
         (HEADER + "\n", "has no measurement"),
         (HEADER + "\n1,150,130,2\n1,150,130,two\n", "row 3, column 'peak acceleration (m/s^2)': 'two'"),
-        ("# note\n" + HEADER + "\n1,150,130,\n", "row 3, column 'peak acceleration (m/s^2)': ''"),
         (HEADER + '\n"1,5",150,130,2\n', "row 2, column 'position (mm)': '1,5': expected a finite number"),
         (HEADER + "\nnan,150,130,2\n", "row 2, column 'position (mm)': 'nan'"),
         (HEADER + "\n1,150,130\n", "row 2: has 3 cells, the header 4"),
-        (HEADER + "\n1,150,130,-2\n", "row 2: acceleration: -2 m/s^2: expected more than 0"),
         (HEADER + '\n1,150,"130,2\n1,150,130,2\n', "row 2: is no row of numbers (unexpected end of data); close its"),
         (HEADER + "\n\n400,150,130,2\n", "row 3: position: 400 mm: expected 0 to 279.4 mm"),
         (HEADER.replace(" (mm)", "") + "\n1,150,130,2\n", "column 1: 'position': has no unit"),
@@ -114,17 +94,21 @@ def test_a_comment_that_says_simulated_is_believed() -> None:
         (HEADER.replace("right", "left") + "\n1,1,1,2\n", "column 3: 'frequency left (Hz)': is there twice"),
         (HEADER.replace("position", "sensor mass").replace("mm", "g") + "\n1,1,1,2\n", "has no column 'position'"),
         ("position (mm),frequency left (Hz)\n1,1\n", "expected either a column 'peak acceleration' or the two"),
-        (HEADER + ",acceleration real (m/s^2)\n1,1,1,2,3\n", "expected either a column 'peak acceleration' or"),
         (HEADER + ",amplitude right (%)\n1,150,130,2,\n", "row 2: amplitude right: is empty beside a frequency"),
         (HEADER + ",phase left (Hz)\n1,1,1,2,3\n", "'Hz' is not an angle"),
         (HEADER.replace(",", ";") + "\n1,5;150;130;2,1\n", "by semicolons; write commas and decimal points: 'position"),
         (HEADER.replace(",", "\t") + "\n1\t150\t130\t2\n", "separates its cells by tabs; write commas: 'position"),
         ("position (mm),150 Hz,200 Hz\n1,2,3\n", "is a wide table: '150 Hz' and '200 Hz' are columns of readings"),
-        ("frequency (Hz),10 mm,20 mm\n150,2,3\n", "is a wide table: '10 mm' and '20 mm' are columns of readings"),
         ("time (s),a (m/s^2)\n0,0.1\n1e-4,0.2\n", "is a time series: its first column is 'time (s)'"),
-        ("t,x\n0,0.1\n", "is a time series: its first column is 't'"),
+        (HEADER + "\nnot a number" * (MOST_ROWS + 1), f"x.csv: has {MOST_ROWS + 1} rows; expected at most {MOST_ROWS}"),
+        (f"{HEADER}\n10,150,130,1\n{'1' * 200_000},150,130,1\n", "x.csv: row 3: is no row of numbers (field larger"),
+        *(
+            (f'{HEADER}\n10,150,130,1\n10,150,130,"1{rest}\n10,150,130,1\n', "close its quotation marks")
+            for rest in ("", '"5')
+        ),
         ("1,150,130,2\n2,150,130,2\n", "has no header: its first line is '1,150,130,2'"),
     ],
+    ids=lambda value: repr(value)[:40],
 )
 def test_what_is_wrong_is_named_by_row_and_column(text: str, message: str) -> None:
     with pytest.raises(MeasurementError) as caught:

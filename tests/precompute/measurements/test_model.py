@@ -97,11 +97,3 @@ def test_frequencies_beyond_one_chunk_are_solved_alike() -> None:
     alone = MeasurementModel(DEVICE, rows.part(part), parameters).predict(value)
     assert whole.log_acceleration[part] == pytest.approx(alone.log_acceleration, rel=1e-9)
     assert whole.by_parameter[part] == pytest.approx(alone.by_parameter, rel=1e-7)
-
-
-def test_a_roving_sensor_of_2_g_shifts_what_a_light_one_reads() -> None:
-    """docs/theory.md#calibration: visibly."""
-    rows = rows_of(DEVICE, np.array([[150, 130]]), finger=False)
-    light = replace(rows, sensor_mass_kg=np.zeros(len(rows)))
-    found = [MeasurementModel(DEVICE, r, ()).predict(np.zeros(0)).log_acceleration.real for r in (rows, light)]
-    assert np.abs(found[0] - found[1]).max() > 0.1

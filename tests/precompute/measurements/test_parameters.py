@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from engine.device import Device
 from precompute.measurements.parameters import (
     ParameterError,
-    default_names,
     find_parameters,
     known_names,
     paper_names,
@@ -36,15 +35,6 @@ def test_the_usual_ones_are_the_papers_six() -> None:
     assert paper_names(DEVICE) == PAPERS_SIX
     symbols = [parameter.symbol for parameter in find_parameters(DEVICE, PAPERS_SIX, {}, 0.0)]
     assert symbols == ["k_1", "k_2", "c", "alpha", "sigma", "eta"]
-
-
-def test_the_first_fit_has_the_modulus_besides() -> None:
-    assert default_names(DEVICE) == (*PAPERS_SIX, "bar.youngs_modulus")
-
-
-def test_actuators_that_differ_by_design_are_fitted_each() -> None:
-    names = paper_names(random_device(seed=3))
-    assert {"actuator[3].stiffness", "actuator[2].damping", "actuator[1].full_scale"} <= set(names)
 
 
 @pytest.mark.parametrize("name", known_names(DEVICE))
@@ -113,3 +103,8 @@ def test_what_cannot_be_fitted_is_refused_by_name(
 def test_a_damping_of_0_may_be_fitted() -> None:
     (damping,) = find_parameters(with_actuators(DEVICE, damping_n_s_per_m=0.0), ["actuator.damping"], {}, 0.0)
     assert (damping.start, damping.low) == (0.0, 0.0)
+
+
+def test_actuators_that_differ_by_design_are_fitted_each() -> None:
+    names = paper_names(random_device(seed=3))
+    assert {"actuator[3].stiffness", "actuator[2].damping", "actuator[1].full_scale"} <= set(names)

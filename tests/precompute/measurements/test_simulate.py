@@ -39,11 +39,6 @@ def test_as_many_are_wrong_by_3_as_asked() -> None:
     assert np.exp(np.abs(np.log(wrong))) == pytest.approx(3)
 
 
-def test_they_depend_on_their_seed_alone() -> None:
-    first, again, other = (read_bar(DEVICE, {}, flaws=Flaws(0.1, 0.1), seed=s).acceleration for s in (1, 1, 2))
-    assert (first == again).all() and (first != other).any()
-
-
 def test_places_are_even_and_on_the_bar() -> None:
     places = even_places(DEVICE, 22)
     assert places.min() > 0 and places.max() < DEVICE.bar.length_m

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.device import Device
 from precompute.measurements import Kind, MeasurementError, Measurements, lay_out, read_measurements
 from precompute.measurements.file import write_measurements
+from tests.precompute.devices import shipped
 
-DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+DEVICE = shipped("reference-a")
 NAN = np.nan
 
 
@@ -52,14 +52,6 @@ def test_a_universal_file_holds_the_responses_at_full_scale(tmp_path: Path) -> N
     np.testing.assert_allclose(read.acceleration, 5 * wanted.acceleration, rtol=1e-6)
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("ending", [".csv", ".nc", ".uff"])
-def test_simulated_readings_stay_marked(tmp_path: Path, ending: str) -> None:
-    path = tmp_path / f"bar{ending}"
-    write_measurements(path, replace(responses(), is_simulated=True), DEVICE, "a bench")
-    assert read_measurements(path, DEVICE).is_simulated
-
-
 @pytest.mark.parametrize(
     ("spoilt", "text"),
     [
@@ -72,8 +64,3 @@ def test_a_universal_file_refuses_what_it_cannot_hold(tmp_path: Path, spoilt: Me
     with pytest.raises(MeasurementError, match=text):
         write_measurements(tmp_path / "bar.uff", spoilt, DEVICE, "by hand")
     assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MeasurementError, match=r"end in \.csv"):
-        write_measurements(tmp_path / "bar.xlsx", responses(), DEVICE, "by hand")

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from engine.device import Device, Zone
-from precompute.model.assembly import BANDWIDTH, Plant, assemble, build_mesh, dense
+from precompute.model.assembly import BANDWIDTH, assemble, build_mesh, dense
 from tests.precompute.devices import (
     bare,
     damped_as_assembly,
@@ -22,7 +22,6 @@ from tests.precompute.devices import (
     random_device,
     shipped,
     unhurried,
-    with_actuators,
     with_bar,
 )
 
@@ -84,39 +83,6 @@ def test_dense_is_the_symmetric_matrix_of_the_band(device: Device) -> None:
 
 
 @any_device
-def test_stiffness_damping_and_mass_are_positive_definite(device: Device) -> None:
-    plant = assemble(device)
-    unit = np.tile([1.0, 1.0 / device.bar.largest_element_m], plant.size // 2)  # slopes and deflections alike
-    for band in (plant.K, plant.C, plant.M):
-        np.linalg.cholesky(unit[:, None] * dense(band) * unit)
-
-
-@any_device
-def test_band_adds_up_elements_springs_dampers_and_masses(device: Device) -> None:
-    plant, free = assemble(device), assemble(bare(device), _all_places(device))
-    assert plant.node_m == pytest.approx(free.node_m)
-    points = {"K": "stiffness_n_per_m", "C": "damping_n_s_per_m", "M": "mass_kg"}
-    for matrix, value in points.items():
-        added = dense(getattr(plant, matrix)) - dense(getattr(free, matrix))
-        expected = np.zeros(plant.size)
-        expected[plant.actuator_dof] = [getattr(actuator, value) for actuator in device.actuators]
-        assert added == pytest.approx(np.diag(expected), abs=1e-12 * np.abs(getattr(plant, matrix)).max())
-
-
-def _all_places(device: Device) -> list[float]:
-    edges = [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
-    return [*edges, *(actuator.position_m for actuator in device.actuators)]
-
-
-@any_device
-def test_material_damping_acts_on_the_bars_own_matrices(device: Device) -> None:
-    free = assemble(bare(device))
-    bar = device.bar
-    expected = bar.mass_damping_per_s * free.M + bar.stiffness_damping_s * free.K
-    assert np.abs(free.C - expected).max() <= 1e-13 * np.abs(expected).max()
-
-
-@any_device
 def test_damping_of_the_assembly_acts_on_springs_and_bolts_too(device: Device) -> None:
     bar, plant = device.bar, assemble(damped_as_assembly(device))
     own = [actuator.damping_n_s_per_m for actuator in device.actuators]
@@ -124,27 +90,6 @@ def test_damping_of_the_assembly_acts_on_springs_and_bolts_too(device: Device) -
     expected[-1, plant.actuator_dof] += own
     assert np.abs(plant.C - expected).max() <= 1e-13 * np.abs(expected).max()
     assert (plant.K == assemble(device).K).all() and (plant.M == assemble(device).M).all()
-
-
-@any_device
-def test_mass_matrix_weighs_bar_and_bolts(device: Device) -> None:
-    plant, bar = assemble(device), device.bar
-    shift = np.tile([1.0, 0.0], plant.size // 2)
-    bolts = sum(actuator.mass_kg for actuator in device.actuators)
-    weight = bar.density_kg_per_m3 * bar.length_m * bar.width_m * bar.thickness_m + bolts
-    assert shift @ dense(plant.M) @ shift == pytest.approx(weight, rel=1e-12)
-
-
-@any_device
-def test_free_bar_has_exactly_two_rigid_body_modes(device: Device) -> None:
-    free = assemble(bare(device, elements=12))
-    K, M = dense(free.K), dense(free.M)
-    shift = np.tile([1.0, 0.0], free.size // 2)
-    turn = np.column_stack([free.node_m, np.ones_like(free.node_m)]).ravel()
-    for rigid in (shift, turn):
-        assert np.abs(K @ rigid).max() <= 1e-12 * np.abs(K).max()
-    squares = eigh(K, M, eigvals_only=True)
-    assert np.abs(squares[:2]).max() < 1e-6 * squares[2]
 
 
 def _free_free(x: float) -> float:
@@ -188,17 +133,6 @@ def test_natural_frequencies_converge_at_order_four_to_the_closed_forms(
 
 
 @any_device
-def test_stiffer_actuators_raise_and_heavier_ones_lower_every_natural_frequency(device: Device) -> None:
-    def squares(plant: Plant) -> Array:
-        found: Array = eigh(dense(plant.K), dense(plant.M), eigvals_only=True)[:8]
-        return found
-
-    base = squares(assemble(device))
-    assert (squares(assemble(with_actuators(device, stiffness_n_per_m=1e6))) > base * (1 - 1e-9)).all()
-    assert (squares(assemble(with_actuators(device, mass_kg=0.1))) < base * (1 + 1e-9)).all()
-
-
-@any_device
 def test_sampler_reads_any_cubic_anywhere_on_the_bar(device: Device) -> None:
     plant, length_m = assemble(device), device.bar.length_m
     cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0], [0, length_m], [0, 1])
@@ -226,8 +160,3 @@ def test_touching_leaves_the_untouched_plant_as_it_was() -> None:
     before = (plant.K.copy(), plant.C.copy(), plant.M.copy())
     plant.with_fingers([0.05], plant.device.finger)
     assert all((a == b).all() for a, b in zip(before, (plant.K, plant.C, plant.M), strict=True))
-
-
-@pytest.mark.parametrize("actuators", [1, 3, 5])
-def test_any_number_of_actuators(actuators: int) -> None:
-    assert len(set(assemble(random_device(seed=actuators, actuators=actuators)).actuator_dof)) == actuators

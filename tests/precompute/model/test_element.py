@@ -1,96 +1,22 @@
-"""Laws of one element: what a cubic Hermite beam element is, found again by integration."""
+"""The law of one element: its matrices are the integrals of the products of the cubics and of their curvatures."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
-from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
+from precompute.model.element import shape_integral, stiffness_matrix
+from tests.precompute.dense_model import hermite, integral
 from tests.precompute.devices import unhurried
 
-lengths = st.floats(1e-4, 10.0)
-stiffnesses = st.floats(1e-3, 1e3)
-Array = NDArray[np.float64]
-
-
-def shapes(length_m: float) -> list[Polynomial]:
-    """The four cubics in x with value or slope 1 at one end, and 0 at the three others; solved, not remembered."""
-    conditions = [[x**k for k in range(4)] for x in (0.0, 1.0)], [[0.0, 1.0, 2 * x, 3 * x * x] for x in (0.0, 1.0)]
-    rows = np.array([conditions[0][0], conditions[1][0], conditions[0][1], conditions[1][1]])
-    scale = (1.0, length_m, 1.0, length_m)
-    return [
-        Polynomial(s * column, [0, length_m], [0, 1]) for s, column in zip(scale, np.linalg.inv(rows).T, strict=True)
-    ]
-
-
-def integrals(first: list[Polynomial], length_m: float) -> Array:
-    return np.array([[(a * b).integ()(length_m) - (a * b).integ()(0.0) for b in first] for a in first])
-
-
-def assert_close(found: Array, expected: Array) -> None:
-    """Equal within the rounding of the largest entry of each row and column (slopes and deflections differ in unit)."""
-    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert (np.abs(found - expected) <= 1e-12 * size).all()
-
 
 @unhurried
-@given(lengths)
-def test_shape_functions_are_the_unit_cubics_of_each_degree_of_freedom(length_m: float) -> None:
-    xi = np.linspace(0.0, 1.0, 7)
-    found = shape_functions(xi, np.full(7, length_m))
-    assert found.shape == (7, 4)
-    for column, shape in zip(found.T, shapes(length_m), strict=True):
-        assert column == pytest.approx(shape(xi * length_m), abs=1e-12 * max(1.0, length_m))
-
-
-@unhurried
-@given(lengths)
-def test_shape_functions_reproduce_every_cubic(length_m: float) -> None:
-    cubic = Polynomial([0.3, -1.0, 2.0, 0.7], [0, length_m], [0, 1])
-    ends = [cubic(0.0), cubic.deriv()(0.0), cubic(length_m), cubic.deriv()(length_m)]
-    xi = np.linspace(0.0, 1.0, 11)
-    assert shape_functions(xi, np.full(11, length_m)) @ ends == pytest.approx(cubic(xi * length_m), abs=1e-12)
-
-
-@unhurried
-@given(lengths)
-def test_mass_integral_is_the_integral_of_the_shapes(length_m: float) -> None:
-    assert_close(shape_integral(length_m), integrals(shapes(length_m), length_m))
-
-
-@unhurried
-@given(lengths, stiffnesses)
-def test_stiffness_is_the_integral_of_the_curvatures(length_m: float, bending: float) -> None:
-    curvatures = [shape.deriv(2) for shape in shapes(length_m)]
-    assert_close(stiffness_matrix(bending, length_m), bending * integrals(curvatures, length_m))
-
-
-@unhurried
-@given(lengths, stiffnesses)
-def test_element_matrices_are_symmetric_mass_definite_stiffness_of_rank_two(length_m: float, bending: float) -> None:
-    unit = np.diag([1.0, 1.0 / length_m, 1.0, 1.0 / length_m])  # slopes times length: one unit for all
-    K = unit @ stiffness_matrix(bending, length_m) @ unit * length_m**3 / bending
-    M = unit @ shape_integral(length_m) @ unit / length_m
-    assert np.allclose(K, K.T, rtol=1e-12, atol=0) and np.allclose(M, M.T, rtol=1e-12, atol=0)
-    assert np.linalg.eigvalsh(M)[0] > 1e-4
-    assert np.abs(np.linalg.eigvalsh(K)[:2]).max() < 1e-12 < np.linalg.eigvalsh(K)[2]
-
-
-@unhurried
-@given(lengths, stiffnesses)
-def test_rigid_motion_costs_no_energy_and_weighs_all(length_m: float, bending: float) -> None:
-    shift, turn = np.array([1.0, 0.0, 1.0, 0.0]), np.array([0.0, 1.0, length_m, 1.0])
-    K, M = stiffness_matrix(bending, length_m), shape_integral(length_m)
-    assert np.abs(K @ shift).max() <= 1e-12 * np.abs(K).max()
-    assert np.abs(K @ turn).max() <= 1e-12 * np.abs(K).max() * max(1.0, length_m)
-    assert shift @ M @ shift == pytest.approx(length_m)
-    assert turn @ M @ turn == pytest.approx(length_m**3 / 3)
-
-
-@unhurried
-@given(lengths, stiffnesses)
-def test_tip_of_a_cantilever_sinks_by_the_handbook(length_m: float, bending: float) -> None:
-    free = stiffness_matrix(bending, length_m)[2:, 2:]
-    assert np.linalg.solve(free, [1.0, 0.0]) == pytest.approx([length_m**3 / 3 / bending, length_m**2 / 2 / bending])
+@given(st.floats(0.01, 10.0), st.floats(1e-3, 1e3))
+def test_mass_and_stiffness_are_integrals_of_shapes_and_curvatures(length_m: float, bending: float) -> None:
+    shapes = hermite(length_m)
+    mass, stiffness = (integral(shapes, length_m, derivative) for derivative in (0, 2))
+    for found, expected in (
+        (shape_integral(length_m), mass),
+        (stiffness_matrix(bending, length_m), bending * stiffness),
+    ):
+        size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))  # slopes and deflections differ in unit
+        assert (abs(found - expected) <= 1e-9 * size).all()

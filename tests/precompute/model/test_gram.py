@@ -59,50 +59,6 @@ def test_total_gram_equals_brute_force_quadrature_of_the_whole_bar(device: Devic
     assert np.abs(compute_gram(response)[1] - expected).max() <= 1e-5 * np.abs(expected).max()
 
 
-@any_device
-def test_energy_of_a_drive_is_the_quadratic_form(device: Device) -> None:
-    """a^H R_z a = integral of |sum a_i v_i|^2 for complex drives: the conjugate stands where it must."""
-    response = solved(device)
-    random = np.random.default_rng(2)
-    drive = random.normal(size=len(device.actuators)) + 1j * random.normal(size=len(device.actuators))
-    zone = device.zones[0]
-    places_m, step_m = middles(zone.start_m, zone.stop_m, 4000)
-    field = velocity(response, places_m)
-    expected = (np.abs(np.einsum("a,fap->fp", drive, field)) ** 2).sum(axis=1) * step_m
-    found = np.einsum("a,fab,b->f", drive.conj(), compute_gram(response)[0][:, 0], drive)
-    assert found.real == pytest.approx(expected, rel=1e-5)
-    assert np.abs(found.imag).max() <= 1e-12 * np.abs(found).max()
-
-
-@any_device
-def test_zone_gram_is_hermitian_and_positive_semi_definite(device: Device) -> None:
-    gram, total = compute_gram(solved(device))
-    scale = np.abs(gram).max(axis=(2, 3), keepdims=True)
-    assert (np.abs(gram - gram.conj().swapaxes(2, 3)) <= 1e-14 * scale).all()
-    assert (np.linalg.eigvalsh(gram)[..., 0] >= -1e-12 * scale[..., 0, 0]).all()
-    assert (np.linalg.eigvalsh(total)[:, 0] > 0).all()
-
-
-@pytest.mark.parametrize("name", ["reference-a", "reference-d"])
-def test_localized_factors_of_zones_that_cover_the_bar_sum_to_one(name: str) -> None:
-    response = solved(shipped(name))
-    gram, total = compute_gram(response)
-    assert np.abs(gram.sum(axis=1) - total).max() <= 1e-12 * np.abs(total).max()
-    drive = np.array([0.7, 0.4 - 0.9j])
-    shares = (
-        np.einsum("a,fzab,b->fz", drive.conj(), gram, drive)
-        / np.einsum("a,fab,b->f", drive.conj(), total, drive)[:, None]
-    )
-    assert shares.sum(axis=1) == pytest.approx(np.ones(len(FREQUENCY_HZ)), rel=1e-12)
-
-
-def test_zones_with_gaps_hold_less_than_the_bar() -> None:
-    response = solved(DEVICES["random-20230247606"])
-    gram, total = compute_gram(response)
-    rest = total - gram.sum(axis=1)
-    assert (np.linalg.eigvalsh(rest)[:, 0] > 0).all()
-
-
 @unhurried
 @given(st.lists(st.floats(0.001, 0.999), min_size=1, max_size=7, unique_by=lambda x: round(x, 4)))
 def test_cutting_zones_anywhere_neither_makes_nor_loses_energy(cuts: list[float]) -> None:
@@ -111,41 +67,6 @@ def test_cutting_zones_anywhere_neither_makes_nor_loses_energy(cuts: list[float]
     zones = tuple(Zone(str(i), *pair) for i, pair in enumerate(itertools.pairwise(edges)))
     gram, total = compute_gram(solved(replace(device, zones=zones)))
     assert np.abs(gram.sum(axis=1) - total).max() <= 1e-12 * np.abs(total).max()
-
-
-@any_device
-def test_fingers_keep_the_laws_of_the_gram_matrices(device: Device) -> None:
-    places = [0.2 * device.bar.length_m, 0.9 * device.bar.length_m]
-    response = solve_response(assemble(device).with_fingers(places, device.finger), FREQUENCY_HZ)
-    gram, total = compute_gram(response)
-    assert (np.linalg.eigvalsh(gram)[..., 0] >= -1e-12 * np.abs(gram).max(axis=(2, 3))).all()
-    assert (np.linalg.eigvalsh(total - gram.sum(axis=1))[:, 0] >= -1e-12 * np.abs(total).max(axis=(1, 2))).all()
-
-
-@any_device
-def test_coherent_optimum_is_at_least_every_sampled_ratio_and_phase(device: Device) -> None:
-    response = solved(device)
-    gram, total = compute_gram(response)
-    random = np.random.default_rng(9)
-    drive = random.normal(size=(2000, len(device.actuators))) + 1j * random.normal(size=(2000, len(device.actuators)))
-    energy = np.einsum("sa,fab,sb->fs", drive.conj(), total, drive).real
-    for zone in range(len(device.zones)):
-        sampled = np.einsum("sa,fab,sb->fs", drive.conj(), gram[:, zone], drive).real / energy
-        for R, T, most in zip(gram[:, zone], total, sampled.max(axis=1), strict=True):
-            shares, drives = eigh(R, T)
-            assert most <= shares[-1] * (1 + 1e-9)
-            best = drives[:, -1]
-            assert (best.conj() @ R @ best / (best.conj() @ T @ best)).real == pytest.approx(shares[-1], rel=1e-9)
-
-
-@any_device
-def test_coherent_optimum_is_at_least_the_better_single_actuator(device: Device) -> None:
-    response = solved(device)
-    gram, total = compute_gram(response)
-    single = np.einsum("fzaa->fza", gram).real / np.einsum("faa->fa", total).real[:, None, :]
-    for f, T in enumerate(total):
-        best = np.array([eigh(R, T, eigvals_only=True)[-1] for R in gram[f]])
-        assert (best >= single[f].max(axis=1) * (1 - 1e-12)).all()
 
 
 @any_device

@@ -41,18 +41,6 @@ def test_frequency_and_damping_are_those_of_the_peak_of_the_response() -> None:
     assert [low / peak, high / peak] == pytest.approx([2**-0.5] * 2, rel=0.08)
 
 
-def test_decay_and_ratio_are_of_one_pole() -> None:
-    for mode in modes_of(DEVICE, 0.1):
-        assert mode.decay_s == pytest.approx(1 / (mode.damping_ratio * 2 * np.pi * mode.frequency_hz), rel=1e-9)
-        assert 0 < mode.damping_ratio < 1 and np.abs(mode.shape).max() == pytest.approx(1.0)
-
-
-def test_a_finger_damps_every_mode_that_moves_under_it() -> None:
-    without, with_one = modes_of(DEVICE), modes_of(DEVICE, 0.1)
-    assert len(with_one) <= len(without)
-    assert sum(m.damping_ratio for m in with_one[:4]) > sum(m.damping_ratio for m in without[:4])
-
-
 def test_the_modes_rise_and_end_where_they_are_asked_to() -> None:
     found = [mode.frequency_hz for mode in modes_of(DEVICE, up_to_hz=300.0)]
     assert found == sorted(found) and found[-1] <= 300.0

@@ -31,22 +31,12 @@ def compare(device: Device, frequency_hz: NDArray[np.float64], amplitude: Comple
 
 
 @any_device
-@pytest.mark.parametrize("seed", range(4))
-def test_coherent_drives_are_those_of_the_dense_model(device: Device, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(3))
+def test_drives_of_one_tone_and_of_several_are_those_of_the_dense_model(device: Device, seed: int) -> None:
     random, count = np.random.default_rng(seed), len(device.actuators)
-    compare(device, np.full(count, random.uniform(60, 300)), random_amplitude(random, count))
-
-
-@any_device
-@pytest.mark.parametrize("seed", range(4))
-def test_drives_of_different_tones_are_those_of_the_dense_model(device: Device, seed: int) -> None:
-    random, count = np.random.default_rng(seed), len(device.actuators)
-    compare(device, random.uniform(60, 300, count), random_amplitude(random, count))
-
-
-def test_two_of_three_actuators_on_one_tone_add_as_fields() -> None:
-    device = DEVICES["random-20230247606"]
-    compare(device, np.array([150.0, 222.0, 150.0]), np.array([0.4, 0.3j, -0.9 + 0.1j]))
+    for tones in (1, count):
+        frequency_hz = np.resize(random.uniform(60, 300, tones), count)
+        compare(device, frequency_hz, random_amplitude(random, count))
 
 
 @any_device
@@ -72,14 +62,3 @@ def test_peak_and_dead_spot_are_where_they_are_said_to_be(device: Device) -> Non
     for zone, peak_m, dead_m in zip(device.zones, steady.peak_position_m, steady.dead_position_m, strict=True):
         assert zone.start_m <= peak_m <= zone.stop_m
         assert zone.start_m <= dead_m <= zone.stop_m
-
-
-@any_device
-@pytest.mark.parametrize("scale", [1e-6, 0.5])
-def test_levels_are_proportional_to_the_amplitudes_and_shares_do_not_change(device: Device, scale: float) -> None:
-    random, count = np.random.default_rng(3), len(device.actuators)
-    frequency_hz, amplitude = random.uniform(60, 300, count), random_amplitude(random, count)
-    one, other = (compute_steady_state(assemble(device), frequency_hz, amplitude * by) for by in (1.0, scale))
-    assert other.share == pytest.approx(one.share, rel=1e-9)
-    assert other.peak == pytest.approx(one.peak * scale, rel=1e-9)
-    assert other.dead == pytest.approx(one.dead * scale, rel=1e-9)

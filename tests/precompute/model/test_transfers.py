@@ -17,7 +17,7 @@ from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
-from precompute.model.transfers import TransferFilter, decaying_sums, moved_bases, transfers_at
+from precompute.model.transfers import TransferFilter, decaying_sums, moved_bases
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import sample_scenarios
 from tests.engine.device.test_transfer import coupled, lag, points_of
@@ -56,15 +56,6 @@ def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:
     expected[:, 1] *= coupled(2j * np.pi * hz)[:, None]
     assert found[:, :2] == pytest.approx(expected[:, :2], rel=2e-3)
     assert found[:, 2:] == pytest.approx(bare[:, 2:], rel=1e-12)  # forces at places go through no driver
-
-
-def test_a_device_without_them_computes_the_same_bits() -> None:
-    hz, s = np.array([60.0, 121.3, 250.0]), 2j * np.pi * np.array([100.0, 150.0])
-    assert transfers_at(BARE.actuators, s) is None
-    amplitude = np.array([1.0, 0.3j])
-    assert moved_bases(BARE.actuators, hz[:2], amplitude) is amplitude
-    flat = replace(BARE, actuators=tuple(replace(a, transfer=None) for a in BARE.actuators))
-    assert flat.fingerprint == BARE.fingerprint
 
 
 def test_the_bar_in_time_settles_to_the_response_in_frequency() -> None:

@@ -143,63 +143,6 @@ def test_a_bar_at_rest_again_repeats_itself_at_any_rate_of_steps() -> None:
     assert finer[::3] == pytest.approx(first, rel=1e-6, abs=1e-6 * abs(first).max())
 
 
-def test_the_motion_is_linear_in_the_displacements() -> None:
-    device = shipped("reference-d")
-    one, other = np.random.default_rng(1).normal(size=(2, 3000, 2))
-    runs = [plant_of(device).run(waves)[0] for waves in (one, other, 2 * one - 3 * other)]
-    assert runs[2] == pytest.approx(2 * runs[0] - 3 * runs[1], rel=1e-9, abs=1e-9 * abs(runs[2]).max())
-
-
-def test_at_rest_without_drive_nothing_moves() -> None:
-    acceleration, energy = plant_of(shipped("reference-a")).run(np.zeros((100, 2)))
-    assert not acceleration.any()
-    assert not energy.any()
-
-
-def dense_poles(device: Device, fingers: list[tuple[float, Finger]]) -> Complex:
-    model = DenseModel(device, fingers)
-    size, inverse = len(model.K), np.linalg.inv(model.M)
-    upper = np.hstack([np.zeros((size, size)), np.eye(size)])
-    poles = np.linalg.eigvals(np.vstack([upper, np.hstack([-inverse @ model.K, -inverse @ model.C])]))
-    return poles.astype(np.complex128)
-
-
-@pytest.mark.parametrize("touched", [True, False])
-def test_free_decay_is_a_sum_of_the_dense_models_damped_modes(touched: bool) -> None:
-    device = shipped("reference-a")
-    fingers = fingers_on(device) if touched else []
-    plant = plant_of(device)
-    plant.touch(fingers)
-    plant.run(np.vstack([np.random.default_rng(3).normal(size=(2000, 2)), np.zeros((2400, 2))]))  # fast modes die
-    decay, _ = plant.run(np.zeros((9600, 2)))
-    poles = dense_poles(device, fingers)
-    slow = poles[(poles.real > -250) & (poles.imag >= 0)]
-    motions = np.exp(np.outer(np.arange(9600) / RATE_HZ, slow))
-    basis = np.hstack([motions.real, motions.imag])
-    left = decay - basis @ np.linalg.lstsq(basis, decay, rcond=1e-12)[0]
-    assert abs(left).max() <= 1e-3 * abs(decay).max()
-
-
-@any_device
-@pytest.mark.parametrize("touched", [True, False])
-def test_energy_only_decays_without_drive(device: Device, touched: bool) -> None:
-    """Kinetic and elastic energy of the bar's own modes and of the fingers, sample by sample."""
-    plant, fingers = plant_of(device), fingers_on(device) if touched else []
-    plant.touch(fingers)
-    plant.run(np.random.default_rng(4).normal(size=(500, len(device.actuators))))
-    plant.run(np.zeros((1, len(device.actuators))))
-    energies = []
-    rows = plant.basis.at(np.array([place_m for place_m, _ in fingers])) if fingers else None
-    for _ in range(300):
-        plant.run(np.zeros((7, len(device.actuators))))
-        q, rate = np.split(plant._state, 2)  # the public figures hold no elastic energy
-        energy = rate @ rate + plant.basis.square_omega @ q**2
-        for row, (_, finger) in zip(rows if rows is not None else [], fingers, strict=True):
-            energy += finger.mass_kg * (row @ rate) ** 2 + finger.stiffness_n_per_m * (row @ q) ** 2
-        energies.append(energy)
-    assert (np.diff(energies) < 0).all()
-
-
 def test_a_finger_that_comes_and_goes_leaves_the_steady_state_of_the_bar_alone() -> None:
     device = DEVICES["reference-a"]
     hz, amplitude = drive_of(device, coherent=True)

@@ -166,19 +166,6 @@ def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) ->
         time.sleep(0.01)
 
 
-def test_workers_of_a_killed_process_end_by_themselves(tmp_path: Path) -> None:
-    script = tmp_path / "sleepers.py"
-    script.write_text(SCRIPT)
-    process = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True, start_new_session=True)
-    with process:
-        assert process.stdout is not None and process.stdout.readline() == "solved 0\n"
-        process.kill()
-    end_s = time.monotonic() + 20
-    while _group_lives(process.pid):
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
-
-
 KERNEL = """
 import ctypes, os, sys
 from pathlib import Path

@@ -90,12 +90,3 @@ def test_an_entry_states_what_its_drive_does_in_the_sampled_cases() -> None:
     ):
         found = (said.low_db, said.middle_db, said.high_db)
         assert found == pytest.approx(np.percentile(cases, (5, 50, 95)), abs=1e-6)
-
-
-def test_the_less_is_known_the_further_the_bars_lie_apart() -> None:
-    as_described = bars_of(calibrated(0.0)).powers(TOUCHED, HZ, AMPLITUDE)
-    apart_db = [
-        abs(10 * np.log10(bars_of(calibrated(deviation)).powers(TOUCHED, HZ, AMPLITUDE) / as_described)).mean()
-        for deviation in (0.001, 0.01, 0.1)
-    ]
-    assert apart_db == sorted(apart_db)

@@ -38,11 +38,6 @@ def test_sampled_devices_stay_within_the_bounds_without_piling_up_there() -> Non
     assert (values[:, 2] == 0).mean() < 0.01
 
 
-def test_sampled_devices_depend_on_their_seed_alone() -> None:
-    first, again, other = (values_of(sample_devices(DEVICE, FITTED, 3, seed=s)) for s in (7, 7, 8))
-    assert (first == again).all() and (first != other).any()
-
-
 def test_the_knee_of_the_file_counts_not_that_of_the_program() -> None:
     straight = replace(FITTED, fitted=(*FITTED.fitted[:2], replace(FITTED.fitted[2], knee=30.0)))
     assert values_of(sample_devices(DEVICE, straight, 50, seed=1))[:, 2].mean() > 20

@@ -1,14 +1,12 @@
 """Laws of the sampled fingers: within zone and spread, the same every time, even, their own mirror image."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.sampling.fingers import PLACES, SAMPLES, SampledFingers, sample_fingers
-from tests.precompute.devices import every_device, mirrored, on_each, shipped
+from tests.precompute.devices import every_device, on_each
 
 Array = NDArray[np.float64]
 DEVICES = every_device()
@@ -59,44 +57,12 @@ def test_samples_are_even_over_places_and_over_the_logarithms_of_the_spread(devi
 
 
 @any_device
-def test_no_two_places_or_parameters_vary_in_step(device: Device) -> None:
-    sampled = sample_fingers(device)
-    values = np.concatenate([sampled.place[None].astype(float), np.log(parameters(sampled))])[:, 1:]
-    correlation = np.corrcoef(values.transpose(0, 2, 1).reshape(-1, SAMPLES))
-    assert abs(correlation - np.eye(len(correlation))).max() < 0.8
-
-
-@any_device
 def test_half_of_the_samples_are_the_mirror_images_of_the_others(device: Device) -> None:
     sampled = sample_fingers(device)
     half = SAMPLES // 2
     one, other = slice(1, 1 + half), slice(1 + half, None)
     assert (sampled.place[other, ::-1] == PLACES - 1 - sampled.place[one]).all()
     assert parameters(sampled)[:, other, ::-1] == pytest.approx(parameters(sampled)[:, one])
-
-
-@any_device
-def test_a_mirrored_bar_gets_the_mirrored_touches(device: Device) -> None:
-    here = np.concatenate([positions(sample_fingers(device))[None], parameters(sample_fingers(device))])
-    there = np.concatenate(
-        [positions(sample_fingers(mirrored(device)))[None], parameters(sample_fingers(mirrored(device)))]
-    )
-    turned = there[:, :, ::-1].copy()
-    turned[0] = device.bar.length_m - turned[0]
-    order = np.r_[0, 1 + SAMPLES // 2 : 1 + SAMPLES, 1 : 1 + SAMPLES // 2]
-    assert turned[:, order] == pytest.approx(here)
-
-
-def test_the_same_device_gets_the_same_touches() -> None:
-    one, other = (sample_fingers(shipped("reference-a")) for _ in range(2))
-    assert (one.place == other.place).all() and (parameters(one) == parameters(other)).all()
-
-
-def test_without_spread_all_fingers_are_alike_and_places_still_vary() -> None:
-    base = shipped("reference-a")
-    sampled = sample_fingers(replace(base, finger=replace(base.finger, spread=1.0)))
-    assert np.ptp(parameters(sampled), axis=(1, 2)) == pytest.approx(np.zeros(3))
-    assert len(np.unique(sampled.place)) == PLACES
 
 
 @any_device

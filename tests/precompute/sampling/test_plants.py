@@ -85,17 +85,6 @@ def test_a_seed_says_everything_and_another_says_otherwise() -> None:
     assert not (solid(one)[1:] == solid(other)[1:]).any()
 
 
-def test_an_odd_count_is_rounded_up() -> None:
-    assert len(sample_scenarios(shipped("reference-a"), 5, seed=1)) == 1 + 6
-
-
-def test_without_spreads_every_plant_is_the_nominal_one() -> None:
-    device = replace(shipped("reference-d"), spread=Spread(0.0, 0.0, 0.0, 0.0))
-    scenarios = sample_scenarios(device, 4, 1)
-    assert all(scenarios.device_of(s) == device for s in range(5))
-    assert np.ptp(scenarios.place(POSITION_M).position_m, axis=0) == pytest.approx(np.zeros(3))
-
-
 def test_what_a_calibration_has_fitted_varies_as_that_has_left_it_and_only_so() -> None:
     """Two stiffnesses and the modulus, known to 0.2 %, those of the actuators together."""
     base = shipped("reference-a")

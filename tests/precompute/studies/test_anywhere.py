@@ -86,11 +86,3 @@ def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers
     print_anywhere_bench(Console(file=shown, width=200), result)
     assert "of the table, for the nearest places" in shown.getvalue()
     assert f"reaches 20 dB in {steady['achieved']} of 4 placements" in shown.getvalue()
-
-
-@pytest.mark.long
-def test_processes_do_not_change_a_figure() -> None:
-    wanted = Anywhere(placements=3, plants=20)
-    one, two = (compare_anywhere(DEVICE, wanted, workers, lambda _: None, CHEAP) for workers in (1, 2))
-    for here, there in zip(one["placements"], two["placements"], strict=True):
-        assert here["by_position"] == there["by_position"] and here["by_zone"] == there["by_zone"]

@@ -38,14 +38,6 @@ def found() -> PlacementSearch:
     return search_placement(small(), 2, 20.0, MOST, lambda _: None)
 
 
-def test_actuators_where_the_device_has_them_are_the_device() -> None:
-    device = small()
-    placed = with_actuators_at(device, own_places(device))
-    assert [replace(actuator, name="") for actuator in placed.actuators] == [
-        replace(actuator, name="") for actuator in device.actuators
-    ]
-
-
 def test_more_actuators_repeat_those_of_the_device_in_their_order() -> None:
     left, right = shipped("reference-a").actuators
     placed = with_actuators_at(shipped("reference-a"), [0.2, 0.1, 0.05, 0.25]).actuators
@@ -75,7 +67,7 @@ def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(fo
         for at in found.screened_m[np.argsort(-np.nan_to_num(found.screened_db, nan=-99.0))[:2]].tolist()
     ]
     assert again.rank >= max(on_the_grid)
-    assert found.moved > 4
+    assert found.moved > 4 and found.count == 2
 
 
 def test_the_objective_of_the_shipped_places_is_that_of_the_shipped_device(found: PlacementSearch) -> None:
@@ -100,14 +92,3 @@ def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None
     assert (found.name, even.name) == ("found", "even")
     assert found.fingers.rank >= even.fingers.rank
     assert found.fingers.worst_db > 0.2  # next to the middle, where the search that starts there ends
-
-
-def test_it_is_the_same_every_time_and_of_another_number_than_the_devices_has_no_own_placement() -> None:
-    done = list[float]()
-    one, again = (search_placement(small(), 1, 20.0, 3, done.append) for _ in range(2))
-    assert [placement.position_m for placement in again.evaluated] == [
-        placement.position_m for placement in one.evaluated
-    ]
-    assert done[: len(done) // 2] == sorted(done[: len(done) // 2]) and done[-1] == pytest.approx(1.0)
-    assert {placement.name for placement in one.evaluated} == {"found", "even"}
-    assert one.count == 1 and len(one.screened_db) == 3

@@ -1,19 +1,14 @@
 """The greatest acceleration of each place: a bound on every drive, met by the best one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from engine.touch import ZoneState
-from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.frequencies import fine_frequencies
 from precompute.model.response import solve_response
 from precompute.studies.reach import compute_reach
-from tests.precompute.devices import every_device, mirrored, shipped, with_actuators
+from tests.precompute.devices import every_device, shipped, with_actuators
 
-STANDARD_GRAVITY_M_PER_S2 = 9.80665
 TENTH_DB = 10 ** (0.1 / 20)
 """What may lie between two frequencies (tests/precompute/model/test_frequencies.py)."""
 
@@ -54,51 +49,6 @@ def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
         hz = fine_frequencies(assemble(device))
         under = abs(solve_response(plant, hz).acceleration(np.array([at])))[:, :, 0]
         assert reach.tones[k] == pytest.approx(under.max(axis=0).sum(), rel=1e-9)
-
-
-@pytest.mark.parametrize("name", ["reference-a", "reference-d"])
-def test_under_a_finger_alone_it_is_the_level_of_the_loudest_entry(name: str) -> None:
-    device = replace(shipped(name), levels_db=())
-    plant = assemble(device)
-    middles_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-    reach = compute_reach(plant, middles_m, device.finger)
-    solver = EntrySolver(plant)
-    for zone in range(len(device.zones)):
-        states = tuple(ZoneState.FELT if k == zone else ZoneState.FREE for k in range(len(device.zones)))
-        entry = solver.solve(states)[-1]
-        promise = entry.zones[zone].acceleration_at_finger_m_per_s2
-        assert promise is not None
-        assert entry.level_db == pytest.approx(reach.level_db[zone], abs=0.1)
-        assert promise <= TENTH_DB * reach.tones[zone]
-
-
-def test_the_level_is_that_of_the_acceleration_over_the_threshold() -> None:
-    device = shipped("reference-a")
-    alone = replace(device, actuators=device.actuators[:1])
-    reach = compute_reach(assemble(alone), np.array([0.1]))
-    hz = fine_frequencies(assemble(alone))
-    over = abs(solve_response(assemble(alone), hz).acceleration(np.array([0.1])))[
-        :, 0, 0
-    ] / alone.threshold.peak_m_per_s2(hz)
-    assert reach.level_db[0] == pytest.approx(20 * np.log10(over.max()), abs=1e-9)
-
-
-def test_the_papers_one_and_a_half_g_everywhere_hold_untouched_and_not_under_a_finger() -> None:
-    device = shipped("reference-a")
-    place_m = np.linspace(0.0, device.bar.length_m, 57)
-    limit = 1.5 * STANDARD_GRAVITY_M_PER_S2
-    assert compute_reach(assemble(device), place_m).tones.min() > limit
-    assert compute_reach(assemble(device), place_m, device.finger).tones.min() < limit
-
-
-def test_it_scales_with_the_amplitude_limit_and_mirrors_with_the_bar() -> None:
-    device = shipped("reference-a")
-    place_m = np.linspace(0.0, device.bar.length_m, 9)
-    full = compute_reach(assemble(device), place_m).tones
-    half = replace(device, limits=replace(device.limits, amplitude=0.5))
-    assert compute_reach(assemble(half), place_m).tones == pytest.approx(full / 2)
-    seen_from_behind = compute_reach(assemble(mirrored(device)), device.bar.length_m - place_m)
-    assert seen_from_behind.tones == pytest.approx(full, rel=1e-3)
 
 
 def test_out_of_its_band_an_actuator_gives_nothing() -> None:

@@ -11,7 +11,7 @@ from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.sampling.fingers import sample_fingers
 from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
-from tests.precompute.devices import mirrored, shipped, with_actuators, with_zones
+from tests.precompute.devices import shipped, with_actuators, with_zones
 from tests.quick import first_quick
 
 SEARCH_DB = 0.05
@@ -53,11 +53,6 @@ def test_the_screening_never_gives_more_than_the_search(name: str) -> None:
     assert (np.nan_to_num(screened.contrast_db - found.contrast_db) < SEARCH_DB).all()
     assert screened.is_reached == found.is_reached
     assert screened.worst_db > found.worst_db - 3.0, "or it would screen nothing"
-
-
-def test_a_mirrored_bar_has_mirrored_contrasts(solved: TwoFingers) -> None:
-    seen_from_behind = solve_two_fingers(mirrored(small()), 20.0).contrast_db[::-1, ::-1]
-    assert np.nan_to_num(seen_from_behind) == pytest.approx(np.nan_to_num(solved.contrast_db), abs=SEARCH_DB)
 
 
 def test_a_level_out_of_reach_ranks_below_every_one_that_is_reached(solved: TwoFingers) -> None:

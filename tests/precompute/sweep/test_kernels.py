@@ -51,30 +51,6 @@ def test_pair_sweep_equals_numpy(seed: int, shape: tuple[int, int, int, int], st
 
 
 @few
-@given(seeds, st.tuples(small, small, small, eights), st.integers(1, 4))
-def test_figures_are_nan_where_nothing_moves_and_only_there(
-    seed: int, shape: tuple[int, int, int, int], steps: int
-) -> None:
-    *_, factor, peak, dead = pair_sweep(np.random.default_rng(seed), shape, steps)
-    for values in (factor, peak, dead):
-        assert np.isnan(values[:, 0]).all()
-        assert np.isfinite(values[:, 1:]).all()
-
-
-@few
-@given(seeds, st.tuples(small, small, small, eights))
-def test_twice_the_amplitudes_are_twice_the_levels_and_the_same_factor(
-    seed: int, shape: tuple[int, int, int, int]
-) -> None:
-    *_, factor, peak, dead = pair_sweep(np.random.default_rng(seed), shape, 4)
-    for p, q in ((0, 1), (1, 0), (1, 1), (1, 2), (2, 1)):
-        one, two = 5 * p + q, 5 * 2 * p + 2 * q
-        assert (factor[:, two] == factor[:, one]).all()
-        assert peak[:, two] == pytest.approx(2 * peak[:, one], rel=1e-6)
-        assert dead[:, two] == pytest.approx(2 * dead[:, one], rel=1e-6)
-
-
-@few
 @given(st.integers(1, 40))
 def test_folding_reproduces_every_amplitude_pair(steps: int) -> None:
     fold = fold_amplitudes(steps)

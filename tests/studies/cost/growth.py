@@ -1,6 +1,6 @@
 """Processor time and memory of entries and clicks as zones, fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE] [--json]` shows how the time of all
+`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE]` shows how the time of all
 states, or of one click, grows with each of them alone, and that memory stays bounded. Where a case has many states only
 some of them are solved, evenly chosen, and the time for all is extrapolated. Clicks are those of random placements; a
 table takes as many times longer as it has placements.
@@ -15,7 +15,6 @@ import resource
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device, Zone
-from engine.device.file import ROMAN
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.entries.prediction import States, touched_zones
 from precompute.entries.solver import tabulated_states
@@ -32,6 +30,7 @@ from precompute.parallel.pool import solve_in_processes
 from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.bench.entries import STEP_HZ, time_entries
 from tactable.shipped import find_device
+from tests.precompute.devices import with_zones
 from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
 
 ENTRY_ZONES, ENTRY_ACTUATORS, MOST_ENTRY_STATES = (3, 4, 5, 6, 7, 8), (2, 3, 4), 65
@@ -53,7 +52,7 @@ def measure_entries(device: Device, zones: Sequence[int], actuators: Sequence[in
     with threadpool_limits(1, "blas"):
         for count in actuators:
             for zone_count in zones:
-                varied = _with_actuators(_with_zones(device, zone_count), count)
+                varied = _with_actuators(with_zones(device, zone_count), count)
                 row = time_entries(varied, _chosen(varied, MOST_ENTRY_STATES))
                 rows.append({"series": f"{count} actuators", "value": zone_count, **row})
     return rows
@@ -106,12 +105,6 @@ def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) 
 def _chosen(device: Device, most: int) -> list[States]:
     states = sorted(tabulated_states(device), key=touched_zones)
     return states[:: -(-len(states) // most)]
-
-
-def _with_zones(device: Device, count: int) -> Device:
-    """The device with `count` equal zones."""
-    edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
-    return replace(device, zones=tuple(Zone(n, a, b) for n, (a, b) in zip(ROMAN, pairwise(edges), strict=False)))
 
 
 def _with_actuators(device: Device, count: int) -> Device:
@@ -183,7 +176,6 @@ def main() -> None:
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--solved", type=int, default=SOLVED_PLACEMENTS, help="placements that the workers solve")
     parser.add_argument("--figure", type=Path)
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     device = find_device(asked.device)
     machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
@@ -200,9 +192,6 @@ def main() -> None:
         rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
     if asked.figure is not None:
         draw(rows, machine, asked.figure)
-    if asked.json:
-        print(json.dumps({"machine": machine, "rows": rows, "exponents": exponents_of(rows)}, indent=2))
-        return
     print(machine)
     for row in rows:
         solved = "" if row["solved"] == row["states"] else f" (from {row['solved']})"

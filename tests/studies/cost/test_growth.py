@@ -8,20 +8,13 @@ import pytest
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped, with_zones
 from tests.studies.cost.click_workers import grid_of, measure_workers
-from tests.studies.cost.growth import draw, exponents_of, measure_clicks, measure_entries, time_clicks
+from tests.studies.cost.growth import draw, exponents_of, measure_clicks, time_clicks
 
 DEVICE = with_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
 
 
 @pytest.mark.long
-def test_entries_of_every_number_of_zones_and_actuators_are_timed() -> None:
-    rows = measure_entries(COARSE, (1, 2), (1, 2))
-    assert [row["states"] for row in rows] == [1, 5, 1, 5]  # 3^n - 2^n
-    assert all(row["all_states_s"] > 0 for row in rows)
-    assert set(exponents_of(rows)) == {"1 actuators", "2 actuators"}
-
-
 @pytest.mark.machine
 def test_clicks_of_every_case_are_timed_also_in_a_process_of_their_own_and_drawn(tmp_path: Path) -> None:
     cases = (("fingers", 1), ("fingers", 2), ("actuators", 3), ("plants", 4), ("ms of click", 10), ("mm of bar", 200))

@@ -8,7 +8,6 @@ import pytest
 from engine.device import Device
 from tactable.bench.latency.background_load import BackgroundLoad
 from tests.studies.cost.table_changes import FRAME_NS, Segment, measure_changes
-from tests.studies.trust.watched_run import touches
 from tests.tactable.run.test_table_watch import DEVICE, write
 
 
@@ -34,9 +33,3 @@ def test_a_pause_is_how_late_the_latest_report_about_it_was() -> None:
     nothing = np.zeros(0, np.int64)
     segment = Segment({}, 0, late_ns, due_ns, nothing, nothing)
     assert segment.pauses_ns(np.array([200, 290, 350]) * FRAME_NS).tolist() == [7 * FRAME_NS, 3 * FRAME_NS, 0]
-
-
-def test_the_finger_is_always_down_and_jumps() -> None:
-    recording = touches(0.1, 1000, (0.1, 0.9))
-    assert len(recording.reports) == 100
-    assert len({report.data[3:5] for report in recording.reports}) == 2

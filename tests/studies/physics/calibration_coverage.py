@@ -1,13 +1,11 @@
 """Coverage of the 95 % intervals of a calibration on synthetic bars with known parameters. SIMULATED.
 
-`python -m tests.studies.physics.calibration_coverage [--draws N] [--figure FILE] [--json]` proves that the intervals
+`python -m tests.studies.physics.calibration_coverage [--draws N] [--figure FILE]` proves that the intervals
 hold the true value about as often as they say, with noise and with wrong readings, and that without noise the fit is
 exact. docs/calibration-coverage.png and the table in docs/calibration.md are made with --draws 100.
 """
 
 import argparse
-import json
-import platform
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,12 +63,7 @@ CASES = (
 def measure_coverage(cases: Sequence[Case], draws: int) -> dict[str, Any]:
     """Every case with `draws` bars; the draws of a case depend on nothing but their number."""
     with threadpool_limits(1, "blas"):
-        rows = [_run_case(case, draws) for case in cases]
-    return {
-        "machine": {"python": platform.python_version(), "processor": platform.machine()},
-        "draws": draws,
-        "cases": rows,
-    }
+        return {"draws": draws, "cases": [_run_case(case, draws) for case in cases]}
 
 
 def _run_case(case: Case, draws: int) -> dict[str, Any]:
@@ -190,12 +183,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="tests.studies.physics.calibration_coverage", description=__doc__)
     parser.add_argument("--draws", type=int, default=10, help="bars of each case")
     parser.add_argument("--figure", type=Path, help="draw the coverage to this file")
-    parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
     result = measure_coverage(CASES, asked.draws)
     if asked.figure is not None:
         draw(result, asked.figure)
-    print(json.dumps(result, indent=2) if asked.json else "\n".join(map(describe, result["cases"])))
+    print("\n".join(map(describe, result["cases"])))
 
 
 if __name__ == "__main__":

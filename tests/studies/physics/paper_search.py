@@ -7,7 +7,7 @@ choices is a search of its own over the continuous values: a Latin hypercube fir
 its best points, the most promising combinations for longer. A set of values is better when it keeps more statements
 (tests.studies.physics.paper_statements), then when its worst margin is wider.
 
-    python -m tests.studies.physics.paper_search [--seed S] [--sets N] [--json FILE]
+    python -m tests.studies.physics.paper_search [--seed S] [--sets N]
 
 evaluates N sets of values, 300 000 by default, which takes about 40 minutes of one processor. The same seed and number
 give the same result on every machine; a budget of time would not.
@@ -15,10 +15,8 @@ give the same result on every machine; a budget of time would not.
 
 import argparse
 import itertools
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -266,7 +264,6 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sets", type=int, default=300_000)
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     search = Search(options.seed, options.sets)
     search.run()
@@ -274,30 +271,20 @@ def main() -> None:
     archive, count = search.archive, len(STATEMENTS)
     best = sorted(archive.best, key=lambda choice: -archive.best[choice][0])
     most_with = {name: int(most) for (name, _, _), most in zip(STATEMENTS, archive.most_with, strict=True)}
-    report: dict[str, object] = {
-        "evaluations": archive.evaluations,
-        "never_together": excluded,
-        "most_with": most_with,
-    }
     said(f"{archive.evaluations} sets, seed {options.seed}")
     said(f"pairs that no set kept together: {excluded or 'none'}")
     said("most kept by a set that keeps: " + ", ".join(f"{name} {most}" for name, most in most_with.items()))
     for choice in best:
         said(f"{archive.best[choice][0]:7.3f}  {choice}")
-    found = list[dict[str, object]]()
     for rank, choice in enumerate(best[:6]):
         device, margin, checked = search.finish(choice)
         kept = int((margin >= 0).sum())
         said(f"\n{kept} of {count} kept, worst margin {margin.min():+.2f} dB: {choice}\n{describe(device)}")
         failing = {name: round(float(m), 2) for (name, _, _), m in zip(STATEMENTS, margin, strict=True) if m < 0}
         said(f"failing, dB: {failing or 'none'}")
-        found.append({"choice": str(choice), "kept": kept, "failing": failing, **describe(device)})
         if rank == 0:
             for (name, sentence, _), (value, _), m in zip(STATEMENTS, checked, margin, strict=True):
                 said(f"{name} {'kept' if m >= 0 else 'FAILS':5s} {m:+6.1f} dB  {sentence}: {value}")
-    report["best"] = found
-    if options.json:
-        options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What docs/theory.md says of the paper's statements and reference-a; the search's own arithmetic."""
+"""What docs/theory.md says of the statements of the paper and of reference-a."""
 
 import re
 from functools import cache
@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from tactable.shipped import find_device
-from tests.studies.physics.paper_search import BOUNDS, Archive, Choice, device_of, score
 from tests.studies.physics.paper_statements import (
     DAMPING_OF,
     READINGS,
-    STATEMENTS,
     Reading,
     Solved,
     check,
@@ -53,29 +51,3 @@ def test_an_assembly_that_damps_lowers_the_reach_below_the_published_one() -> No
     both = [figures_of(solve(with_damping_of(device, read), frequency_hz), READINGS[0]) for read in DAMPING_OF]
     reach_m_per_s2 = [figures.reach.min() for figures in both]
     assert reach_m_per_s2[1] < 1.5 * 9.80665 < reach_m_per_s2[0]
-
-
-@pytest.mark.parametrize("zones", [0, 5])
-def test_every_point_of_the_search_is_a_bar_with_the_published_places(zones: int) -> None:
-    nominal = find_device("reference-a")
-    for x in np.random.default_rng(1).random((20, len(BOUNDS) + zones)):
-        device = device_of(x, nominal)
-        edges_m = [zone.stop_m for zone in device.zones]
-        assert edges_m == sorted(edges_m) and edges_m[-1] == device.bar.length_m
-        places = [actuator.position_m / device.bar.length_m for actuator in device.actuators]
-        assert places == pytest.approx([0.16, 0.977])
-
-
-def test_more_statements_count_before_wider_margins() -> None:
-    count = len(STATEMENTS)
-    one_missed, two_missed = np.full(count, 0.1), np.full(count, 20.0)
-    one_missed[0], two_missed[:2] = -20.0, -0.1
-    assert score(np.full(count, 0.1)) > score(one_missed) > score(two_missed)
-
-
-def test_an_archive_remembers_what_was_kept_together() -> None:
-    archive, margin = Archive(), np.full(len(STATEMENTS), -1.0)
-    margin[[2, 5]] = 1.0
-    archive.note(Choice("bar", True, 0), np.zeros(6), margin)
-    assert archive.together[2, 5] and not archive.together[2, 3]
-    assert archive.most_with[[2, 5, 3]].tolist() == [2, 2, 0]

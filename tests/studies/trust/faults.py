@@ -13,7 +13,6 @@ It needs `unshare` and `setpriv` (util-linux) and a kernel that allows a mount n
 
 import argparse
 import hashlib
-import json
 import os
 import shutil
 import subprocess
@@ -148,18 +147,14 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200, help="of each of build, calibrate, swap and fleet")
     parser.add_argument("--writer", action="append", choices=WRITERS)
     parser.add_argument("--killed", action="append", choices=KILLED, help="only these; then no other fault")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     outcomes, faults = ({}, []) if options.killed else inject_all(options.writer or list(WRITERS))
     if options.kills:
         killed, damage = kill_all(options.killed or KILLED, options.kills, options.seed)
         outcomes, faults = {**outcomes, **killed}, [*faults, *damage]
-    if options.json:
-        print(json.dumps({"seed": options.seed, "outcomes": outcomes, "faults": faults}, indent=2))
-    else:
-        for fault, counts in outcomes.items():
-            print(f"{fault}: " + ", ".join(f"{count} {word}" for word, count in sorted(counts.items())))
-        print(*(f"FAULT {fault}" for fault in faults), sep="\n")
+    for fault, counts in outcomes.items():
+        print(f"{fault}: " + ", ".join(f"{count} {word}" for word, count in sorted(counts.items())))
+    print(*(f"FAULT {fault}" for fault in faults), sep="\n")
     raise SystemExit(1 if faults else 0)
 
 

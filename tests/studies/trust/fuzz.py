@@ -9,7 +9,6 @@ fault, too.
 """
 
 import argparse
-import json
 import math
 import multiprocessing
 import random
@@ -344,16 +343,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--count", type=int, default=sys.maxsize)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     outcomes, faults = fuzz(options.what, options.seed, options.first, options.count, options.seconds)
-    report = {"what": options.what, "seed": options.seed, "cases": outcomes.total(), **outcomes, "faults": faults}
-    if options.json:
-        print(json.dumps(report, indent=2))
-    else:
-        print(", ".join(f"{key} {value}" for key, value in report.items() if key != "faults"))
-        for number, fault in faults.items():
-            print(f"case {number}: {fault}")
+    report = {"what": options.what, "seed": options.seed, "cases": outcomes.total(), **outcomes}
+    print(", ".join(f"{key} {value}" for key, value in report.items()))
+    for number, fault in faults.items():
+        print(f"case {number}: {fault}")
     raise SystemExit(1 if faults else 0)
 
 

@@ -54,7 +54,6 @@ _EMULATOR = tuple(
 )
 _CORE = tuple(f"tests/{FIRMWARE}/test_{name}.py" for name in ("core", "framing", "twins", "synthesis"))
 _HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session", "host/test_outbox", "host/test_link"))
-_FINGERS = ("tests/engine/touch/test_finger_tracker.py", "tests/engine/touch/test_placement.py")
 _LOOP_CONTROL = "tests/engine/loop/test_control.py"
 
 
@@ -280,16 +279,12 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=400, help="how many mutants are drawn")
     parser.add_argument("--module", action="append", help="a part of a path; may be repeated")
     parser.add_argument("--results", type=Path, help="a JSON-lines file that a stopped run goes on from")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     modules = [path for path in TESTS if not options.module or any(part in path for part in options.module)]
     if not modules:
         parser.error(f"no such module; there are {', '.join(TESTS)}")
     mutants = drawn(modules, options.seed, options.count)
     report = summary(mutants, run(mutants, options.results))
-    if options.json:
-        print(json.dumps(report, indent=2))
-        return
     for key, value in report.items():
         if not isinstance(value, dict | list):
             print(f"{key.replace('_', ' ')}: {value:.1%}" if isinstance(value, float) else f"{key}: {value}")

@@ -168,19 +168,6 @@ def test_a_table_that_the_bar_does_not_keep_is_not_put_in_place_nor_is_one_whose
 
 
 @pytest.mark.usefixtures("one_core")
-def test_measurements_in_the_wrong_unit_are_doubted_and_not_applied(folder: Path) -> None:
-    """They fit as well as the right ones, with a full scale that is 9.8 times too great."""
-    text, before = (folder / "measured.csv").read_text(encoding="utf-8"), (folder / "bar.nc").read_bytes()
-    (folder / "measured.csv").write_text(text.replace("acceleration (m/s^2)", "acceleration (g_0)"), encoding="utf-8")
-    done = apply("--json", "--starts", "8")
-    assert done.exit_code == EXIT_DOUBTFUL, done.output
-    said = json.loads(done.stdout)
-    assert said["median_misfit"] < 0.05
-    assert any("full_scale" in doubt and "check the units" in doubt for doubt in said["doubts"])
-    assert (folder / "bar.nc").read_bytes() == before
-
-
-@pytest.mark.usefixtures("one_core")
 def test_other_data_for_the_same_folder_are_refused(folder: Path) -> None:
     (folder / "new").mkdir()
     before = (folder / "bar.nc").read_bytes()

@@ -37,10 +37,6 @@ def test_a_governor_that_saves_power_is_told_with_the_command_that_ends_it(root:
     assert examine(root)["governor"].passed
 
 
-def test_what_only_makes_late_is_no_reason_to_fail(root: Path) -> None:
-    assert not any(check.needed for check in examine(root).values() if not check.passed)
-
-
 def test_an_unprivileged_user_is_told_rule_and_limits(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "access", lambda *_: False)

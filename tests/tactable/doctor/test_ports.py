@@ -49,13 +49,6 @@ def test_a_rule_on_the_port_or_on_its_device_keeps_modem_manager_off(root: Path,
     assert [check.passed for check in check_ports([USB], SystemFiles(root))] == [True, True]
 
 
-def test_without_modem_manager_or_usb_nothing_is_said_of_it(root: Path) -> None:
-    plain = PortDescription("ttyUSB0", "bar-1", "bar driver")
-    assert len(check_ports([plain], SystemFiles(root))) == 1
-    (root / "proc/42/comm").write_text("bash\n")
-    assert len(check_ports([USB], SystemFiles(root))) == 1
-
-
 @pytest.mark.parametrize(("written", "told"), [("1", "latency timer 1 ms"), ("", "bar driver")])
 def test_the_latency_timer_is_told_where_there_is_one(root: Path, written: str, told: str) -> None:
     (root / "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/latency_timer").write_text(written)

@@ -38,15 +38,6 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
     assert (solved.exceeds_s, solved.wanted_level_db) == (held.exceeds_s, held.wanted_level_db)
 
 
-def test_a_click_of_more_fingers_is_solved_for_their_places_as_a_run_does(source: ClickSource) -> None:
-    placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
-    click = source.click_at_places(placement)
-    middles = Placement.named(source.table.device, ["I"], ["II", "III"])
-    assert click.placement.position_m == pytest.approx(middles.position_m)
-    assert click.placement.is_felt == middles.is_felt
-    assert click.tolerance_m == source.table.clicks.tolerance_m
-
-
 def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
     click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
     found = [each.level_db for each in source.fingers_of(click, click.placement)]
@@ -58,3 +49,12 @@ def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source:
 def test_a_placement_without_a_felt_finger_is_refused(source: ClickSource) -> None:
     with pytest.raises(TableError, match="--felt I"):
         source.solve(Placement.named(source.table.device, [], ["II"]))
+
+
+def test_a_click_of_more_fingers_is_solved_for_their_places_as_a_run_does(source: ClickSource) -> None:
+    placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
+    click = source.click_at_places(placement)
+    middles = Placement.named(source.table.device, ["I"], ["II", "III"])
+    assert click.placement.position_m == pytest.approx(middles.position_m)
+    assert click.placement.is_felt == middles.is_felt
+    assert click.tolerance_m == source.table.clicks.tolerance_m

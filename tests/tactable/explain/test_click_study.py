@@ -9,7 +9,6 @@ from precompute.clicks import ClickSolver
 from tactable.explain.click_source import ClickSource
 from tactable.explain.click_study import Study, run_study
 from tactable.figures.click_study import plot_click_study
-from tests.tactable.click_table import CHEAP
 
 
 @pytest.fixture(scope="module")
@@ -59,18 +58,3 @@ def test_the_picture_has_every_point_and_both_sides(study: Study) -> None:
     assert len(picture.figure.axes) == 2
     for axes in picture.figure.axes:
         assert [line for line in axes.lines if line.get_label() == "quiet, 95 %"]
-
-
-def test_a_finger_alone_has_no_quiet_side(source: ClickSource) -> None:
-    device = source.table.device
-    alone = run_study(
-        device,
-        Placement.named(device, ["II"]),
-        lengths_s=(0.02,),
-        scenarios=(2,),
-        options=CHEAP,
-        on_progress=list[float]().append,
-    )
-    picture = plot_click_study(alone)
-    assert picture.columns["quiet level, 95 % (dB above threshold oh-choi-2019)"] == [None, None]
-    assert picture.summary["quiet"] == []

@@ -1,13 +1,11 @@
 """The picture of a calibration: a panel a drive, the curve through noiseless readings, wrong readings set apart."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from precompute.calibration.calibrate import calibrate
 from precompute.measurements import Kind
-from tactable.figures.calibration import calibration_png, plot_calibration
+from tactable.figures.calibration import plot_calibration
 from tactable.figures.response import reading_along
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import NAN, read_bar
@@ -39,13 +37,3 @@ def test_of_very_many_drives_a_dozen_are_drawn() -> None:
     assert len([axes for axes in picture.figure.axes if axes.get_visible()]) == 12
     assert "12 of 40 drives" in picture.caption
     assert len(picture.columns["measured (m/s^2)"]) == 120
-
-
-def test_the_picture_is_a_png() -> None:
-    assert calibration_png(noisy_calibration()).startswith(b"\x89PNG\r\n")
-
-
-def test_what_was_measured_is_not_called_simulated() -> None:
-    found = noisy_calibration()
-    real = replace(found, measurements=replace(found.measurements, is_simulated=False))
-    assert "SIMULATED" not in plot_calibration(real).caption

@@ -44,14 +44,6 @@ def test_beside_it_is_the_gated_drive_judged_alike(source: ClickSource, picture:
     assert picture.summary["gated_quiet_level_db"][2][0] == pytest.approx(gated.quiet.high_db)
 
 
-def test_the_matrices_are_whole(picture: Picture) -> None:
-    for key in ("felt_level_db", "quiet_level_db", "gated_felt_level_db", "gated_quiet_level_db", "is_tabulated"):
-        matrix = picture.summary[key]
-        assert [len(row) for row in matrix] == [3, 3, 3]
-        for felt, quiet in product(range(3), repeat=2):
-            assert (matrix[felt][quiet] is None) == (felt == quiet and "quiet" in key)
-
-
 def test_the_fraction_done_rises_to_one(picture: Picture, progress: list[float]) -> None:
     assert picture.caption
     assert len(progress) == 9 and progress[-1] == 1 and all(one < other for one, other in pairwise(progress))

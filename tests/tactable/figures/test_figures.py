@@ -1,6 +1,5 @@
 """The figures: what they draw is what the table promises, what other models give, and what the search claims."""
 
-import csv
 from collections.abc import Iterator
 from dataclasses import replace
 from math import inf
@@ -10,20 +9,20 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from engine.table import Entry, Table, TableError
+from engine.table import Table, TableError
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.figures.contrast_map import plot_contrast_map
 from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
-from tactable.figures.file import FigureError, Picture, check_paths, write_columns, write_picture
+from tactable.figures.file import FigureError, Picture, check_paths, write_picture
 from tactable.figures.pareto import STEP_DB, Front, plot_pareto, solve_front, solve_paper_drive
 from tactable.figures.played_drive import entry_drive, solved_drive
 from tactable.figures.rise import plot_rise
 from tactable.figures.state import compute_envelope, plot_state
-from tests.precompute.dense_model import DenseModel
 from tests.quick import first_quick
+from tests.tactable.figures.pictures import check_picture
 from tests.tactable.plot_table import build_small_table
 
 SEARCH_DB = 0.05
@@ -51,13 +50,6 @@ def paper(table: Table, state: tuple[ZoneState, ...]) -> Front:
     return solve_paper_drive(table.device, state)
 
 
-def complex_amplitudes(entry: Entry) -> np.ndarray:
-    return np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
-
-
-# ---- state -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("every", first_quick([5, 1]))
 def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: Table, every: int) -> None:
     for entry in list(table.entries_at(20.0))[::every]:
@@ -66,16 +58,6 @@ def test_the_envelope_under_a_standard_finger_is_what_the_entry_promises(table: 
             if promise.acceleration_at_finger_m_per_s2 is not None:
                 here = np.interp((zone.start_m + zone.stop_m) / 2, envelope.position_m, envelope.standard)
                 assert here == pytest.approx(promise.acceleration_at_finger_m_per_s2, rel=1e-6)
-
-
-def test_the_envelope_is_that_of_the_dense_model_with_the_fingers_on_it(table: Table) -> None:
-    entry, device = table.entry_for(["I"], ["III"]), table.device
-    envelope = compute_envelope(entry_drive(table, entry))
-    middles_m = [(device.zones[z].start_m + device.zones[z].stop_m) / 2 for z in (0, 2)]
-    model = DenseModel(device, [(place_m, device.finger) for place_m in middles_m])
-    (hz,) = set(entry.frequencies_hz)
-    field = model.unit_acceleration(np.array([hz]), envelope.position_m)[0] @ complex_amplitudes(entry)
-    assert envelope.standard == pytest.approx(abs(field), rel=1e-5)
 
 
 def test_the_band_holds_the_levels_that_the_entry_gives_for_other_fingers(table: Table) -> None:
@@ -125,14 +107,6 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert risen_db == pytest.approx(drawn.level_db, abs=1.0)
 
 
-# ---- pareto ----------------------------------------------------------------------------------------------
-
-
-def test_more_level_never_gives_more_contrast(front: Front) -> None:
-    assert (np.diff(front.level_db) > 0).all()
-    assert (np.diff(front.expected_db) < SEARCH_DB).all()
-
-
 def test_the_front_passes_through_the_entries_of_the_table(table: Table, front: Front) -> None:
     for level_db in table.levels_db:
         entry = table.entry_for(["I"], ["III"], level_db)
@@ -155,19 +129,6 @@ def test_the_papers_drive_has_the_greatest_factor_of_the_untouched_bar_and_less_
     assert paper.expected_db[0] < front.expected_db[as_loud][0]
 
 
-def test_the_papers_drive_is_judged_as_an_entry_is(table: Table, paper: Front) -> None:
-    device = table.device
-    middles_m = [(device.zones[z].start_m + device.zones[z].stop_m) / 2 for z in (0, 2)]
-    model = DenseModel(device, [(place_m, device.finger) for place_m in middles_m])
-    hz = paper.frequency_hz[0]
-    assert hz[0] == hz[1]
-    under = abs(model.unit_acceleration(hz[:1], np.array(middles_m))[0] @ paper.amplitude[0])
-    level_db = 20 * np.log10(under / table.device.threshold.peak_m_per_s2(hz[:1]))
-    assert paper.level_db[0] == pytest.approx(level_db[0], abs=1e-3)
-    assert paper.standard_db[0] == pytest.approx(level_db[0] - level_db[1], abs=1e-3)
-    assert paper.worst_db[0] <= paper.standard_db[0]
-
-
 def test_contrast_without_a_quiet_finger_is_refused(table: Table) -> None:
     with pytest.raises(TableError, match="--quiet IV"):
         plot_pareto(table, table.states_of(["I"], []))
@@ -175,9 +136,6 @@ def test_contrast_without_a_quiet_finger_is_refused(table: Table) -> None:
 
 def test_the_levels_of_the_front_are_a_step_apart(front: Front) -> None:
     assert np.diff(front.level_db)[:-1] == pytest.approx(STEP_DB)
-
-
-# ---- contrast map ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("level_db", [20.0, 33.0, inf])
@@ -199,9 +157,6 @@ def test_what_is_not_achieved_is_hatched(table: Table) -> None:
     assert not [patch for patch in plot_contrast_map(table, 20.0).figure.axes[0].patches if patch.get_hatch()]
 
 
-# ---- rise times ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("level_db", [20.0, 33.0, inf])
 def test_the_rise_times_are_those_of_the_entries(table: Table, level_db: float) -> None:
     columns = plot_rise(table, level_db).columns
@@ -210,14 +165,6 @@ def test_the_rise_times_are_those_of_the_entries(table: Table, level_db: float) 
         entry = table.entry_for(str(felt).split(), str(quiet).split(), level_db)
         assert columns["t90 (s)"][k] == entry.t90_s
         assert columns["worst t90 (s)"][k] == entry.worst_case.t90_s >= entry.t90_s
-
-
-def test_the_distribution_reaches_every_state_at_the_slowest(table: Table) -> None:
-    picture = plot_rise(table, 20.0)
-    standard = next(line for line in picture.figure.axes[1].lines if line.get_label() == "standard fingers")
-    time_ms, risen = (np.asarray(data, dtype=np.float64) for data in standard.get_data())
-    assert (np.diff(time_ms) >= 0).all() and risen[-1] == pytest.approx(100.0)
-    assert time_ms[-1] == pytest.approx(1e3 * max(entry.t90_s for entry in table.entries_at(20.0)))
 
 
 def test_the_course_of_a_state_is_risen_when_its_entry_says_and_stays_near_what_it_promises(table: Table) -> None:
@@ -241,9 +188,6 @@ def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table
     felt_db, *quiet_db = level_db.values()
     assert np.asarray(columns["contrast (dB)"]) == pytest.approx(felt_db - np.maximum(*quiet_db))
     assert "contrast (dB)" not in plot_course(entry_drive(table, table.entry_for(["I"], [], 20.0))).columns
-
-
-# ---- localized factor ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("amplitudes", [(1.0, 1.0), (1.0, 0.4), (0.0, 1.0)])
@@ -272,15 +216,6 @@ def test_out_of_its_band_an_actuator_has_no_factor(table: Table) -> None:
     assert np.isfinite(factor[~below]).all()
 
 
-def test_fingers_add_a_panel_of_the_same_scale(table: Table) -> None:
-    drive = pair_drive(table.device, [], [1.0, 1.0])
-    alone, beside = (plot_factor(table, [["I"]], fingers, drive) for fingers in ([], ["I"]))
-    assert len(alone.figure.axes) == 2  # with the colour bar
-    assert len(beside.figure.axes) == 3
-    assert len({axes.images[0].get_clim() for axes in beside.figure.axes[:2]}) == 1
-    assert len(beside.summary["greatest"]) == 2
-
-
 def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(table: Table) -> None:
     drive = pair_drive(table.device, [], [1.0, 1.0])
     picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
@@ -307,54 +242,15 @@ def test_a_drive_that_the_sweep_does_not_have_is_refused(
         pair_drive(table.device, names, amplitudes)
 
 
-# ---- files -----------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def pictures(table: Table, state: tuple[ZoneState, ...]) -> dict[str, Picture]:
-    return {
-        "state": plot_state(entry_drive(table, table.entry_for(["I"], ["III"]))),
-        "pareto": plot_pareto(table, state),
-        "contrast-map": plot_contrast_map(table, 20.0),
-        "rise": plot_rise(table, 20.0),
-        "course": plot_course(entry_drive(table, table.entry_for(["I"], ["III"]))),
-        "factor": plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0))),
-    }
-
-
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
-def test_every_axis_and_every_column_has_its_unit(pictures: dict[str, Picture], name: str) -> None:
-    picture = pictures[name]
+def test_every_picture_has_its_units_its_estimates_and_its_data(
+    table: Table, state: tuple[ZoneState, ...], tmp_path: Path
+) -> None:
+    drive = entry_drive(table, table.entry_for(["I"], ["III"]))
+    pictures = [plot_state(drive), plot_course(drive), plot_pareto(table, state), plot_contrast_map(table, 20.0)]
+    pictures += [plot_rise(table, 20.0), plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0)))]
     words = {"drive", "felt zone", "quiet zone", "felt zones", "quiet zones", "family"}
-    assert all(header.endswith(")") for header in picture.columns if header not in words)
-    labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
-    assert len(labels) >= 2
-    assert all(label.endswith((")", "finger in zone")) for label in labels)
-
-
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
-def test_every_picture_says_what_is_estimated(table: Table, pictures: dict[str, Picture], name: str) -> None:
-    note = " ".join(pictures[name].figure.get_supxlabel().split())
-    assert "Computed, not measured. ESTIMATES" in note
-    assert "finger" in note
-    assert f"{len(table.device.estimated_values)} values of the device" in note
-    assert set(table.device.estimated_values) <= set(pictures[name].summary["estimated"])
-
-
-@pytest.mark.parametrize("name", ["state", "pareto", "contrast-map", "rise", "course", "factor"])
-def test_the_csv_is_the_data(pictures: dict[str, Picture], name: str, tmp_path: Path) -> None:
-    write_columns(pictures[name], tmp_path / "data.csv")
-    with (tmp_path / "data.csv").open(newline="", encoding="utf-8") as file:
-        header, *rows = csv.reader(file)
-    assert header == list(pictures[name].columns)
-    for cells, values in zip(zip(*rows, strict=True), pictures[name].columns.values(), strict=True):
-        for cell, value in zip(cells, values, strict=True):
-            if isinstance(value, str):
-                assert cell == value
-            elif value is None or np.isnan(value):
-                assert cell == ""
-            else:
-                assert float(cell) == value
+    for picture in pictures:
+        check_picture(picture, table.device, words, tmp_path)
 
 
 @pytest.mark.parametrize(("ending", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")])

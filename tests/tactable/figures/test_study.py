@@ -1,6 +1,7 @@
 """Pictures of studies: what is drawn and written is what was found."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tactable.figures.file import Picture
 from tactable.figures.placement import plot_placement
 from tactable.figures.resolution import TOLD_APART_DB, narrowest_zone_m, plot_resolution
 from tests.precompute.devices import shipped
+from tests.tactable.figures.pictures import check_picture
 
 DEVICE: Device = shipped("reference-a")
 
@@ -51,15 +53,9 @@ def pictures() -> dict[str, Picture]:
     }
 
 
-@pytest.mark.parametrize("name", ["placement", "resolution"])
-def test_every_axis_and_column_has_its_unit_and_estimates_are_named(pictures: dict[str, Picture], name: str) -> None:
-    picture = pictures[name]
-    assert all(header.endswith(")") for header in picture.columns if header != "placement")
-    labels = [label for axes in picture.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
-    assert len(labels) >= 4 and all(label.endswith(")") for label in labels)
-    assert "ESTIMATES: finger" in " ".join(picture.figure.get_supxlabel().split())
-    assert set(DEVICE.estimated_values) <= set(picture.summary["estimated"])
-    assert len({len(column) for column in picture.columns.values()}) == 1
+def test_every_picture_has_its_units_its_estimates_and_its_data(pictures: dict[str, Picture], tmp_path: Path) -> None:
+    for picture in pictures.values():
+        check_picture(picture, DEVICE, ("placement",), tmp_path)
 
 
 def test_every_placement_is_a_row_judged_ones_first(pictures: dict[str, Picture]) -> None:
@@ -70,17 +66,6 @@ def test_every_placement_is_a_row_judged_ones_first(pictures: dict[str, Picture]
     assert list(columns["worst contrast (dB)"])[:3] == [10.0, None, 4.0], "a level out of reach has no contrast"
     assert list(columns["position 3 (m)"])[:12] == [None] * 12
     assert list(columns["position 1 (m)"])[1] == even_places(DEVICE, 2)[0]
-
-
-def test_the_worst_state_is_named_beside_its_placement(pictures: dict[str, Picture]) -> None:
-    words = [text.get_text() for text in pictures["placement"].figure.axes[0].texts]
-    assert "worst 10.0 dB (II felt, IV quiet), median 16.0 dB" in words
-    assert "a level out of reach: 15.0 dB at most" in words
-
-
-def test_without_two_actuators_there_is_no_map() -> None:
-    assert len(plot_placement(DEVICE, [search(3)], 20.0).figure.axes) == 2
-    assert len(plot_placement(DEVICE, [search(2)], 20.0).figure.axes) == 4
 
 
 def test_zones_are_told_apart_down_to_the_first_that_are_not() -> None:
