@@ -3,7 +3,6 @@
 from tactable.calibration.step_times import StepTimes, times_text
 
 
-@pytest.mark.machine
 def test_every_moment_belongs_to_a_step() -> None:
     told, instants_s = list[tuple[str, float]](), iter([10.0, 11.0, 13.0, 16.0, 20.0, 20.0])
     times = StepTimes(lambda *step: told.append(step), "start", lambda: next(instants_s))
