@@ -21,6 +21,7 @@ from tests.engine.loop.rig import DEVICE
 from tests.tactable.audio.cards import core
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, true_response
+from tests.tools.guard import allowed
 
 PORT = "audio:simulated,full_scale=0.6 um,most=90 %"
 SENSOR = "audio:simulated,scale=98.1 m/s^2,loopback=2"
@@ -108,7 +109,7 @@ def test_nothing_is_driven_above_the_limit_of_the_card() -> None:
 def test_one_simulated_card_for_both_is_a_bench() -> None:
     core()
     options = ApparatusOptions(PORT, SENSOR, 0.5, sensor_mass_kg=MASS_KG)
-    with open_apparatus(DEVICE, options, print) as apparatus:
+    with allowed("compiles the card's core"), open_apparatus(DEVICE, options, print) as apparatus:
         form = apparatus.sensor.form
         assert (form.sample_rate_hz, form.channels) == (48_000.0, ("acceleration", "loopback left", "loopback right"))
         apparatus.guide(PLACE_M)

@@ -135,6 +135,7 @@ def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Addre
     assert (shown, reported) == ([], [])
 
 
+@pytest.mark.usefixtures("both_ends")
 def test_the_command_line_of_the_browser_holds_no_token(monkeypatch: pytest.MonkeyPatch) -> None:
     class OpenedError(Exception):
         pass
