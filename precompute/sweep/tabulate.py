@@ -1,6 +1,7 @@
 """Writing of responses and sweeps to a table, in chunks, so that memory is bounded."""
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table.file import TableWriter, Variable
 from precompute.model.assembly import Plant
+from precompute.sweep.best import BEAT_HZ, BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
 from precompute.sweep.grid import SAMPLING_ERROR, GridResponse, estimate_interpolation_error
 from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
@@ -138,7 +140,9 @@ def prepare_pair_sweep(grid: GridResponse, pair: tuple[int, int]) -> PairSweep:
     )
 
 
-def write_pair_sweep(writer: TableWriter, grid: GridResponse, memory_budget_bytes: int) -> Iterator[float]:
+def write_pair_sweep(
+    writer: TableWriter, grid: GridResponse, best: BestRowSearch, memory_budget_bytes: int
+) -> Iterator[float]:
     """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done."""
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
@@ -166,9 +170,50 @@ def write_pair_sweep(writer: TableWriter, grid: GridResponse, memory_budget_byte
                 view[..., ~grid.in_band[:, pair[1]]] = np.nan
             for stream, view in zip(streams, views, strict=True):
                 stream.append(view)
+            best.take_rows(_pair_rows(grid, p, sweep.ratios, start, views))
             yield (p + rows.stop / count) / len(pairs)
     for stream in streams:
         stream.close()
+
+
+def _pair_rows(grid: GridResponse, p: int, ratios: AmplitudeRatios, start: int, views: Sequence[Single]) -> Rows:
+    """The rows of two frequencies from `start` on in the chunk, each ratio once: (frequency_1, ratio, frequency_2)."""
+    device, hz = grid.device, grid.frequency_hz
+    pair = list(itertools.combinations(range(len(device.actuators)), 2))[p]
+    # A ratio's row is its loudest pair of amplitudes, which is the last one in the order of the table.
+    last = {int(ratio): at for at, ratio in enumerate(ratios.ratio.ravel())}
+    sounding = np.flatnonzero((ratios.first > 0) & (ratios.second > 0))
+    loudest = np.array([last[ratio] for ratio in sounding.tolist()])
+    amplitude = np.stack([ratios.first, ratios.second], axis=-1, dtype=np.float64)[sounding]
+    strongest = ratios.multiple.ravel()[loudest] * amplitude.max(axis=1)
+    factor, *levels = (np.moveaxis(view[:, loudest], 2, 0) for view in views)
+    rows = np.arange(start, start + len(views[0]))
+    beats = abs(hz[rows, None] - hz) < BEAT_HZ
+    factor[np.broadcast_to(beats[:, None], factor.shape)] = np.nan
+    threshold = device.threshold.peak_m_per_s2(hz)
+    both = np.hypot(threshold[rows, None, None], threshold)  # engine.table.best_rows.row_threshold
+
+    def drive_at(at: tuple[int, ...]) -> Drive:
+        row, ratio, other = start + at[0], at[1], at[2]
+        index = (p, row, loudest[ratio], other)
+        shape = (p + 1, len(hz), ratios.ratio.size, len(hz))
+        drive = _by_actuator(device, pair, (hz[row], hz[other]), amplitude[ratio], 0.0)
+        return int(np.ravel_multi_index(index, shape)), *drive
+
+    figures = (factor, *(level / strongest[:, None].astype(np.float32) for level in levels))
+    return Rows("sweep", figures, both.astype(np.float32), drive_at)
+
+
+def _by_actuator(
+    device: Device, pair: tuple[int, int], hz: Sequence[float], amplitude: Sequence[float], phase_rad: float
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    """Frequency, amplitude (the strongest is 1) and phase by actuator, of a pair that plays while others are still."""
+    amplitude = [float(each) / float(max(amplitude)) for each in amplitude]
+    values = [(float(hz[0]), 0.0, 0.0)] * len(device.actuators)
+    values[pair[0]] = float(hz[0]), amplitude[0], 0.0
+    values[pair[1]] = float(hz[1]), amplitude[1], phase_rad
+    frequencies_hz, amplitudes, phases_rad = zip(*values, strict=True)
+    return frequencies_hz, amplitudes, phases_rad
 
 
 def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios) -> list[Single]:
@@ -184,7 +229,7 @@ def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios
     return [factor + 0 * multiple[:, None], peak * multiple[:, None], dead * multiple[:, None]]
 
 
-def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:
+def write_coherent_sweep(writer: TableWriter, grid: GridResponse, best: BestRowSearch) -> None:
     """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency."""
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
@@ -201,10 +246,30 @@ def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:
     writer.write(group, phase, 2 * np.pi * np.arange(steps) / steps)
     shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(strongest), steps)
     streams = [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
-    for pair in pairs:
+    for p, pair in enumerate(pairs):
         figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
-        for stream, values in zip(streams, (figures.factor, figures.peak, figures.dead), strict=True):
+        tabulated = figures.factor, figures.peak, figures.dead
+        for stream, values in zip(streams, tabulated, strict=True):
             values.transpose(0, 2, 1)[~figures.allowed] = np.nan
             stream.append(values.reshape(shape[1:]))
+        best.take_rows(_coherent_rows(grid, p, pair, ratios, tabulated))
     for stream in streams:
         stream.close()
+
+
+def _coherent_rows(
+    grid: GridResponse, p: int, pair: tuple[int, int], ratios: AmplitudeRatios, tabulated: Sequence[Single]
+) -> Rows:
+    """The rows of one pair in the coherent sweep: (frequency, direction)."""
+    device, hz, steps = grid.device, grid.frequency_hz, grid.device.sweep.phase_steps
+    threshold = device.threshold.peak_m_per_s2(hz).astype(np.float32)[:, None]
+    directions = tabulated[0].shape[2]
+
+    def drive_at(at: tuple[int, ...]) -> Drive:
+        frequency, direction = at
+        ratio, phase = divmod(direction, steps)
+        index = (p * len(hz) + frequency) * directions + direction
+        amplitude = (ratios.first[ratio], ratios.second[ratio])
+        return index, *_by_actuator(device, pair, [hz[frequency]] * 2, amplitude, 2 * math.pi * phase / steps)
+
+    return Rows("coherent_sweep", [np.moveaxis(each, 1, 0) for each in tabulated], threshold, drive_at)
