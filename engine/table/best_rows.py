@@ -12,6 +12,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.entry import LEVEL_TOLERANCE_DB
@@ -69,6 +70,12 @@ class BestRow:
     def sounding(self) -> list[int]:
         """Indices of the actuators that move."""
         return [actuator for actuator, amplitude in enumerate(self.amplitudes) if amplitude > 0]
+
+    @property
+    def complex_amplitudes(self) -> NDArray[np.complex128]:
+        """Complex amplitudes (actuator,), fractions of full scale."""
+        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
+        return amplitudes
 
     @property
     def frequency_hz(self) -> float | None:

@@ -30,8 +30,6 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows, combination_of
 
-BEAT_HZ = 10.0
-"""Tones that are closer beat slower than a touch is long (docs/theory.md, tabulated quantities)."""
 Single = NDArray[np.float32]
 Figures = Sequence[Single]
 """Factor, peak and dead spot."""

@@ -9,15 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table.file import TableWriter, Variable
-from precompute.model.assembly import Plant
-from precompute.sweep.best import BEAT_HZ, BestRowSearch, Drive, Rows
+from engine.table.best_rows import BestRows
+from engine.table.file import TableWriter, Variable, VariableStream
+from precompute.model.assembly import Plant, assemble
+from precompute.model.frequencies import BEAT_HZ
+from precompute.sweep.best import BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
-from precompute.sweep.grid import SAMPLING_ERROR, GridResponse, estimate_interpolation_error
+from precompute.sweep.grid import (
+    SAMPLING_ERROR,
+    GridResponse,
+    compute_grid_response,
+    estimate_interpolation_error,
+    zone_points,
+)
 from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
 
 Single = NDArray[np.float32]
 
+_CHUNK_BYTES = 1 << 23
+"""Of rows that are not kept; few enough for the caches of a processor."""
 _FIGURES = (
     ("localized_factor", "1", "share of the bar's kinetic energy, paper eq. (10); NaN: nothing moves"),
     ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8); NaN: nothing moves"),
@@ -141,21 +151,26 @@ def prepare_pair_sweep(grid: GridResponse, pair: tuple[int, int]) -> PairSweep:
 
 
 def write_pair_sweep(
-    writer: TableWriter, grid: GridResponse, best: BestRowSearch, memory_budget_bytes: int
+    writer: TableWriter | None, grid: GridResponse, best: BestRowSearch, memory_budget_bytes: int
 ) -> Iterator[float]:
-    """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done."""
+    """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done.
+
+    `best` gets all rows; without a writer nothing else is kept.
+    """
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
     if not pairs:
         return
     names = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
-    _write_axes(writer, "sweep", device, *names)
     count, steps, zones = len(grid.frequency_hz), device.sweep.amplitude_steps + 1, len(device.zones)
     shape = (len(pairs), count, steps, steps, zones, count)
     row_bytes = len(_FIGURES) * 4 * steps * steps * zones * count
     chunk = max(1, min(count, memory_budget_bytes // row_bytes))
     buffers = [np.empty((chunk, steps * steps, zones, count), dtype=np.float32) for _ in _FIGURES]
-    streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
+    streams = []
+    if writer is not None:
+        _write_axes(writer, "sweep", device, *names)
+        streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
     for p, pair in enumerate(pairs):
         sweep = prepare_pair_sweep(grid, pair)
         diagonal = _diagonal(grid, pair, sweep.ratios)
@@ -168,7 +183,7 @@ def write_pair_sweep(
                 view[frequencies - start, :, :, frequencies] = values[frequencies]
                 view[~grid.in_band[rows, pair[0]]] = np.nan
                 view[..., ~grid.in_band[:, pair[1]]] = np.nan
-            for stream, view in zip(streams, views, strict=True):
+            for stream, view in zip(streams, views, strict=writer is not None):
                 stream.append(view)
             best.take_rows(_pair_rows(grid, p, sweep.ratios, start, views))
             yield (p + rows.stop / count) / len(pairs)
@@ -229,32 +244,43 @@ def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios
     return [factor + 0 * multiple[:, None], peak * multiple[:, None], dead * multiple[:, None]]
 
 
-def write_coherent_sweep(writer: TableWriter, grid: GridResponse, best: BestRowSearch) -> None:
-    """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency."""
+def write_coherent_sweep(writer: TableWriter | None, grid: GridResponse, best: BestRowSearch) -> None:
+    """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency.
+
+    `best` gets all rows; without a writer nothing else is kept.
+    """
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
     if not pairs:
         return
-    group, names = "coherent_sweep", ("pair", "frequency", "zone", "ratio", "phase")
     ratios, steps = fold_amplitudes(device.sweep.amplitude_steps), device.sweep.phase_steps
+    shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(ratios.first), steps)
+    streams = [] if writer is None else _open_coherent(writer, device, ratios, shape)
+    for p, pair in enumerate(pairs):
+        figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
+        tabulated = figures.factor, figures.peak, figures.dead
+        for values in tabulated:
+            values.transpose(0, 2, 1)[~figures.allowed] = np.nan
+        for stream, values in zip(streams, tabulated, strict=writer is not None):
+            stream.append(values.reshape(shape[1:]))
+        best.take_rows(_coherent_rows(grid, p, pair, ratios, tabulated))
+    for stream in streams:
+        stream.close()
+
+
+def _open_coherent(
+    writer: TableWriter, device: Device, ratios: AmplitudeRatios, shape: tuple[int, ...]
+) -> list[VariableStream]:
+    """The axes of the coherent sweep, written, and streams of its figures."""
+    group, names = "coherent_sweep", ("pair", "frequency", "zone", "ratio", "phase")
     _write_axes(writer, group, device, "pair", "frequency", "zone")
     strongest = np.maximum(ratios.first, ratios.second)
     for name, amplitude in (("amplitude_1", ratios.first / strongest), ("amplitude_2", ratios.second / strongest)):
         meaning = "of this ratio, the stronger actuator at full scale"
         writer.write(group, Variable(name, ("ratio",), "1", meaning), amplitude)
-    phase = Variable("phase", ("phase",), "rad", "of the second actuator against the first")
+    phase, steps = Variable("phase", ("phase",), "rad", "of the second actuator against the first"), shape[-1]
     writer.write(group, phase, 2 * np.pi * np.arange(steps) / steps)
-    shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(strongest), steps)
-    streams = [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
-    for p, pair in enumerate(pairs):
-        figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
-        tabulated = figures.factor, figures.peak, figures.dead
-        for stream, values in zip(streams, tabulated, strict=True):
-            values.transpose(0, 2, 1)[~figures.allowed] = np.nan
-            stream.append(values.reshape(shape[1:]))
-        best.take_rows(_coherent_rows(grid, p, pair, ratios, tabulated))
-    for stream in streams:
-        stream.close()
+    return [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
 
 
 def _coherent_rows(
@@ -273,3 +299,13 @@ def _coherent_rows(
         return index, *_by_actuator(device, pair, [hz[frequency]] * 2, amplitude, 2 * math.pi * phase / steps)
 
     return Rows("coherent_sweep", [np.moveaxis(each, 1, 0) for each in tabulated], threshold, drive_at)
+
+
+def find_best_rows(device: Device) -> BestRows:
+    """The best rows of a device whose sweep is not kept."""
+    grid = compute_grid_response(assemble(device), device.sweep.frequency_hz, zone_points(device))
+    best = BestRowSearch(device)
+    write_coherent_sweep(None, grid, best)
+    for _ in write_pair_sweep(None, grid, best, _CHUNK_BYTES):
+        pass
+    return best.best_rows()

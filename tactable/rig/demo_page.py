@@ -156,4 +156,4 @@ def _drive(report: DriveReport) -> str:
     """A drive in words, such as "151.2 Hz 3.6+100 %"."""
     percents = [100 * amplitude for amplitude in report.drive.amplitudes]
     parts = "+".join(f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}" for percent in percents)
-    return f"{report.drive.frequency_hz:g} Hz {parts} %"
+    return f"{report.frequency_text} {parts} %"
