@@ -66,10 +66,8 @@ class Promises:
     def _bar(self) -> ModalBar:
         return ModalBar(self._table.device)
 
-    def prepare(self, *, steady: bool = True) -> None:
-        """Load what promises take, up to a second; those of `steady` drives compile their kernels where need be."""
-        if steady:
-            self._solver.prepare()
+    def prepare(self) -> None:
+        """Load what promises of clicks take, up to a second."""
         for click in self._table.clicks[:1]:
             self._source.fingers_of(click, click.placement)
 
