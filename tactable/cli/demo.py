@@ -20,6 +20,7 @@ from tactable.cli.options import (
     DrivesOf,
     EffectsPath,
     OptionError,
+    read_drives_of,
     read_rules,
 )
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
@@ -85,7 +86,12 @@ def demo(
                 from tactable.page.processes.programs import ProgramsAt
 
                 programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
-            show_demo(device_name, device, effects_path, cache_folder(), address, remark, programs)
+            if drives is not None and effects_path is not None:
+                raise OptionError(
+                    "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
+                )
+            first = None if drives is None else read_drives_of(drives)
+            show_demo(device_name, device, effects_path, cache_folder(), address, remark, first, programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
     report_demo(
