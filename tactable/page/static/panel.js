@@ -224,7 +224,7 @@ export class Panel {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
       const byHand = scene.choice?.source === "hand" && !picture.madeCount;
       const steady = picture.isProvisional ? "steady drive, since the click was not solved yet"
-        : scene.choice?.source === "zones" ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
+        : scene.choice?.source === "zones" || scene.is_shipped ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
       const what = isClick ? "click, as weights of the firmware's basis" : steady;
       text = byHand ? "steady drive by hand, for no finger; the firmware renews it by lease" : `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }
