@@ -143,6 +143,14 @@ def test_in_zones_every_touch_is_answered_by_look_up(library: ctypes.CDLL) -> No
     assert found.answered == 5
 
 
+def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone(library: ctypes.CDLL) -> None:
+    """They are 4 mm apart, and the edge between zones I and II lies between them."""
+    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
+    frames = [IDLE, (0.1, report({1: 0.195})), (0.2, report({1: 0.195, 2: 0.21})), (0.3, report({2: 0.21}, [1]))]
+    found = both(library, recording_of([*frames, (0.4, report({}, [2]))]), held, rows=rows_of(DEVICE))
+    assert found.fast.played() == [101.0, 102.0, 0.0]
+
+
 Frames = list[tuple[float, bytes]]
 IDLE = (0.0, report({}))
 """The first report finds the line busy, which was only just armed."""
