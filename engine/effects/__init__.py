@@ -3,11 +3,12 @@
 from engine.effects.control import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.player import EffectPlayer
 from engine.effects.rule_file import read_effects, read_vocabulary
-from engine.effects.rules import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 __all__ = [
     "DEFAULT_EFFECTS",
     "ControlStep",
+    "Drives",
     "Effect",
     "EffectError",
     "EffectPlayer",

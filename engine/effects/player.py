@@ -38,6 +38,7 @@ clock.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from engine.effects.control import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
@@ -182,7 +183,7 @@ class EffectPlayer:
         # A rule that plays nothing matters only where another one on its event plays something.
         events = {rule.on for rule in in_force if rule.effect.envelope}
         self._change_rules(
-            Effects(tuple(rule for rule in in_force if rule.on in events), self._run_effects.others), time_ns
+            replace(self._run_effects, rules=tuple(rule for rule in in_force if rule.on in events)), time_ns
         )
         if not settings.is_enabled:
             for finger in (*self.fingers.values(), *self.lifted):

@@ -8,7 +8,7 @@ from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
 from engine.effects.files import Converted, Fate, read_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS
-from engine.effects.rules import FULL_SCALE_DB, Effect, EffectError, Effects, Rule, Segment, Trigger
+from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
 NO_EFFECTS: Mapping[str, Effect] = MappingProxyType({})
@@ -55,10 +55,11 @@ def parse_effects(
     rule_parts = top.tables("rule")
     if len(rule_parts) > MOST_RULES:
         raise top.error("rule", len(rule_parts), f"expected at most {MOST_RULES} rules")
+    drives = Drives(top.word("drives", tuple(Drives), Drives.POSITIONS))
     top.known.append("effect")
     top.refuse_rest()
     effects = {**named, **_read_effects(parts, folder, tell)}
-    return Effects(tuple(read_rule(part, effects, device) for part in rule_parts))
+    return Effects(tuple(read_rule(part, effects, device) for part in rule_parts), drives=drives)
 
 
 def read_vocabulary(path: Path) -> dict[str, Effect]:

@@ -33,6 +33,15 @@ class Trigger(StrEnum):
     """It has travelled the distance of the rule."""
 
 
+class Drives(StrEnum):
+    """Where steady drives come from."""
+
+    POSITIONS = "positions"
+    """They are solved for where the fingers are, with the fingers on the bar."""
+    ZONES = "zones"
+    """The row of the sweep for the zones of the fingers that feel, on the bar without fingers: the published method."""
+
+
 class Segment(NamedTuple):
     """A stretch of an envelope."""
 
@@ -93,6 +102,7 @@ class Effects:
     rules: tuple[Rule, ...]
     others: tuple[Effect, ...] = ()
     """Effects without a rule that a program may play: what a run prepares for these, it has at hand."""
+    drives: Drives = Drives.POSITIONS
 
     @property
     def levels_db(self) -> tuple[float, ...]:
@@ -102,8 +112,8 @@ class Effects:
 
     @property
     def have_clicks(self) -> bool:
-        """Whether any effect has clicks."""
-        return any(segment.is_click for segment in self._segments())
+        """Whether any effect is played by clicks; zones have none: a row of the sweep is on for as long as a click."""
+        return self.drives is Drives.POSITIONS and any(segment.is_click for segment in self._segments())
 
     def _segments(self) -> Iterator[Segment]:
         effects = (*(rule.effect for rule in self.rules), *self.others)

@@ -6,11 +6,12 @@ It takes longer than a loop may wait, so it is made before the run, and in anoth
 from dataclasses import dataclass, replace
 
 from engine.device import Device
-from engine.effects import Effects
+from engine.effects import Drives, Effects
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.render.board_fit import BoardFit, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.clicks import RenderedClicks
+from engine.render.commands import RendererError
 from engine.render.limits import link_configuration
 from engine.render.renderer import Renderer, Steady, WhenNotAchieved
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
@@ -61,11 +62,13 @@ def render_table(
     basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
     basis = scaled(basis, fit.scales)
     refuses = when_not_achieved is WhenNotAchieved.REFUSE
-    steady: Steady = (
-        ZoneDrives(table, capabilities, refuses, fit.scales)
-        if table.is_shipped
-        else SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales, has_kernels=has_kernels)
-    )
+    steady: Steady
+    if effects.drives is Drives.ZONES or table.is_shipped:
+        if effects.drives is Drives.ZONES and not table.best_rows:
+            raise RendererError(f"{table.path}: drives of zones: {table.no_row_text(())}")
+        steady = ZoneDrives(device, capabilities, table.best_rows, refuses, fit.scales)
+    else:
+        steady = SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales, has_kernels=has_kernels)
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,

@@ -1,4 +1,4 @@
-"""The command for fingers, a level and a kind: a click is looked up, a steady drive is solved for the positions.
+"""The command for fingers, a level and a kind: a click is looked up, a steady drive solved or looked up.
 
 A click of the table becomes the bytes of a PLAY, with its weights of the basis that the device holds; a steady drive,
 after `clamp`, the bytes of a SET. Both are remembered, so the same fingers cost a dictionary look-up.
@@ -17,7 +17,7 @@ from firmware_link.host.link_values import Capabilities
 
 
 class Steady(Protocol):
-    """Steady drives as commands; `SteadyDrives` solves them."""
+    """Steady drives as commands: `SteadyDrives` solves them for positions, `ZoneDrives` looks them up for zones."""
 
     def prepare(self) -> None:
         """Load or compile what solving takes."""
@@ -55,12 +55,12 @@ class Renderer:
         self.levels_db = tuple(levels_db)
         """Levels of the rules."""
         self.clicks = clicks
+        self.steady = steady
         self._wire = _wire_of(capabilities)
-        self._steady = steady
 
     def prepare(self) -> None:
         """Load or compile what solving takes, so that no touch waits for that."""
-        self._steady.prepare()
+        self.steady.prepare()
 
     def render(
         self,
@@ -79,7 +79,7 @@ class Renderer:
         if placement is None or level_db is None:
             return SILENCE
         if not is_click:
-            return self._counted(self._steady.rendered(placement, level_db, held_hz))
+            return self._counted(self.steady.rendered(placement, level_db, held_hz))
         rendered = self.clicks.rendered(placement, level_db)
         if rendered is None:
             return None if self.clicks.is_unknown(placement) else self.fallback(placement, level_db)
@@ -87,7 +87,7 @@ class Renderer:
 
     def fallback(self, placement: Placement, level_db: float) -> Command:
         """The steady drive for these fingers, also in place of a click; the effect player ends it."""
-        return self._counted(self._steady.rendered(placement, level_db))
+        return self._counted(self.steady.rendered(placement, level_db))
 
     def _counted(self, rendered: Rendered) -> Command:
         self.not_achieved += not rendered.is_achieved

@@ -2,8 +2,8 @@
 
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
 table holds the receptances, and a solve takes less time than a report of most digitizers. Until the kernels of the
-solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Only a table that was shipped has
-no receptances; from it the tabulated drives of zones are played.
+solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Zones play rows of the table's
+sweep, which are looked up (engine.table.best_rows). A table that was shipped has no receptances, and plays only these.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,9 @@ from engine.device import Device
 from engine.render.commands import SILENCE, DriveCommand, Rendered
 from engine.render.limits import Solved, clamp
 from engine.steady import Receptances, SteadyDrive
-from engine.table import Table
+from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
+from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
 
@@ -89,24 +90,37 @@ def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -
 
 
 class ZoneDrives:
-    """The table's drives for the zones that fingers are in: `SteadyDrives` for a table without receptances.
+    """The best rows of a table's sweep, for the zones of the fingers that feel; silence for zones without a row."""
 
-    A state without an entry is silence.
-    """
-
-    def __init__(self, table: Table, capabilities: Capabilities, refuses: bool, scales: Sequence[float]) -> None:
-        self._table, self._resolution_hz, self._refuses = table, capabilities.frequency_resolution_hz, refuses
-        self._scales = tuple(scales)
+    def __init__(
+        self, device: Device, capabilities: Capabilities, rows: BestRows, refuses: bool, scales: Sequence[float]
+    ) -> None:
+        self.rows = rows
+        self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
+        self._zone_at, self._scales = ZoneEdges(device).zone_at, tuple(scales)
+        self._remembered: dict[tuple[int, float], Rendered] = {}
 
     def prepare(self) -> None:
         """Nothing: the table holds all of it."""
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:  # noqa: ARG002  # zones know no other drive
-        """The drive of these fingers' zones at this level."""
-        entry = self._table.entry_at(placement.state_on(self._table.device), level_db)
-        if entry is None or (self._refuses and not entry.achieved):
+        """The drive of the zones of the fingers that feel at this level."""
+        zones = (self._zone_at(placement.position_m[finger]) for finger in placement.felt)
+        return self.of_zones(combination_of(zone for zone in zones if zone is not None), level_db)
+
+    def of_zones(self, combination: int, level_db: float) -> Rendered:
+        """The drive of a combination of zones, the sum of 2**zone, at this level."""
+        found = self._remembered.get((combination, level_db))
+        if found is None:
+            found = self._remembered[combination, level_db] = self._look_up(combination, level_db)
+        return found
+
+    def _look_up(self, combination: int, level_db: float) -> Rendered:
+        row = self.rows.at(combination, level_db)
+        if row is None or (self._refuses and not row.achieved):
             return Rendered(SILENCE, is_achieved=False)
-        return Rendered(_command(entry, self._table.device, self._scales, self._resolution_hz), entry.achieved)
+        command = _command(row, self._device, self._scales, self._resolution_hz)
+        return Rendered(command._replace(frequency_hz=row.frequency_hz), row.achieved)
 
 
 def _command(solved: Solved, device: Device, scales: Sequence[float], resolution_hz: float) -> DriveCommand:

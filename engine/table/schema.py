@@ -77,6 +77,18 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("ratio", "amplitude_1", "amplitude_2"),
         **_arrays("pair frequency zone ratio phase", *_SWEEP_FIGURES, may_be_nan=True),
     },
+    "best_rows": {
+        **_labels("actuator", "zone"),
+        **_arrays("level", "level", may_be_infinite=True),
+        **_arrays("combination", "combination", kind=Kind.WHOLE, least=1),
+        **_arrays("level combination", "group", "limited_by", kind=Kind.TEXT),
+        **_arrays("level combination", "row", kind=Kind.WHOLE, least=0),
+        **_arrays("level combination", "achieved", kind=Kind.WHOLE, least=0, greatest=1),
+        **_arrays("level combination", "localized_factor", "reached_level"),
+        **_arrays("level combination actuator", "drive_frequency", "drive_amplitude", least=0),
+        **_arrays("level combination actuator", "drive_phase"),
+        **_arrays("level combination zone", "share", "peak_acceleration", "dead_spot"),
+    },
     "entries": {
         **_labels("actuator", "zone", "end", "spread"),
         **_arrays("level", "level", may_be_infinite=True),
@@ -144,7 +156,7 @@ TEXT_ATTRIBUTES = (
     "responses_file", "responses_sha256", "modelled",
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
-"""Attribute of a table that holds entries and clicks alone, made to be small."""
+"""Attribute of a table that holds best rows, entries and clicks alone, made to be small."""
 WHOLE_ATTRIBUTES = (
     *("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED),
     *("mesh_elements", "modes", "click_modes"),

@@ -35,7 +35,7 @@ _SPREADS = 5
 """Nominal plant, three percentiles, and the worst."""
 _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
-_ROWS = ("entries", "clicks")
+_ROWS = ("best_rows", "entries", "clicks")
 
 Arrays = Mapping[str, h5py.Dataset]
 """Arrays of a group by name, open: to open one by its name again takes longer than to read most of them."""
@@ -191,7 +191,7 @@ def _pieces(array: h5py.Dataset) -> Iterator[Any]:
 
 
 def _check_rows(where: str, arrays: Arrays, device: Device) -> None:
-    """Lengths and orders that the readers of entries and clicks rely on; they refuse what is missing themselves."""
+    """Lengths and orders that readers of best rows, entries and clicks rely on; they refuse what is missing."""
     if "level" in arrays:
         levels_db = arrays["level"][...]
         if not len(levels_db) or (levels_db[1:] <= levels_db[:-1]).any():

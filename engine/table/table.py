@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.device import Device
 from engine.steady.receptances import Receptances
+from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
 from engine.table.click import ClickEntry
 from engine.table.click import played_at as click_played_at
 from engine.table.click_columns import read_clicks
@@ -53,6 +54,8 @@ class Table:
         self._by_state: dict[int, list[Entry]] = {}  # by rising level
         for entry in self.entries:
             self._by_state.setdefault(entry.index, []).append(entry)
+        self.best_rows = live.best_rows
+        """The rows of the sweep that zones play; a bar with one actuator has none."""
         self.clicks = live.clicks
         """The tabulated clicks, one for each placement at the places; a table may have none."""
         self._receptances = live.receptances
@@ -146,6 +149,30 @@ class Table:
             remedy = ": it is coarse; entries come with the complete build" if self.is_coarse else ""
             raise TableError(f"{self.path}: has no entry for {states}{remedy}")
         return entry
+
+    def best_row(self, felt: Sequence[str], level_db: float = DEFAULT_LEVEL_DB) -> BestRow:
+        """The row of the sweep that these zones (names) play together, as `BestRows.at` has it between levels.
+
+        Raises DeviceError for an unknown zone, TableError for zones that the table has no row for.
+
+        >>> with Table.open("my-bar.nc") as table:
+        ...     row = table.best_row(["I", "III"], level_db=20)
+        >>> row.group, row.achieved
+        ('coherent_sweep', True)
+        """
+        combination = combination_of(self.device.zone_index(zone) for zone in _listed(felt))
+        row = self.best_rows.at(combination, level_db)
+        if row is None:
+            raise TableError(f"{self.path}: {self.no_row_text(felt)}")
+        return row
+
+    def no_row_text(self, felt: Sequence[str]) -> str:
+        """Why there is no best row for these zones, and what to do."""
+        if len(self.device.actuators) < 2:
+            return "has no sweep: the bar has one actuator; play it by positions"
+        if not self.best_rows:
+            return "has no best rows of the sweep, as tables of earlier versions have none; build it again"
+        return f"has no row of the sweep for zones {', '.join(felt) or 'none'}: name one to three"
 
     def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
         """The states that the function `states_of` finds for the table's device."""
@@ -275,6 +302,7 @@ class _LiveParts(NamedTuple):
     """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
     entries: tuple[Entry, ...]
+    best_rows: BestRows
     clicks: Clicks
     receptances: Receptances | None
 
@@ -290,13 +318,16 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
         check_values(path, groups, device, with_sweeps=verify)
         has_entries = "entries" in groups or "clicks_are_coarse" not in file.attrs
         entries = tuple(read_entries(groups["entries"], device)) if has_entries else ()
+        rows = BestRows([], device.limits.amplitude)
+        if "best_rows" in groups:
+            rows = read_best_rows(groups["best_rows"], device)
         length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
         if "clicks" in groups:
             clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
         receptances = None if IS_SHIPPED in file.attrs else read_receptances(groups["receptances"])
-        return device, _LiveParts(entries, clicks, receptances)
+        return device, _LiveParts(entries, rows, clicks, receptances)
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

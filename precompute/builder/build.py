@@ -26,6 +26,7 @@ from engine.device import Device
 from engine.device.values import restated
 from engine.files import written_path
 from engine.table import Table, TableError
+from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.clicks import Clicks
 from engine.table.columns import write_entries
@@ -54,6 +55,7 @@ from precompute.parallel.interrupt import remembered_interrupt
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.bars import sampled_words
 from precompute.sampling.places import solve_place_receptances
+from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
@@ -308,10 +310,13 @@ class _Builder:
             if self.responses is not None:
                 write_measured(writer, self.device, self.responses)
         with self.cost.measured("sweep"):
-            for fraction in write_pair_sweep(writer, grid, self.memory_budget_bytes):
+            best = BestRowSearch(self.device)
+            self.progress("coherent sweep", 0.05)
+            write_coherent_sweep(writer, grid, best)
+            for fraction in write_pair_sweep(writer, grid, best, self.memory_budget_bytes):
                 self.progress("sweep", 0.05 + 0.15 * fraction)
-            self.progress("coherent sweep", 0.2)
-            write_coherent_sweep(writer, grid)
+            if rows := best.best_rows():
+                write_best_rows(writer, rows, self.device)
 
     def _write_entries(self, writer: TableWriter, plant: Plant, pool: WorkerPool) -> None:
         solved, share = [], 0.1 if self.options.clicks_up_to else 0.7

@@ -39,7 +39,7 @@ class Part(StrEnum):
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of the file that hold the part."""
-        of_responses = ("responses", "receptances", "sweep", "coherent_sweep", "measured")
+        of_responses = ("responses", "receptances", "sweep", "coherent_sweep", "best_rows", "measured")
         return of_responses if self is Part.RESPONSES else (self.value,)
 
 
@@ -77,8 +77,9 @@ OUTDATED = "outdated"
 DEFERRABLE = (Part.CLICKS,)
 """Parts that a build may leave for later."""
 
-# Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide.
-_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger", "threshold")
+# Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide; best
+# rows of the sweep reach the levels within the limit.
+_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
 # Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text", "finger_origin")
 
@@ -93,6 +94,7 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
         case Part.RESPONSES:
             values = {key: values[key] for key in _RESPONSES}
             values["finger"].pop("spread")
+            values["limits"] = values["limits"]["amplitude"]
             chosen["responses"] = options.responses_sha256
         case Part.ENTRIES:
             chosen |= {"objective": options.objective, "responses": options.responses_sha256}

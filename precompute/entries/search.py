@@ -27,14 +27,12 @@ from precompute.entries.dual_bound import Columns, Tone, block_directions, compu
 from precompute.entries.found_drive import FoundDrive, evaluate_drive, forms_at
 from precompute.entries.objective import Problem
 from precompute.entries.scan import scan, scan_pairs
-from precompute.model.frequencies import on_the_wire
+from precompute.model.frequencies import BEAT_HZ, on_the_wire
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Single = NDArray[np.float32]
 
-BEAT_HZ = 10.0
-"""Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): not searched."""
 TIE_DB = 0.01
 """Drives whose values differ by less are ties: the one that rises faster is taken, then the louder one."""
 GAP_DB = 0.03

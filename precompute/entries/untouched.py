@@ -8,15 +8,12 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from precompute.model.assembly import Plant
-from precompute.model.frequencies import add_resonances, fine_frequencies, in_band
-from precompute.model.modal import Basis, compute_modal_model
-from precompute.model.transfers import transfers_at
+from precompute.model.frequencies import fine_frequencies, in_band
+from precompute.model.gram import compute_gram
+from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_PARTS = 4
-"""Parts of a step of the sweep."""
 
 
 @dataclass(frozen=True)
@@ -44,33 +41,9 @@ class UntouchedEnergy:
     @classmethod
     def of_plant(cls, plant: Plant) -> "UntouchedEnergy":
         """The energy by finite elements, over `fine_frequencies`."""
-        from precompute.model.gram import compute_gram  # these compile kernels, which modes do not need
-        from precompute.model.response import solve_response
-
         frequency_hz = fine_frequencies(plant)
         by_zone, total = compute_gram(solve_response(plant, frequency_hz))
         return cls(frequency_hz, by_zone, total, in_band(plant.device, frequency_hz))
-
-    @classmethod
-    def of_modes(cls, basis: Basis) -> "UntouchedEnergy":
-        """The energy by sums of modes, over the sweep in quarter steps and its resonances; needs no compiled kernel."""
-        model, plant = compute_modal_model(basis), basis.plant
-        sweep = plant.device.sweep
-        count = _PARTS * round((sweep.stop_hz - sweep.start_hz) / sweep.step_hz) + 1
-        frequency_hz = add_resonances(plant.device, np.linspace(sweep.start_hz, sweep.stop_hz, count), model.pole)
-        s = 2j * np.pi * frequency_hz[:, None, None]
-        state = (model.spring + s * model.damper) / (s - model.pole[:, None])
-        transfers = transfers_at(plant.device.actuators, s[:, 0, 0])
-        if transfers is not None:
-            state = state * transfers[:, None]
-        rate = s * (model.vector[: len(basis.square_omega)] @ state)
-        columns = 2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)
-        shape, zones = basis.shape[columns], len(plant.device.zones) + 1
-        by_element = shape.transpose(0, 2, 1) @ plant.element_integral @ shape
-        integral = np.zeros((zones, *by_element.shape[1:]))
-        np.add.at(integral, plant.element_zone, by_element)
-        out = rate[:, None].conj().transpose(0, 1, 3, 2) @ integral @ rate[:, None]
-        return cls(frequency_hz, out[:, :-1], out.sum(axis=1), in_band(plant.device, frequency_hz))
 
     def best_alone(self, zones: Sequence[int]) -> BarDrive:
         """The best drive of tones of different frequencies.

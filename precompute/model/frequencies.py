@@ -10,6 +10,8 @@ from precompute.model.modal import compute_basis, compute_modal_model
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+BEAT_HZ = 10.0
+"""Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): no drive has two such."""
 FREQUENCY_STEP_HZ = 0.01
 """Resolution of frequency on the wire."""
 _PARTS = 4

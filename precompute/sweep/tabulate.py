@@ -1,6 +1,7 @@
 """Writing of responses and sweeps to a table, in chunks, so that memory is bounded."""
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -8,14 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table.file import TableWriter, Variable
-from precompute.model.assembly import Plant
+from engine.table.best_rows import BestRows
+from engine.table.file import TableWriter, Variable, VariableStream
+from precompute.model.assembly import Plant, assemble
+from precompute.model.frequencies import BEAT_HZ
+from precompute.sweep.best import BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
-from precompute.sweep.grid import SAMPLING_ERROR, GridResponse, estimate_interpolation_error
+from precompute.sweep.grid import (
+    SAMPLING_ERROR,
+    GridResponse,
+    compute_grid_response,
+    estimate_interpolation_error,
+    zone_points,
+)
 from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
 
 Single = NDArray[np.float32]
 
+_CHUNK_BYTES = 1 << 23
+"""Of rows that are not kept; few enough for the caches of a processor."""
 _FIGURES = (
     ("localized_factor", "1", "share of the bar's kinetic energy, paper eq. (10); NaN: nothing moves"),
     ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8); NaN: nothing moves"),
@@ -138,20 +150,27 @@ def prepare_pair_sweep(grid: GridResponse, pair: tuple[int, int]) -> PairSweep:
     )
 
 
-def write_pair_sweep(writer: TableWriter, grid: GridResponse, memory_budget_bytes: int) -> Iterator[float]:
-    """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done."""
+def write_pair_sweep(
+    writer: TableWriter | None, grid: GridResponse, best: BestRowSearch, memory_budget_bytes: int
+) -> Iterator[float]:
+    """Write the (f1, f2, a1, a2) sweep of every actuator pair, a chunk of rows at a time; yields the fraction done.
+
+    `best` gets all rows; without a writer nothing else is kept.
+    """
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
     if not pairs:
         return
     names = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
-    _write_axes(writer, "sweep", device, *names)
     count, steps, zones = len(grid.frequency_hz), device.sweep.amplitude_steps + 1, len(device.zones)
     shape = (len(pairs), count, steps, steps, zones, count)
     row_bytes = len(_FIGURES) * 4 * steps * steps * zones * count
     chunk = max(1, min(count, memory_budget_bytes // row_bytes))
     buffers = [np.empty((chunk, steps * steps, zones, count), dtype=np.float32) for _ in _FIGURES]
-    streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
+    streams = []
+    if writer is not None:
+        _write_axes(writer, "sweep", device, *names)
+        streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
     for p, pair in enumerate(pairs):
         sweep = prepare_pair_sweep(grid, pair)
         diagonal = _diagonal(grid, pair, sweep.ratios)
@@ -164,11 +183,52 @@ def write_pair_sweep(writer: TableWriter, grid: GridResponse, memory_budget_byte
                 view[frequencies - start, :, :, frequencies] = values[frequencies]
                 view[~grid.in_band[rows, pair[0]]] = np.nan
                 view[..., ~grid.in_band[:, pair[1]]] = np.nan
-            for stream, view in zip(streams, views, strict=True):
+            for stream, view in zip(streams, views, strict=writer is not None):
                 stream.append(view)
+            best.take_rows(_pair_rows(grid, p, sweep.ratios, start, views))
             yield (p + rows.stop / count) / len(pairs)
     for stream in streams:
         stream.close()
+
+
+def _pair_rows(grid: GridResponse, p: int, ratios: AmplitudeRatios, start: int, views: Sequence[Single]) -> Rows:
+    """The rows of two frequencies from `start` on in the chunk, each ratio once: (frequency_1, ratio, frequency_2)."""
+    device, hz = grid.device, grid.frequency_hz
+    pair = list(itertools.combinations(range(len(device.actuators)), 2))[p]
+    # A ratio's row is its loudest pair of amplitudes, which is the last one in the order of the table.
+    last = {int(ratio): at for at, ratio in enumerate(ratios.ratio.ravel())}
+    sounding = np.flatnonzero((ratios.first > 0) & (ratios.second > 0))
+    loudest = np.array([last[ratio] for ratio in sounding.tolist()])
+    amplitude = np.stack([ratios.first, ratios.second], axis=-1, dtype=np.float64)[sounding]
+    strongest = ratios.multiple.ravel()[loudest] * amplitude.max(axis=1)
+    factor, *levels = (np.moveaxis(view[:, loudest], 2, 0) for view in views)
+    rows = np.arange(start, start + len(views[0]))
+    beats = abs(hz[rows, None] - hz) < BEAT_HZ
+    factor[np.broadcast_to(beats[:, None], factor.shape)] = np.nan
+    threshold = device.threshold.peak_m_per_s2(hz)
+    both = np.hypot(threshold[rows, None, None], threshold)  # engine.table.best_rows.row_threshold
+
+    def drive_at(at: tuple[int, ...]) -> Drive:
+        row, ratio, other = start + at[0], at[1], at[2]
+        index = (p, row, loudest[ratio], other)
+        shape = (p + 1, len(hz), ratios.ratio.size, len(hz))
+        drive = _by_actuator(device, pair, (hz[row], hz[other]), amplitude[ratio], 0.0)
+        return int(np.ravel_multi_index(index, shape)), *drive
+
+    figures = (factor, *(level / strongest[:, None].astype(np.float32) for level in levels))
+    return Rows("sweep", figures, both.astype(np.float32), drive_at)
+
+
+def _by_actuator(
+    device: Device, pair: tuple[int, int], hz: Sequence[float], amplitude: Sequence[float], phase_rad: float
+) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    """Frequency, amplitude (the strongest is 1) and phase by actuator, of a pair that plays while others are still."""
+    amplitude = [float(each) / float(max(amplitude)) for each in amplitude]
+    values = [(float(hz[0]), 0.0, 0.0)] * len(device.actuators)
+    values[pair[0]] = float(hz[0]), amplitude[0], 0.0
+    values[pair[1]] = float(hz[1]), amplitude[1], phase_rad
+    frequencies_hz, amplitudes, phases_rad = zip(*values, strict=True)
+    return frequencies_hz, amplitudes, phases_rad
 
 
 def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios) -> list[Single]:
@@ -184,27 +244,68 @@ def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios
     return [factor + 0 * multiple[:, None], peak * multiple[:, None], dead * multiple[:, None]]
 
 
-def write_coherent_sweep(writer: TableWriter, grid: GridResponse) -> None:
-    """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency."""
+def write_coherent_sweep(writer: TableWriter | None, grid: GridResponse, best: BestRowSearch) -> None:
+    """Write the sweep over (frequency, amplitude ratio, phase) of every actuator pair at one common frequency.
+
+    `best` gets all rows; without a writer nothing else is kept.
+    """
     device = grid.device
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
     if not pairs:
         return
-    group, names = "coherent_sweep", ("pair", "frequency", "zone", "ratio", "phase")
     ratios, steps = fold_amplitudes(device.sweep.amplitude_steps), device.sweep.phase_steps
+    shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(ratios.first), steps)
+    streams = [] if writer is None else _open_coherent(writer, device, ratios, shape)
+    for p, pair in enumerate(pairs):
+        figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
+        tabulated = figures.factor, figures.peak, figures.dead
+        for values in tabulated:
+            values.transpose(0, 2, 1)[~figures.allowed] = np.nan
+        for stream, values in zip(streams, tabulated, strict=writer is not None):
+            stream.append(values.reshape(shape[1:]))
+        best.take_rows(_coherent_rows(grid, p, pair, ratios, tabulated))
+    for stream in streams:
+        stream.close()
+
+
+def _open_coherent(
+    writer: TableWriter, device: Device, ratios: AmplitudeRatios, shape: tuple[int, ...]
+) -> list[VariableStream]:
+    """The axes of the coherent sweep, written, and streams of its figures."""
+    group, names = "coherent_sweep", ("pair", "frequency", "zone", "ratio", "phase")
     _write_axes(writer, group, device, "pair", "frequency", "zone")
     strongest = np.maximum(ratios.first, ratios.second)
     for name, amplitude in (("amplitude_1", ratios.first / strongest), ("amplitude_2", ratios.second / strongest)):
         meaning = "of this ratio, the stronger actuator at full scale"
         writer.write(group, Variable(name, ("ratio",), "1", meaning), amplitude)
-    phase = Variable("phase", ("phase",), "rad", "of the second actuator against the first")
+    phase, steps = Variable("phase", ("phase",), "rad", "of the second actuator against the first"), shape[-1]
     writer.write(group, phase, 2 * np.pi * np.arange(steps) / steps)
-    shape = (len(pairs), len(grid.frequency_hz), len(device.zones), len(strongest), steps)
-    streams = [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
-    for pair in pairs:
-        figures = compute_coherent_figures(grid, pair_directions(len(device.actuators), pair, ratios, steps))
-        for stream, values in zip(streams, (figures.factor, figures.peak, figures.dead), strict=True):
-            values.transpose(0, 2, 1)[~figures.allowed] = np.nan
-            stream.append(values.reshape(shape[1:]))
-    for stream in streams:
-        stream.close()
+    return [writer.open_stream(group, Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
+
+
+def _coherent_rows(
+    grid: GridResponse, p: int, pair: tuple[int, int], ratios: AmplitudeRatios, tabulated: Sequence[Single]
+) -> Rows:
+    """The rows of one pair in the coherent sweep: (frequency, direction)."""
+    device, hz, steps = grid.device, grid.frequency_hz, grid.device.sweep.phase_steps
+    threshold = device.threshold.peak_m_per_s2(hz).astype(np.float32)[:, None]
+    directions = tabulated[0].shape[2]
+
+    def drive_at(at: tuple[int, ...]) -> Drive:
+        frequency, direction = at
+        ratio, phase = divmod(direction, steps)
+        index = (p * len(hz) + frequency) * directions + direction
+        amplitude = (ratios.first[ratio], ratios.second[ratio])
+        return index, *_by_actuator(device, pair, [hz[frequency]] * 2, amplitude, 2 * math.pi * phase / steps)
+
+    return Rows("coherent_sweep", [np.moveaxis(each, 1, 0) for each in tabulated], threshold, drive_at)
+
+
+def find_best_rows(device: Device) -> BestRows:
+    """The best rows of a device whose sweep is not kept."""
+    grid = compute_grid_response(assemble(device), device.sweep.frequency_hz, zone_points(device))
+    best = BestRowSearch(device)
+    write_coherent_sweep(None, grid, best)
+    for _ in write_pair_sweep(None, grid, best, _CHUNK_BYTES):
+        pass
+    return best.best_rows()

@@ -9,6 +9,7 @@ import platform
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.effects import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop import open_pipeline
 from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
 from engine.table import Table
@@ -41,8 +42,9 @@ _PAUSE_NS = 1_000_000_000
 _EARLIER_NS = 2_000_000
 Stamps = NDArray[np.float64]
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
-RULES = {"a drive while touched": HELD, "a click for every touch": DEFAULT_EFFECTS}
-"""Rules to compare: the simplest, which bring drives; then the default ones, which bring clicks."""
+IN_ZONES = replace(HELD, drives=Drives.ZONES)
+RULES = {"a drive while touched": HELD, "a row while touched": IN_ZONES, "a click for every touch": DEFAULT_EFFECTS}
+"""Rules to compare: the simplest, which bring drives for positions or for zones; then those that bring clicks."""
 
 
 def run_step_bench(
@@ -56,6 +58,7 @@ def run_step_bench(
     Raises what opening a digitizer or rendering the table raises.
     """
     library = fast_library()
+    rules = {name: each for name, each in rules.items() if each.drives is Drives.POSITIONS or table.best_rows}
     rows = []
     for recording_name, recording in recordings.items():
         steps = {name: Step(table, recording, effects) for name, effects in rules.items()}
@@ -64,19 +67,22 @@ def run_step_bench(
             for _ in range(rounds):
                 for name, step in steps.items():
                     stamps[name].append(step.run())
-        compiled = None
-        if library is not None and recording.reports:
-            measured = measure_in_process(table, replayed(recording), len(recording.reports), library)
-            compiled = figures_of(measured.answer_ns[measured.has_command])
+        compiled: dict[Drives, dict[str, float | None] | None] = dict.fromkeys(Drives)
+        for drives in {effects.drives for effects in rules.values()} if library is not None else ():
+            if recording.reports:
+                effects = IN_ZONES if drives is Drives.ZONES else DEFAULT_EFFECTS
+                measured = measure_in_process(table, replayed(recording), len(recording.reports), library, effects)
+                compiled[drives] = figures_of(measured.answer_ns[measured.has_command])
         rows.append(
             {
                 "recording": recording_name,
                 "reports": len(recording.reports),
-                "compiled_step": compiled,
+                "compiled_step": compiled[Drives.POSITIONS],
+                "compiled_step_of_zones": compiled[Drives.ZONES],
                 "rules": [_figures(name, step, np.concatenate(stamps[name])) for name, step in steps.items()],
             }
         )
-        _add_ratios(rows[-1])
+        _add_ratios(rows[-1], rules)
     machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_cost_ns()}
     return {"machine": machine, "device": table.device.name, "recordings": rows}
 
@@ -94,14 +100,16 @@ def _figures(rules: str, step: "Step", stamps: Stamps) -> dict[str, Any]:
     }
 
 
-def _add_ratios(row: dict[str, Any]) -> None:
+def _add_ratios(row: dict[str, Any], rules: Mapping[str, Effects]) -> None:
     """Medians of the whole against the plainest rules, and against the compiled step; None where one is missing.
 
     The mean on a shared machine would be that of its pauses.
     """
     plainest = row["rules"][0]["report_to_bytes"]
     for found in row["rules"]:
-        for name, other in (("ratio_to_plainest", plainest), ("ratio_to_compiled", row["compiled_step"])):
+        in_zones = rules[found["rules"]].drives is Drives.ZONES
+        compiled = row["compiled_step_of_zones" if in_zones else "compiled_step"]
+        for name, other in (("ratio_to_plainest", plainest), ("ratio_to_compiled", compiled)):
             whole = found["report_to_bytes"]
             found[name] = whole["p50_us"] / other["p50_us"] if whole and other else None
 

@@ -190,7 +190,7 @@ def step(
 ) -> None:
     """Time the stages from a report to command bytes.
 
-    Drives and clicks are timed, with and without rules, beside the compiled step.
+    Drives for positions and for zones, and clicks are timed, with and without rules, beside the compiled step.
     """
     from engine.effects import read_effects
     from engine.touch.sources.recording import read_recording

@@ -29,8 +29,8 @@ from tactable.cli.options import (
     BitRate,
     Change,
     DeviceArgument,
-    Drives,
     Fit,
+    Frequencies,
     Loss,
     OptionError,
     SensorMass,
@@ -295,7 +295,7 @@ def plan_measurements(
 def simulate_measurements(
     device_name: DeviceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
-    drives: Drives = "150,130;150,200;150,230",
+    drives: Frequencies = "150,130;150,200;150,230",
     points: Annotated[int, typer.Option(min=1, max=1000, help="Evenly spaced points along the bar.")] = 22,
     change: Change = None,
     noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading.")] = "1 %",

@@ -17,10 +17,13 @@ from tactable.cli.options import (
     ControlOsc,
     ControlPort,
     ControlSocket,
+    DrivesOf,
     EffectsPath,
     OptionError,
+    read_drives_of,
+    read_rules,
 )
-from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, named_effects
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
@@ -40,6 +43,7 @@ def demo(
         Path | None, typer.Option("--table", help="The table, built if it is missing; default: in a cache.")
     ] = None,
     effects_path: EffectsPath = None,
+    drives: DrivesOf = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="The report's picture; default: tactable-demo.png.")
     ] = None,
@@ -82,22 +86,31 @@ def demo(
                 from tactable.page.processes.programs import ProgramsAt
 
                 programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
-            show_demo(device_name, device, effects_path, cache_folder(), address, remark, programs)
+            if drives is not None and effects_path is not None:
+                raise OptionError(
+                    "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
+                )
+            first = None if drives is None else read_drives_of(drives)
+            show_demo(device_name, device, effects_path, cache_folder(), address, remark, first, programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
-    report_demo(device, recording_path, table_path, effects_path, figure or Path("tactable-demo.png"), as_json)
+    report_demo(
+        device, recording_path, table_path, (effects_path, drives), figure or Path("tactable-demo.png"), as_json
+    )
 
 
 def report_demo(
     device: "Device",
     recording_path: Path | None,
     table_path: Path | None,
-    effects_path: Path | None,
+    rules: tuple[Path | None, str | None],
     figure: Path,
     as_json: bool,
 ) -> None:
-    """Play a recording through the simulated chain, draw and print what came of it."""
-    from engine.effects import DEFAULT_EFFECTS, read_effects
+    """Play a recording through the simulated chain, draw and print what came of it.
+
+    rules: the options --effects and --drives.
+    """
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo import draw_demo
     from tactable.figures.file import check_paths
@@ -109,7 +122,7 @@ def report_demo(
     if table_path is not None and table_path.exists() and not table_path.is_file():
         raise OptionError(f"--table {table_path}: is not a plain file; name a table, or one that is to be built")
     recording = read_recording(recording_path or DEMO_RECORDING)
-    effects = DEFAULT_EFFECTS if effects_path is None else read_effects(effects_path, device, named_effects())
+    effects = read_rules(rules[0], device, rules[1])
     cached = cached_table(device, cache_folder())
     shipped, shipped_s = open_shipped(device, cached), _processor_s()
     with shown_progress(as_json) as progress:

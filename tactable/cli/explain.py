@@ -7,6 +7,7 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.effects import Drives
 from engine.files import remove_all_partials
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
@@ -16,6 +17,7 @@ from firmware_link.protocol.errors import TactableError
 from tactable.cli.console import OUT, print_error, print_json, shown_work
 from tactable.cli.options import (
     AsJson,
+    DrivesOf,
     FeltFingers,
     Level,
     OptionError,
@@ -25,6 +27,7 @@ from tactable.cli.options import (
     ThresholdCurve,
     has_positions,
     names_in,
+    read_drives_of,
     read_level,
     read_option,
     read_placement,
@@ -47,28 +50,35 @@ def explain(
     threshold: ThresholdCurve = None,
     alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
     click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
+    drives: DrivesOf = None,
     as_json: AsJson = False,
 ) -> None:
     """Explain what is played for some fingers, and why others lost.
 
-    It says what is played, what every finger feels, and how that varies over sampled bars and fingers. Zones without
-    --click: the entry of this state, which was searched when the table was built. With --threshold a steady drive for
-    positions is solved for a person of that curve; clicks and entries need a table that is built for it.
+    It says what is played, what every finger feels, and how that varies over sampled bars and fingers. --drives zones:
+    the row of the sweep. Zones without --drives and --click: the entry of this state, which was searched when the table
+    was built. With --threshold a steady drive for positions is solved for a person of that curve; clicks, rows and
+    entries need a table that is built for it.
     """
     felt_zones, level_db = read_zones("--felt", felt), read_level(level)
     tolerance_m = read_option("--tolerance", tolerance, "m")
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
-        if threshold is not None and (click or not has_positions(table.device, felt, quiet)):
+        by_positions = has_positions(table.device, felt, quiet)
+        if drives is not None:
+            by_positions = read_drives_of(drives) is Drives.POSITIONS
+        if threshold is not None and (click or not by_positions):
             raise OptionError(
-                f"--threshold {threshold}: entries and clicks are made for the curve of their table; give positions, "
-                f"such as --felt 35mm, or build a table with `tactable build DEVICE --threshold {threshold}`"
+                f"--threshold {threshold}: entries, rows and clicks are made for the curve of their table; give "
+                f"positions, as --felt 35mm, or build a table with `tactable build DEVICE --threshold {threshold}`"
             )
         if click:
             placement = read_placement(table.device, felt, quiet)
             _explain_click(table, placement, level_db, tolerance_m, alternatives, as_json)
-        elif has_positions(table.device, felt, quiet):
+        elif by_positions:
             device = with_threshold(table.device, threshold)
             _explain_drive(table, device, read_placement(device, felt, quiet), level_db, tolerance_m, as_json)
+        elif drives is not None:
+            _explain_row(table, read_placement(table.device, felt, quiet), level_db, as_json)
         else:
             _explain_entry(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
 
@@ -90,6 +100,16 @@ def _explain_entry(
         print_json(entry_json(table, entry, rivals))
     else:
         print_entry(OUT, table, entry, rivals)
+
+
+def _explain_row(table: Table, placement: Placement, level_db: float, as_json: bool) -> None:
+    from tactable.explain.best_row import ExplainedRow, best_row_json, print_best_row
+
+    explained = ExplainedRow(table, placement, level_db)
+    if as_json:
+        print_json(best_row_json(explained))
+    else:
+        print_best_row(OUT, explained)
 
 
 def _explain_click(

@@ -1,7 +1,8 @@
 """Options that several commands share, and readers of their texts: zones, levels, quantities, drives, parameters."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -12,6 +13,7 @@ from firmware_link.protocol.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device
+    from engine.effects import Drives, Effects
     from engine.touch import Placement
     from precompute.measurements.parameters import Bounds
 
@@ -43,6 +45,12 @@ Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends 
 CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
 EffectsPath = Annotated[
     Path | None, typer.Option("--effects", help="Effect file; default: a click at 20 dB for every touch.")
+]
+DrivesOf = Annotated[
+    str | None,
+    typer.Option(
+        "--drives", metavar="POSITIONS|ZONES", help="Drives solved for positions, or rows of the sweep for zones."
+    ),
 ]
 ControlSocket = Annotated[
     Path | None,
@@ -80,7 +88,7 @@ Loss = Annotated[str, typer.Option(help="Loss of the fit: robust, squares, or l1
 Change = Annotated[
     list[str] | None, typer.Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")
 ]
-Drives = Annotated[
+Frequencies = Annotated[
     str,
     typer.Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90."),
 ]
@@ -115,6 +123,24 @@ def read_placement(device: "Device", felt: str, quiet: str) -> "Placement":
     from engine.touch import Placement
 
     return Placement.named(device, read_zones("--felt", felt), names_in(quiet))
+
+
+def read_rules(
+    path: Path | None, device: "Device", drives: str | None, tell: Callable[[str], None] = lambda _: None
+) -> "Effects":
+    """The rules of a file, by default a click for every touch; --drives, if it is given, replaces that of the file."""
+    from engine.effects import DEFAULT_EFFECTS, read_effects
+    from tactable.shipped import named_effects
+
+    effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named_effects(), tell)
+    return effects if drives is None else replace(effects, drives=read_drives_of(drives))
+
+
+def read_drives_of(text: str | None) -> "Drives":
+    """The option --drives; positions without it. Raises OptionError."""
+    from engine.effects import Drives
+
+    return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
 
 
 def has_positions(device: "Device", felt: str, quiet: str) -> bool:

@@ -25,9 +25,9 @@ from tactable.cli.options import (
     Change,
     CsvPath,
     DeviceArgument,
-    Drives,
     Felt,
     FeltFingers,
+    Frequencies,
     Level,
     OptionError,
     Output,
@@ -270,7 +270,7 @@ def click_map(table_path: TableArgument, progress: Progress) -> Picture:
 @picture_command
 def response(
     device_name: DeviceArgument,
-    drives: Drives = "",
+    drives: Frequencies = "",
     measured_path: Annotated[
         Path | None, typer.Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
     ] = None,
@@ -297,7 +297,7 @@ def response(
 
 
 @picture_command
-def zones(device_name: DeviceArgument, drives: Drives, change: Change = None) -> Picture:
+def zones(device_name: DeviceArgument, drives: Frequencies, change: Change = None) -> Picture:
     """Draw localized factor and acceleration by zone of up to four drives.
 
     The actuators are at full scale and the bar is untouched.

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effects, read_effects
+from engine.effects import Effects
 from engine.loop import Clock, RingWriter, Stage, StopRequest, SystemClock, Updates
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
@@ -27,7 +27,17 @@ from firmware_link.protocol.errors import LinkError
 from tactable.audio.port import open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
-from tactable.cli.options import AsJson, BitRate, ControlOsc, ControlPort, ControlSocket, EffectsPath, TableArgument
+from tactable.cli.options import (
+    AsJson,
+    BitRate,
+    ControlOsc,
+    ControlPort,
+    ControlSocket,
+    DrivesOf,
+    EffectsPath,
+    TableArgument,
+    read_rules,
+)
 from tactable.cli.page_drive import OpenPort, PageDrive
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
@@ -113,6 +123,7 @@ def run(
     touch: TouchName,
     port_name: PortName,
     effects_path: EffectsPath = None,
+    drives: DrivesOf = None,
     when_not_achieved: NotAchieved = WhenNotAchieved.WARN,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
     device_name: RequiredDevice = None,
@@ -146,7 +157,7 @@ def run(
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
-        effects = _effects(effects_path, table.device, with_others=control)
+        effects = _effects(effects_path, table.device, drives, with_others=control)
         realtime = real_time_steps(steps)
         with _opened(machine_of(context), touch):
             pass  # a wrong name is told before kernels are compiled; what is touched meanwhile is not of the run
@@ -217,11 +228,10 @@ def _play(
         show(summary, as_json, lambda _, summary: _print_summary(summary))
 
 
-def _effects(path: Path | None, device: Device, *, with_others: bool) -> Effects:
+def _effects(path: Path | None, device: Device, drives: str | None, *, with_others: bool) -> Effects:
     """The rules of a file; with the other named effects, too, where programs may name them during the run."""
-    named = named_effects()
-    effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named, note)
-    return replace(effects, others=tuple(named.values())) if with_others else effects
+    effects = read_rules(path, device, drives, note)
+    return replace(effects, others=tuple(named_effects().values())) if with_others else effects
 
 
 def _reopening(port: OpenPort, name: str, bit_rate_hz: int, reconnect: bool) -> ReopeningPort[OpenPort]:

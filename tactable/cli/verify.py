@@ -13,10 +13,12 @@ from tactable.cli.options import (
     AsJson,
     BitRate,
     Change,
+    DrivesOf,
     Level,
     OptionError,
     SensorMass,
     TableArgument,
+    read_drives_of,
     read_level,
     read_option,
 )
@@ -46,6 +48,7 @@ def verify(
     places: Annotated[int, typer.Option(min=1, max=100, help="Even places of the sensor along the bar.")] = 4,
     placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",
+    drives: DrivesOf = None,
     sensor_mass: SensorMass = "2 g",
     figure: Annotated[Path | None, typer.Option("--figure", help="A picture: .png, .svg or .pdf.")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")] = None,
@@ -57,10 +60,11 @@ def verify(
 ) -> None:
     """Play drives and clicks of a table, and compare a sensor with the promise.
 
-    Steady drives and clicks of random placements are played on the untouched bar, and read point by point. The promise
-    is an interval over the bars that the table holds for possible, and only a reading that could have shown it broken
-    keeps it. Exit status 3: more than a tenth of the points are beyond it, or more than a tenth of the readings stayed
-    spoiled or are too noisy to show it. It has never been run on hardware.
+    Steady drives and clicks of random placements, or with --drives zones the rows of the sweep for their zones, are
+    played on the untouched bar, and read point by point. The promise is an interval over the bars that the table holds
+    for possible, and only a reading that could have shown it broken keeps it. Exit status 3: more than a tenth of the
+    points are beyond it, or more than a tenth of the readings stayed spoiled or are too noisy to show it. It has never
+    been run on hardware.
     """
     from threadpoolctl import threadpool_limits
 
@@ -83,7 +87,12 @@ def verify(
         most, basis = device.limits.amplitude, table.clicks.basis if table.clicks else None
         named = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, mass_kg, clicks=basis)
         chosen = with_simulation(device, named, flaws, change, seed)
-        played = plan_played(table, random_placements(device, Anywhere(placements=placements, seed=seed + 1)), level_db)
+        played = plan_played(
+            table,
+            random_placements(device, Anywhere(placements=placements, seed=seed + 1)),
+            level_db,
+            read_drives_of(drives),
+        )
         with open_apparatus(device, chosen, ask) as apparatus:
             options, where = (
                 SteppedSineOptions(),

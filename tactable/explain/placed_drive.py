@@ -1,5 +1,6 @@
 """Explanation of the steady drive for fingers at positions: solved now, with what each finger feels."""
 
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.words import finger_names, level_text, placement_json, placement_text
 
-_PERCENTILES = ("5 %", "50 %", "95 %")
+PERCENTILES = ("5 %", "50 %", "95 %")
 
 
 def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
@@ -85,20 +86,27 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
     lines += [reached, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed"]
     for line in lines:
         out.print(line, highlight=False, soft_wrap=True)
-    caption = (
-        f"dB {threshold.above}; percentiles over {SAMPLES} sampled fingers, "
-        f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"
-    )
-    grid = Grid("finger", "role", "standard", *_PERCENTILES, caption=caption)
-    for finger, (name, is_felt, level_db) in enumerate(
-        zip(finger_names(device, placement), drive.felt, figures.level_db.tolist(), strict=True)
-    ):
-        shown = [f"{value:z.1f}" for value in (level_db, *astuple(figures.finger_percentiles(finger)))]
-        grid.add_row(name, "felt" if is_felt else "quiet", *shown)
-    out.print(grid)
+    spreads = [astuple(figures.finger_percentiles(finger)) for finger in range(len(drive.felt))]
+    out.print(finger_grid(replace(device, threshold=threshold), placement, figures.level_db.tolist(), spreads, SAMPLES))
     estimates = ", ".join([*device.estimated_values, threshold.title])
     out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 
+def finger_grid(
+    device: Device, placement: Placement, standard_db: Sequence[float], spreads: Sequence[Sequence[float]], cases: int
+) -> Grid:
+    """What each finger feels: a standard one, and percentiles over `cases` sampled ones."""
+    caption = (
+        f"dB {device.threshold.above}; percentiles over {cases} sampled fingers, "
+        f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"
+    )
+    grid = Grid("finger", "role", "standard", *PERCENTILES, caption=caption)
+    figures = zip(finger_names(device, placement), placement.is_felt, standard_db, spreads, strict=True)
+    for name, is_felt, level_db, spread in figures:
+        shown = [f"{value:z.1f}" for value in (level_db, *spread)]
+        grid.add_row(name, "felt" if is_felt else "quiet", *shown)
+    return grid
+
+
 def _by_percentile(levels: Any) -> dict[str, float]:
-    return dict(zip(_PERCENTILES, astuple(levels), strict=True))
+    return dict(zip(PERCENTILES, astuple(levels), strict=True))

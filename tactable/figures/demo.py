@@ -107,7 +107,7 @@ def _draw_held(axes: Axes, device: Device, report: DriveReport, *, legend: bool)
     drive = report.drive
     parts = "+".join(f"{100 * amplitude:.3g}" for amplitude in drive.amplitudes)
     factor = f"Λ {report.promised_factor:.3f} promised, {report.simulated_factor:.3f} simulated"
-    title = f"{_fingers_text(device, report)}\n{factor}; {drive.frequency_hz:g} Hz {parts} %"
+    title = f"{_fingers_text(device, report)}\n{factor}; {report.frequency_text} {parts} %"
     axes.set_title(title, fontsize="small", loc="left")
     axes.margins(y=0.15)
     axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.bar.length_m))
@@ -155,5 +155,8 @@ def _envelope(device: Device, report: DriveReport, position_m: NDArray[np.float6
     """Peak steady acceleration of the drive along the bar and its fingers, m/s^2."""
     drive = report.drive
     loaded = assemble(device).with_fingers(report.placement.position_m, device.finger)
-    acceleration = solve_response(loaded, np.array([drive.frequency_hz])).acceleration(position_m)[0]
-    return np.asarray(abs(drive.complex_amplitudes @ acceleration))
+    hz = np.array(drive.frequencies_hz)
+    tones_hz = np.unique(hz[np.array(drive.amplitudes) > 0])
+    acceleration = solve_response(loaded, tones_hz).acceleration(position_m)
+    base = np.where(hz == tones_hz[:, None], drive.complex_amplitudes, 0)
+    return np.asarray(abs(np.einsum("fa,fap->fp", base, acceleration)).sum(axis=0))

@@ -5,7 +5,7 @@ that was asked for by its numbers is refused instead: a bar that plays something
 """
 
 import cmath
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,20 @@ class AskedDrive:
         """Shape (actuator,): amplitudes with their phases, fractions of full scale."""
         pairs = zip(self.amplitudes, self.phases_rad, strict=True)
         return np.array([cmath.rect(amplitude, phase_rad) for amplitude, phase_rad in pairs])
+
+    @property
+    def frequency_hz(self) -> float:
+        """The frequency of the strongest actuator."""
+        return self.frequencies_hz[int(np.argmax(self.amplitudes))]
+
+    @property
+    def tones(self) -> "list[AskedDrive]":
+        """Its parts of one frequency each; the actuators of other parts are still."""
+        channels = list(zip(self.frequencies_hz, self.amplitudes, strict=True))
+        return [
+            replace(self, amplitudes=tuple(size * (own_hz == hz) for own_hz, size in channels))
+            for hz in dict.fromkeys(hz for hz, size in channels if size)
+        ]
 
     @classmethod
     def of_one(cls, device: Device, actuator: int, frequency_hz: float, amplitude: float) -> "AskedDrive":

@@ -28,8 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device, Finger
+from engine.effects import Drives
+from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
-from engine.touch import Placement
+from engine.table.best_rows import BestRow
+from engine.touch import Placement, ZoneState
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, encode_click
 from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis
@@ -154,18 +157,31 @@ class Judgement:
         )
 
 
-def plan_played(table: Table, placements: Sequence[Placement], level_db: float) -> tuple[Played, ...]:
-    """The steady drive of each placement at a level, and its click where the table has one."""
+def plan_played(
+    table: Table, placements: Sequence[Placement], level_db: float, drives: Drives = Drives.POSITIONS
+) -> tuple[Played, ...]:
+    """The steady drive of each placement at a level, and its click where the table has one.
+
+    In zones it is the row of the sweep, and there are no clicks. Raises TableError for zones without a row.
+    """
     found = []
     for placement in placements:
-        felt, quiet = ([placement.position_m[i] for i in which] for which in (placement.felt, placement.quiet))
-        drive = table.drive_for(felt, quiet, level_db)
+        drive = _drive_of(table, placement, level_db, drives)
         asked = AskedDrive(drive.frequencies_hz, drive.amplitudes, drive.phases_rad)
         found.append(Played(placement, asked, None))
-        click = table.click_at(placement, level_db) if table.clicks else None
+        has_clicks = bool(table.clicks) and drives is Drives.POSITIONS
+        click = table.click_at(placement, level_db) if has_clicks else None
         if click is not None:
             found.append(Played(placement, None, click))
     return tuple(found)
+
+
+def _drive_of(table: Table, placement: Placement, level_db: float, drives: Drives) -> SteadyDrive | BestRow:
+    if drives is Drives.ZONES:
+        states = zip(table.device.zones, placement.zone_states(table.device), strict=True)
+        return table.best_row([zone.name for zone, state in states if state is ZoneState.FELT], level_db)
+    felt, quiet = ([placement.position_m[i] for i in which] for which in (placement.felt, placement.quiet))
+    return table.drive_for(felt, quiet, level_db)
 
 
 class PossibleBars:
@@ -188,10 +204,10 @@ class PossibleBars:
     def _peak(self, bar: int, played: Played, place_m: float) -> float:
         place = np.array([place_m])
         if played.asked is not None:
-            hz = np.array([played.asked.frequencies_hz[0]])
-            loaded = self._plants[bar].with_fingers([place_m], self._sensor)
-            unit = solve_response(loaded, hz).acceleration(place)[0, :, 0]
-            return float(abs(played.asked.phasors @ unit))
+            loaded, tones = self._plants[bar].with_fingers([place_m], self._sensor), played.asked.tones
+            hz = np.array([tone.frequency_hz for tone in tones])
+            unit = solve_response(loaded, hz).acceleration(place)[:, :, 0]
+            return float(sum(abs(tone.phasors @ each) for tone, each in zip(tones, unit, strict=True)))
         assert played.click is not None
         click = played.click
         plant = TransientPlant(self._bases[bar], place, _RATE_HZ)
@@ -237,10 +253,12 @@ def verify_table(
 def _read(stepped: SteppedSine, driven: DrivenDevice, played: Played) -> tuple[float, float, tuple[Fault, ...]] | None:
     """Peak, its error and faults; None for a click that the board cannot play."""
     if played.asked is not None:
-        fit, _, faults = stepped.hold(played.asked)
-        channel = stepped.channel
-        size = float(abs(fit.phasor[channel]))
-        return size, 3 * fit.scatter(channel), tuple(fault for fault in faults if fault is not Fault.NOISE)
+        # Tones of different frequencies are read one after another, and their magnitudes add, as in the promise.
+        channel, held = stepped.channel, [stepped.hold(tone) for tone in played.asked.tones]
+        size = sum(float(abs(fit.phasor[channel])) for fit, _, _ in held)
+        error = sum(3 * fit.scatter(channel) for fit, _, _ in held)
+        found = dict.fromkeys(fault for _, _, faults in held for fault in faults if fault is not Fault.NOISE)
+        return size, error, tuple(found)
     assert played.click is not None
     basis, click = driven.basis, played.click
     number, fraction_bits = basis.sets.get(click.basis_set), click.fraction_bits - basis.halvings

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger, read_effects
+from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger, read_effects
 from engine.effects.rules import FULL_SCALE_DB
 from engine.plain import to_plain
 from engine.table.entry import DEFAULT_LEVEL_DB
@@ -34,6 +34,8 @@ class Source(StrEnum):
     """The click for the fingers."""
     STEADY = "steady"
     """The steady drive for the fingers, as long as one touches that is to feel."""
+    ZONES = "zones"
+    """The row of the sweep for the zones of the fingers, likewise: the published method."""
     HAND = "hand"
     """A drive by hand, whatever touches."""
 
@@ -199,7 +201,8 @@ def effects_of(choice: Choice, device: Device, rule_file: Path | None) -> Effect
     on = Trigger(choice.rules.value)
     quiet = frozenset(device.zone_index(name) for name in choice.quiet_zones)
     rules = [_rule(on, _NOTHING, quiet)] if quiet else []
-    return Effects((*rules, _rule(on, feel, None)))
+    drives = Drives.ZONES if choice.source is Source.ZONES else Drives.POSITIONS
+    return Effects((*rules, _rule(on, feel, None)), drives=drives)
 
 
 def _rule(on: Trigger, effect: Effect, zones: frozenset[int] | None) -> Rule:

@@ -62,18 +62,14 @@ class Command:
 
 
 class CommandReader:
-    """Makes the commands of one table.
+    """Makes the commands of one table. The promise of a steady drive is what the one that was sent gives to fingers."""
 
-    solves_steady: steady drives are solved again for their promise, which takes compiled kernels and receptances.
-    Otherwise the promise is what the drive that was sent gives to standard fingers.
-    """
-
-    def __init__(self, table: Table, frequency_resolution_hz: float, *, solves_steady: bool, halvings: int = 0) -> None:
-        self._table, self._resolution_hz, self._solves_steady = table, frequency_resolution_hz, solves_steady
+    def __init__(self, table: Table, frequency_resolution_hz: float, *, halvings: int = 0) -> None:
+        self._table, self._resolution_hz = table, frequency_resolution_hz
         self.solved = list[Placement]()
         """The placements, at places of the table, whose clicks it does not hold and that were played."""
         self._promises, self._count, self._halvings = Promises(table), 0, halvings
-        self._promises.prepare(steady=solves_steady)
+        self._promises.prepare()
         self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
 
     def command_of(self, record: Record, zero_ns: int) -> Command | None:
@@ -138,14 +134,10 @@ class CommandReader:
         if at_places not in self.solved:
             self.solved.append(at_places)
 
-    def _drive(self, record: Record, placement: Placement, level_db: float) -> "_Made":
+    def _drive(self, record: Record, placement: Placement, _: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]
         channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-        if self._solves_steady:
-            held_hz = max(drive, key=lambda channel: channel.amplitude).frequency_hz if drive else None
-            promise = self._promises.of_drive(placement, level_db, held_hz)[1]
-        else:
-            promise = self._promises.of_channels(placement, drive)
+        promise = self._promises.of_channels(placement, drive)
         return channels, promise.level_db.tolist(), math.inf
 
 

@@ -45,12 +45,19 @@ _UNSAFE = re.compile(r"[^\w.-]+")
 _LONGEST_NAME = 64
 
 
-def _view_of(table: Table, before: View | None, resolution_hz: float, *, has_kernels: bool) -> View:
-    """The view of a table; the bars of a view before it move on where they are of the same device."""
-    is_same = before is not None and before.table.fingerprint == table.fingerprint
-    bar = before.bar if before is not None and is_same else LiveBar(table.device)
-    paper = before.paper if before is not None and is_same else PaperBar(table.device)
-    return View(table, bar, resolution_hz, paper=paper, has_kernels=has_kernels)
+def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
+    """The view of a table; the bars of a view before it move on where they are of the same device.
+
+    A table without rows of a sweep, which is one of receptances alone or of a bar with one actuator, has no second bar.
+    """
+    if before is None or before.table.fingerprint != table.fingerprint:
+        bar, paper = LiveBar(table.device), PaperBar(table.device, table.best_rows)
+    else:
+        bar, paper = before.bar, before.paper or PaperBar(table.device, table.best_rows)
+        paper.rows = table.best_rows
+        if before.paper is None:
+            paper.begin(bar.now_us)
+    return View(table, bar, resolution_hz, paper=paper if table.best_rows else None)
 
 
 def _is_same(one: Table, other: Table) -> bool:
@@ -302,14 +309,16 @@ class DemoBackend:
 
     async def _first_table(self, device: Device, with_click: Path | None) -> Table:
         """The table of a device that has no other: with a click once one is solved, until then of receptances alone."""
-        shown, bare = self._table, self._work / f"first-{device.fingerprint[:12]}.nc"
+        has_kernels = self._builder.has_compiled  # they make the rows of its sweep, too
+        shown = self._table
+        bare = self._work / f"first-{device.fingerprint[:12]}{'-swept' * has_kernels}.nc"
         is_solved = with_click is not None and with_click.is_file()
         path = with_click if with_click is not None and is_solved else bare
         if shown is not None and shown.path == path and path.is_file():
             return shown
         if is_solved:
             return await asyncio.to_thread(Table.open, path, device=device, verify=False)
-        return await asyncio.to_thread(open_first_table, device, bare)
+        return await asyncio.to_thread(open_first_table, device, bare, has_rows=has_kernels)
 
     async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
         configuration = configuration_of(device)
@@ -331,7 +340,7 @@ class DemoBackend:
         if before is not None and hand is not None and played is Source.HAND and table is self._table:
             view = before  # another drive by hand, as the sliders move
         else:
-            view = await asyncio.to_thread(_view_of, table, before, resolution_hz, has_kernels=has_kernels)
+            view = await asyncio.to_thread(_view_of, table, before, resolution_hz)
         if before is None:
             self._boot = (0, 0)
         else:

@@ -16,11 +16,12 @@ import uvicorn
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
+from engine.effects import Drives
 from engine.files import replace_file
 from engine.trust import open_to_others
 from firmware_link.work_folder import work_folder
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
-from tactable.page.choices import Choice, Rules, offered
+from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.processes.programs import ProgramsAt
 from tactable.page.server import PageBackend, listen_at, serve
@@ -63,14 +64,15 @@ def show_demo(
     cache: Path,
     address: Address,
     say: Say,
+    drives: Drives | None = None,
     programs: ProgramsAt | None = None,
 ) -> None:
-    """The demo as a page, with a control channel for `programs`, until Ctrl-C.
+    """The demo as a page, with a control channel for `programs`, until Ctrl-C; it begins with these drives.
 
     Raises OSError where the address is taken.
     """
     rules = Rules.TOUCH if rule_file is None else Rules.FILE
-    choice = Choice(device_name, rules=rules)
+    choice = Choice(device_name, Source.ZONES if drives is Drives.ZONES else Source.CLICK, rules)
     with work_folder("page", in_memory=True) as work:
         backend = DemoBackend(choice, device, offered(device_name, rule_file), cache, work, programs, say)
         # SIGTERM ends the demo as Ctrl-C does, so that no process of the rig is left behind.

@@ -32,8 +32,8 @@ Stages = tuple[int, int, int, int, int]
 class View:
     """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero.
 
-    paper: a second bar, which the paper's drives move. has_kernels: compiled kernels may be loaded. halvings: how many
-    times the functions of the board's basis are halved.
+    paper: a second bar, which the rows of the table's sweep move. halvings: how many times the functions of the board's
+    basis are halved.
     """
 
     def __init__(
@@ -43,13 +43,11 @@ class View:
         frequency_resolution_hz: float,
         *,
         paper: PaperBar | None = None,
-        has_kernels: bool = True,
         halvings: int = 0,
     ) -> None:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
-        solves_steady = has_kernels and not table.is_shipped
-        self._reader = CommandReader(table, frequency_resolution_hz, solves_steady=solves_steady, halvings=halvings)
+        self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
         self._edges = ZoneEdges(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effects
+from engine.effects import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop import Stage
 from engine.plain import to_plain
+from engine.steady import SteadyDrive
 from engine.table import Table
+from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
@@ -101,7 +103,7 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     duration_s = times_s[-1] - times_s[0] if times_s else 0.0
     speed = max(1.0, duration_s / LONGEST_REPLAY_S)
     run = play(table, recording, speed, effects)
-    reporter = Reporter(table)
+    reporter = Reporter(table, effects.drives)
     applied = first_applied(run)
     felt = reporter.bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
     greatest = _greatest(run, felt) if felt else {}
@@ -125,8 +127,8 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
 class Reporter:
     """Compares what commands of a table's runs promise with what the simulated bar does under their fingers."""
 
-    def __init__(self, table: Table) -> None:
-        self.bar = SimulatedBar(table.device)
+    def __init__(self, table: Table, drives: Drives = Drives.POSITIONS) -> None:
+        self.bar, self._drives = SimulatedBar(table.device), drives
         self._device, self._promises = table.device, Promises(table)
         self._plant = assemble(table.device)
         self._edges = ZoneEdges(table.device)
@@ -136,9 +138,13 @@ class Reporter:
     ) -> DriveReport:
         """Report a steady drive that the firmware got; the last two are the greatest accelerations in the run."""
         placement = wanted.placement
-        strongest = max(event.channels, key=lambda channel: channel.amplitude)
-        drive, promise = self._promises.of_drive(placement, wanted.level_db, strongest.frequency_hz)
-        hz = np.full(len(drive.amplitudes), drive.frequency_hz)
+        drive: SteadyDrive | BestRow
+        if self._drives is Drives.ZONES:
+            drive, promise = self._promises.of_row(placement, wanted.level_db)
+        else:
+            strongest = max(event.channels, key=lambda channel: channel.amplitude)
+            drive, promise = self._promises.of_drive(placement, wanted.level_db, strongest.frequency_hz)
+        hz = np.array(drive.frequencies_hz)
         loaded = self._plant.with_fingers(placement.position_m, self._device.finger)
         zones = {self._edges.zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}
         felt_zones = tuple(sorted(zone for zone in zones if zone is not None))
@@ -232,10 +238,9 @@ def _drive_json(device: Device, report: DriveReport) -> dict[str, Any]:
     return {
         **_zones_json(device, report.placement),
         "wanted_level_db": drive.wanted_level_db,
-        "level_db": drive.weakest_felt_db,
+        "level_db": drive.level_db if isinstance(drive, BestRow) else drive.weakest_felt_db,
         "achieved": drive.achieved,
-        "expected_contrast_db": drive.expected_contrast_db,
-        "objective": drive.objective,
+        **_origin_json(drive),
         "frequencies_hz": drive.frequencies_hz,
         "amplitudes": drive.amplitudes,
         "phases_rad": drive.phases_rad,
@@ -243,6 +248,16 @@ def _drive_json(device: Device, report: DriveReport) -> dict[str, Any]:
         "measured_localized_factor": report.simulated_factor,
         **_levels_json(device, report, report.simulated.at_finger),
     }
+
+
+def _origin_json(drive: SteadyDrive | BestRow) -> dict[str, Any]:
+    if isinstance(drive, BestRow):
+        return {
+            "drives": Drives.ZONES,
+            "row": {"group": drive.group, "index": drive.index, "localized_factor": drive.localized_factor},
+        }
+    objective = {"objective": drive.objective, "expected_contrast_db": drive.expected_contrast_db}
+    return {"drives": Drives.POSITIONS, **objective}
 
 
 def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:

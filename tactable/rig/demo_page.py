@@ -9,6 +9,7 @@ from rich.table import Table as Grid
 
 from engine.device import Device
 from engine.loop import Stage
+from engine.table.best_rows import BestRow
 from tactable.explain.words import finger_names, placement_text
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
@@ -156,4 +157,5 @@ def _drive(report: DriveReport) -> str:
     """A drive in words, such as "151.2 Hz 3.6+100 %"."""
     percents = [100 * amplitude for amplitude in report.drive.amplitudes]
     parts = "+".join(f"{percent:.0f}" if percent >= 10 else f"{percent:.2g}" for percent in percents)
-    return f"{report.drive.frequency_hz:g} Hz {parts} %"
+    row = f"\nrow: {report.drive.localized_factor:.3f} untouched" if isinstance(report.drive, BestRow) else ""
+    return f"{report.frequency_text} {parts} %{row}"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry
+from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from tactable.rig.bar import SimulatedClick, SimulatedDrive
 from tactable.rig.promises import Promise
@@ -69,15 +70,21 @@ class _CommandReport:
 
 @dataclass(frozen=True)
 class DriveReport(_CommandReport):
-    """A steady drive: the promise that it was solved with, and what it did when it was held.
+    """A steady drive, solved or looked up for zones: its promise, and what it did when it was held.
 
     promised_factor: share of kinetic energy in the zones that hold the felt fingers (felt_zones, indices).
     """
 
-    drive: SteadyDrive
+    drive: SteadyDrive | BestRow
     simulated: SimulatedDrive
     felt_zones: tuple[int, ...]
     promised_factor: float
+
+    @property
+    def frequency_text(self) -> str:
+        """Its frequency, or both, such as "150 & 200 Hz"."""
+        sounding = zip(self.drive.frequencies_hz, self.drive.amplitudes, strict=True)
+        return f"{' & '.join(f'{hz:g}' for hz in dict.fromkeys(hz for hz, size in sounding if size))} Hz"
 
     @property
     def simulated_factor(self) -> float:

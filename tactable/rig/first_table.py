@@ -3,7 +3,7 @@
 A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
 need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
 page plays one's own device while the kernels are compiled and the table is built. Such a table has no entries and no
-sweeps, and goes with its run.
+sweeps, and goes with its run. Once kernels are compiled it has the best rows of a sweep that is not kept.
 
 It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
 hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
@@ -22,6 +22,7 @@ import numpy as np
 from engine.device import Device
 from engine.steady.receptances import Receptances
 from engine.table import Table
+from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.clicks import Clicks
 from engine.table.file import TableWriter
@@ -40,9 +41,12 @@ _PITCH_M = 5e-3
 _FEWEST_PLACES = 5
 
 
-def open_first_table(device: Device, path: Path) -> Table:
-    """Make the first table of a device at `path`, and open it. Raises TableError where it cannot be written."""
-    write_first_table(device, path)
+def open_first_table(device: Device, path: Path, *, has_rows: bool = False) -> Table:
+    """Make the first table of a device at `path`, and open it; `has_rows` as for `write_first_table`.
+
+    Raises TableError where it cannot be written.
+    """
+    write_first_table(device, path, has_rows=has_rows)
     return Table.open(path, device=device, verify=False)
 
 
@@ -62,10 +66,11 @@ def is_first(table: Table) -> bool:
     return IS_FIRST in table.attributes
 
 
-def write_first_table(device: Device, path: Path, clicks: Clicks | None = None) -> None:
+def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, *, has_rows: bool = False) -> None:
     """Write the first table of a device, with what `solve_first_click` gave; what is at `path` is replaced.
 
-    Raises TableError where it cannot be written.
+    With `has_rows` it has the best rows of the sweep, which takes compiled kernels. Raises TableError where it cannot
+    be written.
     """
     basis = compute_basis(assemble(device), MODES)
     receptances = modal_receptances(basis)
@@ -88,8 +93,16 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None) 
             }
         )
         write_receptances(writer, receptances, device)
+        if has_rows and (rows := _best_rows(device)):
+            write_best_rows(writer, rows, device)
         if clicks is not None:
             write_clicks(writer, clicks, device)
+
+
+def _best_rows(device: Device) -> BestRows:
+    from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
+
+    return find_best_rows(device)
 
 
 def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:

@@ -22,9 +22,9 @@ STEADY = (
 """What steady drives at any positions take."""
 CLICKS = ("precompute.model.band_solver",)
 """What clicks take beside kernels without a declared signature, which the first click compiles."""
+SWEEP = ("precompute.model.gram", "precompute.sweep.kernels")
+"""What the rows of a sweep take, which zones play."""
 BUILDS = (
-    "precompute.model.gram",
-    "precompute.sweep.kernels",
     "precompute.sampling.bars",
     "precompute.entries.forms",
     "precompute.entries.bfgs",
@@ -34,7 +34,7 @@ BUILDS = (
 )
 """What builds take beside that."""
 _FIRST_CLICK = "the first click"
-_ALL = (*CLICKS, _FIRST_CLICK, *STEADY, *BUILDS)
+_ALL = (*CLICKS, _FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)
 OnModule = Callable[[str, int, int], None]
 """Told the name, number and count of what is compiled, before each."""
 

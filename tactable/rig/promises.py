@@ -1,13 +1,13 @@
 """Promises for the positions that fingers really have: what standard fingers there get of a drive or a click.
 
-A steady drive is solved for the positions from receptances between places; its promise is computed apart from that, by
-finite elements at the drive's own frequency. A click is the table's for the nearest places; what it gives at the
-positions follows from its waveform, in the nominal plant. Where no kernel is compiled, the promise of a drive
-is what a sum of modes makes of it.
+A steady drive is solved for the positions from receptances between places, or looked up for zones; its promise is
+computed apart from that, by finite elements at the drive's own frequencies. A click is the table's for the nearest
+places; what it gives at the positions follows from its waveform, in the nominal plant. Where no kernel is compiled, the
+promise of a drive is what a sum of modes makes of it.
 """
 
 import cmath
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
+from engine.table.best_rows import BestRow
 from engine.table.click import played_at
-from engine.touch import Placement
+from engine.touch import Placement, ZoneState
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
 from tactable.rig.modal_bar import ModalBar
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 _SILENT = 1e-15
 
 
@@ -64,10 +66,8 @@ class Promises:
     def _bar(self) -> ModalBar:
         return ModalBar(self._table.device)
 
-    def prepare(self, *, steady: bool = True) -> None:
-        """Load what promises take, up to a second; those of `steady` drives compile their kernels where need be."""
-        if steady:
-            self._solver.prepare()
+    def prepare(self) -> None:
+        """Load what promises of clicks take, up to a second."""
         for click in self._table.clicks[:1]:
             self._source.fingers_of(click, click.placement)
 
@@ -78,22 +78,49 @@ class Promises:
 
         held_hz: frequency of the drive that is played; where the fingers moved, it may be that of an earlier one.
         """
+        drive = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
+        return drive, self._of_drive(placement, drive)
+
+    def of_row(self, placement: Placement, level_db: float) -> tuple[BestRow, Promise]:
+        """The row of the sweep for the zones of the fingers that feel, as a run looks it up, and its promise.
+
+        The row was found on the bar without fingers; the promise is what fingers at these positions get of it. Raises
+        TableError for zones without a row.
+        """
+        device = self._table.device
+        states = zip(device.zones, placement.zone_states(device), strict=True)
+        row = self._table.best_row([zone.name for zone, state in states if state is ZoneState.FELT], level_db)
+        return row, self._of_drive(placement, row)
+
+    def _of_drive(self, placement: Placement, drive: SteadyDrive | BestRow) -> Promise:
+        """The promise of a drive by finite elements, at its own frequencies."""
         from precompute.model.response import solve_response
 
-        drive = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
-        hz, device = np.array([drive.frequency_hz]), self._table.device
-        loaded = self._plant.with_fingers(placement.position_m, device.finger)
-        unit = solve_response(loaded, hz).acceleration(np.array(placement.position_m))[0]
-        acceleration_m_per_s2 = abs(drive.complex_amplitudes @ unit)
-        felt_db = 20 * np.log10(acceleration_m_per_s2 / device.threshold.peak_m_per_s2(hz))
-        return drive, Promise(placement, acceleration_m_per_s2, felt_db)
+        loaded = self._plant.with_fingers(placement.position_m, self._table.device.finger)
+        position_m = np.array(placement.position_m)
+        return self._of_tones(
+            placement,
+            drive.frequencies_hz,
+            drive.complex_amplitudes,
+            lambda hz: solve_response(loaded, np.array([hz])).acceleration(position_m)[0].T,
+        )
 
     def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Promise:
         """What a steady drive gives, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
+        base = np.array([cmath.rect(channel.amplitude, channel.phase_rad) for channel in channels])
+        tones_hz = [channel.frequency_hz for channel in channels]
+        return self._of_tones(placement, tones_hz, base, lambda hz: self._bar.acceleration(hz, placement.position_m))
+
+    def _of_tones(
+        self, placement: Placement, tones_hz: Sequence[float], base: Complex, response_at: Callable[[float], Complex]
+    ) -> Promise:
+        """Of tones of different frequencies magnitudes add, and levels in power.
+
+        tones_hz, base (actuator,): frequency and complex amplitude; response_at gives (finger, actuator).
+        """
         acceleration, weighted = np.zeros((2, len(placement.position_m)))
-        for hz in {channel.frequency_hz for channel in channels if channel.amplitude}:
-            base = np.array([_phasor(channel) * (channel.frequency_hz == hz) for channel in channels])
-            reached = abs(self._bar.acceleration(hz, placement.position_m) @ base)
+        for hz in {hz for hz, amplitude in zip(tones_hz, base, strict=True) if amplitude}:
+            reached = abs(response_at(hz) @ np.where(np.array(tones_hz) == hz, base, 0))
             acceleration = acceleration + reached
             weighted = np.hypot(weighted, reached / self._table.device.threshold.peak_m_per_s2(np.array([hz])))
         return Promise(placement, acceleration, 20 * np.log10(np.maximum(weighted, _SILENT)))
@@ -130,8 +157,3 @@ class Promises:
             np.array([finger.acceleration_at_finger_m_per_s2 for finger in fingers]),
             np.array([finger.level_db for finger in fingers]),
         )
-
-
-def _phasor(channel: ChannelDrive) -> complex:
-    """The base displacement of a channel as a complex amplitude, a fraction of full scale."""
-    return cmath.rect(channel.amplitude, channel.phase_rad)

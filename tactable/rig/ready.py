@@ -1,8 +1,9 @@
 """Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
 
-A shipped table holds the entries and coarse clicks of a shipped device, compressed: what a page needs that plays clicks
-and the drives of zones. Responses, receptances and sweeps are left out, since they are large. The page builds the table
-on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes over.
+A shipped table holds the best rows, entries and coarse clicks of a shipped device, compressed: what a page needs that
+plays clicks and the drives of zones. Responses, receptances and sweeps are left out, since they are large. The page
+builds the table on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes
+over.
 
 It is played only where its device fingerprint is that of the device. The fingerprint of its code may be an older one:
 every promise on the page is computed anew from the waveform, by this code, and so is the motion of the bar, and limits
@@ -30,7 +31,7 @@ from firmware_link.work_folder import work_folder
 from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.shipped import find_device, ready_folder, shipped_names
 
-_GROUPS = ("entries", "clicks")
+_GROUPS = ("best_rows", "entries", "clicks")
 REMAKE = "python -m tactable.rig.ready"
 
 

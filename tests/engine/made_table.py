@@ -8,6 +8,7 @@ import numpy as np
 from engine.device import Device
 from engine.steady.receptances import Receptances
 from engine.table import ClickEntry, Clicks, Entry
+from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.columns import write_entries
 from engine.table.file import TableWriter, Variable
@@ -43,6 +44,7 @@ def write_table(
     *,
     response: float = 1.0,
     others: Mapping[str, float] | None = None,
+    rows: BestRows | None = None,
     **attributes: str,
 ) -> Path:
     """Write it; `response` is every acceleration of it, `attributes` replace those in PLAIN, `others` are groups."""
@@ -61,6 +63,8 @@ def write_table(
         writer.write("responses", Variable.names("actuator"), [actuator.name for actuator in device.actuators])
         write_receptances(writer, receptances_of(device, response), device)
         write_entries(writer, entries, device)
+        if rows is not None:
+            write_best_rows(writer, rows, device)
         for group, number in (others or {}).items():
             writer.write(group, Variable("number", (), "1", "made by hand"), np.array(number))
         if held:

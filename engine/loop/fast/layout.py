@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 from engine.touch.digitizer import FRAME_SILENCE_NS
+from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.messages import Play, encode_play, encode_play_body
 
 CONSTANTS = {
@@ -15,6 +16,7 @@ CONSTANTS = {
     "MOST_SLOTS": 40,
     "MOST_CONTACTS": 64,
     "MOST_FINGERS": 2,  # of a click that is looked up
+    "MOST_PLACED": MOST_FINGERS,  # of a drive that is looked up
     "MOST_ZONES": 16,
     "MOST_RULES": 64,
     "MOST_WAITED": 5,  # the touches, the port, new tables, solved clicks, control steps
@@ -68,6 +70,9 @@ STRUCTURES = {
         "const_uint8_t* head",
         "const_int16_t* weight",
         "const_int32_t* amplitude",
+        # the drives of zones by level and combination, each the body of a SET (0: drives are solved, by the loop),
+        "const_uint8_t* drive",
+        "int64_t plays_clicks",
         # the command of silence, and seeds of the checksum by kind.
         "Command silence",
         "int64_t seed[3]",
@@ -76,8 +81,9 @@ STRUCTURES = {
         "int64_t can_answer touch link waited descriptor[MOST_WAITED]",
         # how far the frame is (`axis_ns` is the source's time axis less the clock),
         "int64_t axis_ns received expected ticks taken report_ns due_ns",
-        # what is wanted and held, and what the link would send a command with,
-        "int64_t level click_ns is_silent",
+        # what is wanted, the drive that the device holds, and what the link would send a command with,
+        "int64_t level click_ns",
+        "Command held",
         "int64_t line_free_ns set_from_ns play_from_ns sequence clock_at_ns",
         "double clock_middle_ns clock_drift",
         # the contacts in range, and the fingers: those that touch, then those lifted whose effect goes on.

@@ -16,13 +16,13 @@ from engine.loop.fast.library import FastPathError
 from engine.loop.fast.session import Ahead
 from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
-from engine.render import SILENCE
+from engine.render import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
-from firmware_link.protocol.messages import Play, Set, seed_of
+from firmware_link.protocol.messages import Play, Set, encode_set_body, seed_of
 
 _NEVER_NS = (1 << 63) - 1
 _QUIET = Segment(None, None)
@@ -49,6 +49,7 @@ class Moment:
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._table: FastTable | None = None
+        self._held: DriveCommand | None = None
         self._levels: dict[float | None, int] = {}
         if len(_rules_of(effects)) > CONSTANTS["MOST_RULES"]:
             raise FastPathError("there are too many rules for touches and lifts: the Python loop answers all reports")
@@ -60,7 +61,7 @@ class Moment:
         Only wait where there is no table, or where rules of a program do not fit: too many, or of other levels.
         """
         rules = _rules_of(pipeline.player.effects)
-        self._table = None
+        self._table = self._held = None
         if table is None or len(rules) > CONSTANTS["MOST_RULES"]:
             return
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
@@ -71,7 +72,7 @@ class Moment:
         fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
         for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
-        _set_clicks(fast, table)
+        _set_table(fast, table)
         fast.seed[CONSTANTS["SET"]] = seed_of(Set.type_byte)
         fast.seed[CONSTANTS["PLAY"]] = seed_of(Play.type_byte)
 
@@ -112,12 +113,18 @@ class Moment:
         fast.due_ns = _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
         fast.level = self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
-        fast.is_silent = dispatcher.held == SILENCE
+        self._write_held(dispatcher.held, table)
         fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
         fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.click_from_ns
         fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
         fast.clock_drift = ahead.clock_drift
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
+
+    def _write_held(self, held: DriveCommand, table: FastTable) -> None:
+        """Write the drive that the device holds, which is not sent again."""
+        if held is not self._held:
+            self._held = held
+            _set_body(self.fast.held, encode_set_body(0, table.lease_ms, held.drive or bytes(table.drive_size), 0))
 
     def _write_contacts(self, pipeline: Pipeline) -> bool:
         """Write contacts and fingers; False where there are too many, or where programs act on them.
@@ -194,13 +201,18 @@ def _set_bar(fast: Any, pipeline: Pipeline) -> None:
         _set_plan(place, report_id, plan, position.column)
 
 
-def _set_clicks(fast: Any, table: FastTable) -> None:
+def _set_table(fast: Any, table: FastTable) -> None:
     fast.pitch_m, fast.places = table.places.pitch_m, table.places.count
     fast.rows, fast.functions = table.weights.shape
     fast.pair, fast.head = table.pair.ctypes.data, table.head.ctypes.data
     fast.weight, fast.amplitude = table.weights.ctypes.data, table.amplitude.ctypes.data
-    fast.silence.kind, fast.silence.size = CONSTANTS["SET"], len(table.silence)
-    fast.silence.body[: len(table.silence)] = table.silence
+    fast.drive = None if table.drives is None else table.drives.ctypes.data
+    fast.plays_clicks = table.plays_clicks
+    _set_body(fast.silence, table.silence)
+
+
+def _set_body(place: Any, body: bytes) -> None:
+    place.kind, place.size, place.body[: len(body)] = CONSTANTS["SET"], len(body), body
 
 
 def _set_plan(place: Any, report_id: int, plan: ReportPlan, column: int) -> None:

@@ -2,7 +2,7 @@
  *
  * `fast_wait` sleeps until a descriptor can be read or a time has come. It reads a report that is there and, where the
  * report completes a frame that brings another command, writes the command at once. It answers with clicks of one finger
- * and of two, and with silence. Python fills the structure `Fast`
+ * and of two, with drives of zones, and with silence. Python fills the structure `Fast`
  * before each wait. The step changes none of that state: the Python loop takes the same report afterwards and must find
  * the same bytes. Each part below repeats a part of the Python pipeline, by the same arithmetic. What is rare is left to
  * the loop: DECLINED.
@@ -251,6 +251,33 @@ static int play(const Fast *fast, int64_t row, int64_t level, Command *command) 
     return 1;
 }
 
+/* ---- placement to drive, as ZoneDrives of engine/render/steady_drives.py ---- */
+
+/* The zones of the fingers that feel, a bit for each; NONE: the case is left to Python. */
+static int64_t combination_of(const Fast *fast, const Felt *felt) {
+    double held_m[MOST_PLACED];
+    int64_t zones = 0, count = 0;
+    for (int i = 0; i < felt->count; i++) {
+        const Present *finger = &felt->finger[i];
+        const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
+        if (finger->is_lifted && !is_felt) continue;
+        if (count == MOST_PLACED) return NONE; /* some are left out */
+        for (int k = 0; k < count; k++)
+            if (fabs(held_m[k] - finger->held_m) < fast->closest_m) return NONE; /* one finger to the bar */
+        held_m[count++] = finger->held_m;
+        const int64_t zone = zone_of(fast, finger->held_m);
+        if (is_felt && zone != NONE) zones |= (int64_t)1 << zone;
+    }
+    return zones;
+}
+
+/* Fill in the drive of a combination of zones at a level. */
+static void set(const Fast *fast, int64_t combination, int64_t level, Command *command) {
+    command->kind = SET, command->size = fast->silence.size;
+    const uint8_t *drive = fast->drive + ((level << fast->zones) + combination) * command->size;
+    memcpy(command->body, drive, (size_t)command->size);
+}
+
 /* ---- command to frame, as firmware_link/protocol/framing.py ---- */
 
 static uint32_t checksum_table[256];
@@ -320,20 +347,29 @@ int64_t fast_answer(Fast *fast) {
     fast->frame_ns = now_ns();
     if (count == NONE || !follow(fast, active, count, time_ns, &felt)) return DECLINED;
     fast->state_ns = now_ns();
-    /* Its own are a click that begins now, and silence after something. A click that goes on keeps its fingers and its
-     * level; steady drives, and a click that is felt again since a later one was cut, are left to Python. */
-    if (felt.level == NONE ? fast->level == NONE : felt.click_ns != time_ns || felt.click_ns == fast->click_ns)
+    /* Its own are a click that begins now, a drive of zones where no click is felt, and silence after something. A click
+     * that goes on keeps its fingers and its level; drives that are solved, and a click that is felt again since a later
+     * one was cut, are left to Python. */
+    const int is_steady = felt.click_ns == NONE;
+    if (felt.level == NONE ? fast->level == NONE
+        : is_steady ? fast->click_ns != NONE
+                    : felt.click_ns != time_ns || felt.click_ns == fast->click_ns)
         return DECLINED;
     /* Look the command up. */
-    Command click;
+    Command found;
     const Command *command = &fast->silence;
-    if (felt.level != NONE) {
+    if (felt.level != NONE && !is_steady && fast->plays_clicks) {
         const int64_t row = row_of(fast, &felt);
-        if (row == NONE || !play(fast, row, felt.level, &click)) return DECLINED;
-        command = &click;
-    } else if (fast->is_silent) {
-        return DECLINED; /* the device holds it already */
+        if (row == NONE || !play(fast, row, felt.level, &found)) return DECLINED;
+        command = &found;
+    } else if (felt.level != NONE) {
+        const int64_t combination = fast->drive ? combination_of(fast, &felt) : NONE;
+        if (combination == NONE) return DECLINED;
+        set(fast, combination, felt.level, &found);
+        command = &found;
     }
+    /* What the device holds already is not sent again. */
+    if (command->kind == SET && !memcmp(command->body + 4, fast->held.body + 4, (size_t)command->size - 4)) return DECLINED;
     /* Encode it, if the link would send it now. */
     const int64_t asked_ns = fast->asked_ns = now_ns();
     if (asked_ns < fast->line_free_ns) return DECLINED;
@@ -360,9 +396,10 @@ static void arm(Fast *fast, int64_t until_ns) {
  * composes a frame, the table of the checksum, and where a finger beside the last one finds its row. The frame made here
  * is not sent: its size stays 0. */
 static void warm(Fast *fast) {
-    if (!fast->can_answer || !fast->rows) return;
+    if (!fast->can_answer) return;
     Command click;
-    encode(fast, play(fast, 0, 0, &click) ? &click : &fast->silence, 0, fast->frame);
+    encode(fast, fast->rows && play(fast, 0, 0, &click) ? &click : &fast->silence, 0, fast->frame);
+    if (!fast->rows) return;
     const int64_t codes = 2 * fast->places + 1;
     const int64_t code = fast->fingers ? 1 + 2 * place_of(fast, fast->finger[fast->fingers - 1].held_m) : 0;
     for (int64_t k = 0; k < codes; k += 16) __builtin_prefetch(fast->pair + code * codes + k); /* 16 rows a line */

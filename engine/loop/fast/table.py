@@ -1,16 +1,18 @@
-"""The clicks of a table as the compiled step reads them: arrays that it composes a PLAY from.
+"""What a table has to be looked up, as the compiled step reads it: arrays that it composes a PLAY from, and SETs.
 
 All levels share the weights, and a level is a column of amplitudes. So the arrays of thirteen thousand clicks at three
 levels take 1.5 MB, most of which the renderer holds anyway.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop.fast.layout import CONSTANTS
-from engine.render import Rendering
+from engine.render import SILENCE, DriveCommand, Rendering
+from engine.render.steady_drives import ZoneDrives
 from engine.touch.places import Places
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import DRIVE_SIZE, encode_set_body
@@ -22,7 +24,7 @@ _MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2
 
 @dataclass(frozen=True, eq=False)
 class FastTable:
-    """The clicks of one renderer for one connected device."""
+    """The clicks of one renderer for one connected device, and its drives where they are those of zones."""
 
     levels_db: tuple[float, ...]
     """Rising."""
@@ -35,6 +37,10 @@ class FastTable:
     """Shape (row, function)."""
     amplitude: NDArray[np.int32]
     """Words (level, row); NONE for a click that is not played."""
+    plays_clicks: bool
+    """Whether clicks are played by clicks; otherwise the drive of the zones takes their place."""
+    drives: NDArray[np.uint8] | None
+    """Bodies (level, combination, byte) of the SETs of zones; None: drives are solved."""
     silence: bytes
     """Body of the SET of silence; sequence and clock reference are filled in when it is sent."""
     lease_ms: int
@@ -90,7 +96,26 @@ def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTa
         np.ascontiguousarray(head, np.uint8),
         np.ascontiguousarray(clicks.weights, np.int16),
         amplitude,
+        rendered.are_played,
+        _drives_of_zones(rendering, levels_db, silence, lease_ms),
         silence,
         lease_ms,
         drive_size,
     )
+
+
+def _drives_of_zones(
+    rendering: Rendering, levels_db: Sequence[float], silence: bytes, lease_ms: int
+) -> NDArray[np.uint8] | None:
+    steady = rendering.renderer.steady
+    if not isinstance(steady, ZoneDrives):
+        return None
+    bodies = np.empty((len(levels_db), 1 << len(rendering.device.zones), len(silence)), np.uint8)
+    bodies[:] = np.frombuffer(silence, np.uint8)
+    for place, level_db in enumerate(levels_db):
+        for combination in steady.rows:
+            command = steady.of_zones(combination, level_db).command
+            if command != SILENCE:
+                assert isinstance(command, DriveCommand)
+                bodies[place, combination] = np.frombuffer(encode_set_body(0, lease_ms, command.drive, 0), np.uint8)
+    return bodies

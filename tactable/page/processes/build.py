@@ -17,7 +17,7 @@ from typing import Any
 from engine.files import rename_durably
 from firmware_link.child import Parent
 from tactable.rig.first_table import write_first_table
-from tactable.rig.kernels import BUILDS, STEADY, compile_all, compile_for_clicks
+from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
 
@@ -48,7 +48,7 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is None:
         write_first_table(device, order.first, clicks)
         parent.say({"usable": str(order.first)})
-    compile_all(STEADY, say)
+    compile_all((*STEADY, *SWEEP), say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
     if found is not None and found.path == order.path:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
+from engine.effects import Drives
 from engine.loop import RingWriter, SystemClock
 from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.render import WhenNotAchieved
@@ -85,6 +86,8 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         if hand is not None:
             return _play_by_hand(order, hand, table.device, parent)
         effects = effects_of(order.choice, table.device, order.rule_file)
+        if not table.best_rows:  # it has no sweep yet: drives are solved until a table comes that has one
+            effects = replace(effects, drives=Drives.POSITIONS)
         if programs.are_wanted:
             effects = replace(effects, others=tuple(named_effects().values()))
         options = LiveOptions(

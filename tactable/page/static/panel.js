@@ -4,11 +4,11 @@ import { NOTHING, NO_NUMBER } from "./wire.js";
 import { ORDERS } from "./bar.js";
 import { Role } from "./levels.js";
 
-const SOURCES = { click: "Click", steady: "Steady drive", hand: "By hand" };
+const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)", hand: "By hand" };
 // What the second bar is, by the kind of drive that plays on the first.
 const PAPERS = {
-  1: "The same fingers with the paper’s drive: the optimum of its objective for the zones, on a bar without fingers; as loud as wanted, within full scale.",
-  2: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the optimum of its objective for the zones, on a bar without fingers.",
+  1: "The same fingers with the paper’s drive: the row of the sweep with the greatest localized factor in their zones, on a bar without fingers, that reaches the level there.",
+  2: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the row of the sweep with the greatest localized factor in their zones, on a bar without fingers, that reaches the level there.",
 };
 const RULES = {
   touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
@@ -195,7 +195,7 @@ export class Panel {
     const scene = this._scene;
     if (!scene) return;
     // A steady drive may take the place of a click: the caption is about what plays.
-    say(byId("paper-title"), PAPERS[picture.drive || (scene.choice.source === "steady" ? 1 : 2)] ?? "");
+    say(byId("paper-title"), PAPERS[picture.drive || (scene.choice.source === "click" ? 2 : 1)] ?? "");
     this._showPromise(picture, scene);
     this._showCommand(picture, scene);
     this._showLatency(picture);
@@ -223,7 +223,8 @@ export class Panel {
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
       const byHand = scene.choice?.source === "hand" && !picture.madeCount;
-      const steady = picture.isProvisional ? "steady drive, since the click was not solved yet" : "steady drive solved for these positions";
+      const steady = picture.isProvisional ? "steady drive, since the click was not solved yet"
+        : scene.choice?.source === "zones" || scene.is_shipped ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
       const what = isClick ? "click, as weights of the firmware's basis" : steady;
       text = byHand ? "steady drive by hand, for no finger; the firmware renews it by lease" : `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }

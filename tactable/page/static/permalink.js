@@ -18,7 +18,7 @@ export function readLink(hash, scene) {
   if (switches.level_db !== undefined && !scene.levels_db.includes(switches.level_db)) delete switches.level_db;
   if (asked.has("hand")) switches.hand = asked.get("hand").split(",").map((each) => each.split(":").map(Number)).map(([hz, percent, degrees]) => [hz, percent / 100, degrees]);
   if (switches.hand?.some((each) => !each.every(Number.isFinite))) delete switches.hand;
-  if (!["click", "steady", "hand", undefined].includes(switches.source)) delete switches.source;
+  if (!["click", "steady", "zones", "hand", undefined].includes(switches.source)) delete switches.source;
   if (switches.actuators_m?.some((at_m) => !Number.isFinite(at_m))) delete switches.actuators_m;
   const fingers = (asked.get("fingers") ?? "").split(",").filter(Boolean).map((mm) => Number(mm) / 1000);
   return { switches, fingers: fingers.filter((at_m) => Number.isFinite(at_m) && at_m >= 0).slice(0, 10) };

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effect, EffectError, Effects, Rule, Segment, Trigger, read_effects
+from engine.effects import DEFAULT_EFFECTS, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger, read_effects
 from engine.effects.rule_file import parse_effects, read_vocabulary
 from engine.effects.rules import FULL_SCALE_DB
 
@@ -69,6 +69,14 @@ def test_a_file_is_read_as_it_is_written() -> None:
             Rule(Trigger.LIFT, TICK),
         )
     )
+
+
+def test_a_file_says_where_its_drives_come_from() -> None:
+    assert parse_effects(WHOLE, "some.toml", DEVICE).drives is Drives.POSITIONS
+    of_zones = parse_effects('drives = "zones"\n' + WHOLE, "some.toml", DEVICE)
+    assert of_zones.drives is Drives.ZONES and not of_zones.have_clicks
+    with pytest.raises(EffectError, match=r"drives: 'zone': expected one of positions, zones"):
+        parse_effects('drives = "zone"\n' + WHOLE, "some.toml", DEVICE)
 
 
 def test_the_levels_of_a_file_are_those_that_its_rules_can_ask_for() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
+from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.effects.rules import burst
 from engine.loop import (
@@ -34,7 +34,9 @@ from engine.render import Renderer, Rendering, WhenNotAchieved, link_configurati
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
 from engine.render.clicks import RenderedClicks
+from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
+from engine.table.best_rows import BestRows
 from engine.touch import state_index
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
@@ -97,6 +99,8 @@ class Rig:
     ring: RingWriter | None = None
     device: Device = DEVICE
     clicks: Clicks = NO_CLICKS
+    rows: BestRows | None = None
+    """Drives of zones are played, of these rows."""
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
     solving: ClickSolving | None = None
     control: ControlSlot | None = None
@@ -110,7 +114,8 @@ class Rig:
         configuration = link_configuration(self.device, self.bit_rate_hz)
         session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
         capabilities = connect(session, self.line)
-        basis = choose_basis(self.clicks.basis, capabilities, self.bit_rate_hz, configuration.lease_ms)
+        held = self.clicks.basis if self.effects.drives is Drives.POSITIONS else None
+        basis = choose_basis(held, capabilities, self.bit_rate_hz, configuration.lease_ms)
         if basis.basis is not None:
             configuration = replace(configuration, basis=basis.basis)
             session = FastSession(FastLink(configuration), self.line, self.line.now_ns)
@@ -121,7 +126,8 @@ class Rig:
         device, refuses = self.device, self.when_not_achieved is WhenNotAchieved.REFUSE
         self.steady = MadeSteady(device, refuses=refuses)
         clicks = RenderedClicks(self.clicks, basis, refuses)
-        self.renderer = Renderer(capabilities, self.steady, clicks, self.effects.levels_db)
+        zones = None if self.rows is None else ZoneDrives(device, capabilities, self.rows, refuses, (1.0, 1.0))
+        self.renderer = Renderer(capabilities, zones or self.steady, clicks, self.effects.levels_db)
         pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)

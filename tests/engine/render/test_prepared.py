@@ -1,16 +1,18 @@
 """Laws of what becomes of a table for one device: what the device can play decides."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.render import SILENCE, PlayCommand, render_table
+from engine.effects import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
+from engine.render import SILENCE, DriveCommand, PlayCommand, RendererError, render_table
 from engine.table import Table
-from firmware_link.protocol.messages import Features
+from firmware_link.protocol.messages import Features, decode_drive
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
+from tests.engine.made_rows import row_of, rows_of
 from tests.engine.made_table import write_table
 from tests.engine.render.boards import board
 from tests.precompute.devices import shipped
@@ -58,3 +60,23 @@ def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -
     with Table.open(path, device=REFERENCE) as table:
         rendering = render_table(table, DEFAULT_EFFECTS, board(features=Features(0)))
         assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE
+
+
+def test_zones_play_the_rows_of_the_sweep_and_no_clicks(tmp_path: Path) -> None:
+    in_zones_mode = replace(DEFAULT_EFFECTS, drives=Drives.ZONES)
+    clicks, rows = [click_of(REFERENCE, PLACEMENTS[0])], rows_of(REFERENCE)
+    with Table.open(
+        write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], clicks, rows=rows)
+    ) as table:
+        assert table.best_rows == rows
+        rendering = render_table(table, in_zones_mode, board(features=Features.WAVEFORMS))
+        assert rendering.basis is None
+        held, click = (rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True))
+        assert isinstance(held, DriveCommand) and held == click
+        assert decode_drive(held.drive, 0.01)[0].frequency_hz == row_of(REFERENCE, (0,)).frequencies_hz[0]
+        assert pickle.loads(pickle.dumps(rendering)).renderer.render(PLACEMENTS[0], LEVEL_DB) == held
+
+
+def test_zones_of_a_table_without_rows_are_refused_by_name(table: Table) -> None:
+    with pytest.raises(RendererError, match=r"no best rows.*build it again"):
+        render_table(table, replace(DEFAULT_EFFECTS, drives=Drives.ZONES), board(features=Features.WAVEFORMS))

@@ -2,7 +2,6 @@
 
 from functools import cache
 from math import inf
-from pathlib import Path
 
 import pytest
 
@@ -10,13 +9,13 @@ from engine.render import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Receptances
 from engine.steady.solver import SteadySolver
-from engine.table import Table
+from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import decode_drive
 from precompute.entries.at_positions import SteadyDesigner
-from tests.engine.made_entries import entry_of
-from tests.engine.made_table import write_table
+from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_rows import row_of, rows_of
 from tests.engine.render.boards import plain_board
 from tests.precompute.devices import shipped
 
@@ -60,14 +59,26 @@ def test_a_level_out_of_reach_is_silence_where_it_is_refused() -> None:
     assert command != SILENCE and not is_achieved
 
 
-def test_without_kernels_the_drive_of_the_fingers_zones_is_played(tmp_path: Path) -> None:
-    first, _, _, fourth, _ = ((zone.start_m + zone.stop_m) / 2 for zone in DEVICE.zones)
-    placement = Placement((first, fourth), (True, False))
-    entry = entry_of(DEVICE, placement.zone_states(DEVICE))
-    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, [entry])) as table:
-        drives = ZoneDrives(table, CAPABILITIES, refuses=True, scales=(1.0, 1.0))
-        command, is_achieved = drives.rendered(placement, entry.wanted_level_db)
-        assert isinstance(command, DriveCommand) and is_achieved == entry.achieved
-        for channel, amplitude in zip(decode_drive(command.drive, 0.01), entry.amplitudes, strict=True):
-            assert channel.amplitude == pytest.approx(amplitude, abs=1e-5)
-        assert drives.rendered(Placement((first,), (True,)), 20.0) == (SILENCE, False)
+def zone_drives(*, refuses: bool = False) -> ZoneDrives:
+    rows = rows_of(DEVICE, (LEVEL_DB, inf), short_of=(2,))
+    return ZoneDrives(DEVICE, CAPABILITIES, rows, refuses, (1.0, 0.5))
+
+
+def test_zones_play_the_row_of_those_that_feel_scaled_to_the_board() -> None:
+    first, second, _, fourth, _ = ((zone.start_m + zone.stop_m) / 2 for zone in DEVICE.zones)
+    command, is_achieved = zone_drives().rendered(Placement((first, second, fourth), (True, False, True)), LEVEL_DB)
+    row = row_of(DEVICE, (0, 3))
+    assert isinstance(command, DriveCommand) and is_achieved and command.frequency_hz is None
+    left, right = decode_drive(command.drive, 0.01)
+    assert (left.frequency_hz, right.frequency_hz) == pytest.approx(row.frequencies_hz)
+    assert (left.amplitude, right.amplitude) == pytest.approx((0.5, 0.125), abs=1e-4)
+
+
+def test_zones_without_a_row_are_silent_and_so_are_those_out_of_reach_where_they_are_refused() -> None:
+    middle_m = DEVICE.bar.length_m / 2
+    placement = Placement((middle_m,), (True,))
+    assert zone_drives(refuses=True).rendered(placement, LEVEL_DB) == (SILENCE, False)
+    command, is_achieved = zone_drives().rendered(placement, LEVEL_DB)
+    assert command != SILENCE and not is_achieved
+    gap = ZoneDrives(DEVICE, CAPABILITIES, BestRows([], 1.0), refuses=False, scales=(1.0, 1.0))
+    assert gap.rendered(placement, LEVEL_DB) == (SILENCE, False)

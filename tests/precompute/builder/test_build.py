@@ -48,7 +48,7 @@ DEVICES = {
     "three": Device.parse(ONE_LEVEL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
     "one": Device.parse(ONE_LEVEL[: ONE_LEVEL.rindex("[[actuator]]")] + ONE_LEVEL[ONE_LEVEL.index("[zones]") :], "one"),
 }
-GROUPS = {"responses", "sweep", "coherent_sweep", "entries"}
+GROUPS = {"responses", "sweep", "coherent_sweep", "best_rows", "entries"}
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from engine.steady.given_drive import compute_levels
 from engine.table import Table
 from engine.touch import Placement
 from precompute.clicks import ClickSolver
@@ -54,6 +55,28 @@ def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, 
             [said["felt_db"]["nominal"], said["quiet_db"]["nominal"]], abs=1e-3
         )
     assert "Oh and Choi" in said["threshold"] and said["options"]["tolerance_m"] == 1e-3
+
+
+def test_zones_are_told_by_the_row_that_is_played_and_by_what_fingers_get_of_it(click_table: Path, run: Any) -> None:
+    words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--drives", "zones")
+    status, out, _ = run(*words, "--json")
+    said = json.loads(out)
+    with Table.open(click_table) as table:
+        row, receptances = table.best_row(["I"]), table.receptances
+        middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in table.device.zones]
+        played = (row.frequencies_hz, row.complex_amplitudes)
+        nominal_db = compute_levels(table.device, receptances, [middles_m[0], middles_m[2]], *played)[0]
+    assert status == 0 and said["felt_zones"] == ["I"] and said["row"] == {"group": row.group, "index": row.index}
+    assert said["drive"]["frequencies_hz"] == list(row.frequencies_hz)
+    assert [zone["share"] for zone in said["zones"].values()] == pytest.approx(row.shares)
+    assert [each["level_db"]["nominal"] for each in said["fingers"]] == pytest.approx(nominal_db)
+    status, shown, _ = run(*words)
+    assert status == 0 and f"row {row.index} of {row.group}" in shown
+    # The same fingers by positions get what is solved for the middles of their zones.
+    status, out, _ = run(*words[:-1], "positions", "--json")
+    assert status == 0 and json.loads(out)["fingers"][0]["position_m"] == pytest.approx(middles_m[0])
+    status, _, error = run(*words[:-1], "zone")
+    assert status == 1 and "--drives 'zone': expected one of positions, zones" in error
 
 
 def test_a_softer_click_is_softer_under_every_finger(run: Any) -> None:

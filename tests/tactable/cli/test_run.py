@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from engine.effects import Drives
 from engine.loop import Record, RingReader
 from engine.table import TableError
 from engine.touch import DigitizerError
@@ -22,9 +23,11 @@ from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emu
 from firmware_link.protocol.errors import LinkError
 from tactable.cli import run
 from tactable.cli.main import app
+from tactable.cli.options import read_rules
 from tactable.doctor.touch import Machine
 from tactable.shipped import find_device
 from tests.engine.made_entries import entry_of, felt_states
+from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import run_here
@@ -48,7 +51,9 @@ effect = "held"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A table of a bar that does not reach 20 dB, rules, and a finger in zone I, then one in III."""
     folder = tmp_path_factory.mktemp("run")
-    write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+    write_table(
+        folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05, rows=rows_of(DEVICE)
+    )
     (folder / "held.toml").write_text(HELD, encoding="utf-8")
     (folder / "wrong.toml").write_text(HELD.replace("on =", 'zones = ["VI"]\non ='), encoding="utf-8")
     strokes = (Stroke(0.0, 0.2, 0.1, 0.1), Stroke(0.3, 0.5, 0.5, 0.5))
@@ -105,6 +110,24 @@ def test_what_is_not_achieved_is_refused_or_played(
     summary, sounds, _ = played(folder, emulator, "--when-not-achieved", when, "--effects", "held.toml")
     assert summary["not_achieved"] == 2
     assert sounds in (None, [True, False] * played_fingers)
+
+
+@pytest.mark.parametrize("rules", [("--drives", "zones"), ("--effects", "zones.toml")])
+def test_zones_play_rows_of_the_sweep_in_place_of_clicks(
+    folder: Path, emulator: RunningEmulator, rules: tuple[str, str]
+) -> None:
+    (folder / "zones.toml").write_text(f'drives = "zones"\n{HELD}', encoding="utf-8")
+    summary, sounds, said = played(folder, emulator, *rules)
+    # The rows reach the level, which no drive for positions does on this bar.
+    assert (summary["clicks"], summary["not_achieved"]) == (0, 0) and "no clicks" not in said
+    assert sounds in (None, [True, False] * 2)
+
+
+def test_the_option_replaces_what_the_file_says(tmp_path: Path) -> None:
+    path = tmp_path / "zones.toml"
+    path.write_text(f'drives = "zones"\n{HELD}', encoding="utf-8")
+    found = [read_rules(path, DEVICE, drives).drives for drives in (None, "positions", "zones")]
+    assert found == [Drives.ZONES, Drives.POSITIONS, Drives.ZONES]
 
 
 def test_a_run_ends_after_its_time(folder: Path, emulator: RunningEmulator) -> None:

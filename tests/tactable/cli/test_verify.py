@@ -6,6 +6,10 @@ from typing import Any
 
 import pytest
 
+from engine.table import Table
+from engine.table.best_rows import write_best_rows
+from engine.table.file import TableWriter
+from tests.engine.made_rows import rows_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
@@ -29,6 +33,26 @@ def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks(tmp_path: Pat
         assert abs(point["difference_db"]) < (0.1 if point["kind"] == "drive" else 0.5)
     assert (tmp_path / "seen.png").stat().st_size > 10_000
     assert len((tmp_path / "seen.csv").read_text(encoding="utf-8").splitlines()) == 5
+
+
+def with_rows(click_table: Path, path: Path) -> Path:
+    """The table with rows of two frequencies."""
+    with Table.open(click_table) as table, TableWriter(path) as writer:
+        kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
+        writer.describe({key: value.item() if hasattr(value, "item") else value for key, value in kept.items()})
+        table.copy_groups(writer, ["responses", "receptances", "entries", "clicks"])
+        write_best_rows(writer, rows_of(table.device), table.device)
+    return path
+
+
+@pytest.mark.parametrize("tones", [1, 2])
+def test_the_bar_of_a_table_keeps_what_rows_of_the_sweep_promise(tmp_path: Path, click_table: Path, tones: int) -> None:
+    path = click_table if tones == 1 else with_rows(click_table, tmp_path / "two.nc")
+    done = run_here(tmp_path, "verify", str(path), *SIMULATED, "--drives", "zones", "--json")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert (summary["verdict"], summary["kept"]) == ("kept", 2)
+    assert all(point["kind"] == "drive" and abs(point["difference_db"]) < 0.1 for point in summary["points"])
 
 
 def test_another_bar_is_beyond_the_promise_and_the_exit_status(tmp_path: Path, click_table: Path) -> None:

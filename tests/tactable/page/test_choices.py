@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Trigger
+from engine.effects import Drives, Trigger
 from engine.render import clamp
 from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, hand_of, offered
 from tactable.shipped import find_device, shipped_names
@@ -19,7 +19,7 @@ OFFERS = offered("reference-a")
 CHOICES = st.builds(
     Choice,
     device=st.sampled_from(shipped_names()),
-    source=st.sampled_from([Source.CLICK, Source.STEADY]),
+    source=st.sampled_from([Source.CLICK, Source.STEADY, Source.ZONES]),
     rules=st.sampled_from([rules for rules in Rules if rules is not Rules.FILE]),
     level_db=st.sampled_from([*DEVICE.levels_db, math.inf]),
     quiet_zones=st.lists(st.sampled_from(ZONES), unique=True).map(tuple),
@@ -44,6 +44,7 @@ def test_every_choice_has_rules_that_feel_at_its_level_where_it_may(choice: Choi
     effects = effects_of(choice, DEVICE, None)
     assert effects.levels_db == (choice.level_db,)
     assert effects.have_clicks == (choice.source is Source.CLICK)
+    assert (effects.drives is Drives.ZONES) == (choice.source is Source.ZONES)
     felt = effects.rules[-1]
     assert (felt.on, felt.zones) == (Trigger(choice.rules.value), None)
     quiet = effects.rules[:-1]

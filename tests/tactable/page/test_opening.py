@@ -9,6 +9,7 @@ import pytest
 import segno
 from typer.testing import CliRunner
 
+from engine.effects import Drives
 from tactable.cli import demo as cli
 from tactable.cli.main import app
 from tactable.control.security import AccessPolicy
@@ -128,6 +129,18 @@ def test_a_control_channel_is_the_page_s_and_stands_where_it_was_asked_for(
     demo("--no-open")
     assert asked == [ProgramsAt("/tmp/some.sock", 0, None), None] and reported == []
     assert "--control are the page's" in demo("--control", "--headless")
+
+
+def test_the_page_begins_with_the_drives_that_were_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(opening, "show_demo", lambda *values: asked.append(values[-2]))
+    for words in (("--drives", "zones"), ()):
+        demo("--no-open", *words)
+    assert asked == [Drives.ZONES, None]
+    found = CliRunner().invoke(
+        app, ["demo", "--no-open", "--drives", "zones", "--effects", str(tmp_path / "rules.toml")]
+    )
+    assert "its key `drives`" in str(found.exception)
 
 
 def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Address], reported: list[Path]) -> None:

@@ -1,22 +1,21 @@
-"""The bar that the paper's drives move: as loud and as localized as finite elements say, and no longer than ours."""
+"""The bar that rows of the sweep move: as loud and as localized as finite elements say, and no longer than ours."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from engine.table import Table
+from engine.table.best_rows import BestRows
 from engine.touch import Placement
-from precompute.entries.untouched import find_untouched_optima
-from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
+from firmware_link.protocol.messages import ChannelDrive
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import LOWEST_DB
-from tactable.page.paper_bar import PaperBar, PaperDrives
+from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import View
+from tactable.rig.promises import Promises
+from tests.engine.made_rows import row_of, rows_of
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, record_of
 
 PAIR = Placement((0.035, 0.22), (True, False))
@@ -30,7 +29,7 @@ def table(click_table: Path) -> Iterator[Table]:
 
 def played(table: Table, seconds: float, *, is_click: bool, step_us: float = FRAME_US) -> View:
     """A view of a command at 50 ms, so many seconds after it."""
-    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device))
+    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, table.best_rows))
     view.move(50_000.0, is_loaded=True)
     record = record_of(table, PAIR, 50_001_000, is_click=is_click)
     view.take(RingDrive(table, RESOLUTION_HZ).events([record]))
@@ -40,23 +39,26 @@ def played(table: Table, seconds: float, *, is_click: bool, step_us: float = FRA
     return view
 
 
-def exact_levels_db(table: Table, level_db: float) -> list[float]:
-    """Levels of the published optimum for the felt finger's zone, by finite elements with the fingers on the bar."""
-    plant = assemble(table.device)
-    _, drive = find_untouched_optima(plant, [0])
-    hz = drive.frequency_hz[:1]
-    loaded = plant.with_fingers(PAIR.position_m, table.device.finger)
-    full = abs(drive.amplitude @ solve_response(loaded, hz).acceleration(np.array(PAIR.position_m))[0])
-    full_db: list[float] = (20 * np.log10(full / table.device.threshold.peak_m_per_s2(hz))).tolist()
-    quieter_db = min(level_db - full_db[0], 20 * math.log10(table.device.limits.amplitude))
-    return [each + quieter_db for each in full_db]
-
-
-def test_a_steady_drive_of_the_paper_comes_to_what_finite_elements_say(table: Table) -> None:
+def test_the_row_of_the_sweep_comes_to_what_finite_elements_say(table: Table) -> None:
     paper = played(table, 3.0, is_click=False).picture().paper
-    assert paper is not None
-    assert list(paper.simulated_db) == pytest.approx(exact_levels_db(table, 20.0), abs=0.5)
+    row, promise = Promises(table).of_row(PAIR, 20.0)
+    assert paper is not None and row.zones == (0,)
+    assert list(paper.simulated_db) == pytest.approx(promise.level_db, abs=0.5)
     assert [present_db for present_db, _ in paper.fingers_db] == list(paper.simulated_db)
+
+
+def test_a_row_of_two_frequencies_moves_the_bar_with_both(table: Table) -> None:
+    bar = PaperBar(table.device, rows_of(table.device))
+    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=bar)
+    view.move(50_000.0, is_loaded=True)
+    view.read([record_of(table, PAIR, 50_001_000, is_click=False)])
+    while view.bar.now_us < 2_050_000:
+        view.move(view.bar.now_us + FRAME_US, is_loaded=True)
+    row = row_of(table.device, (0,))
+    channels = [ChannelDrive(*each) for each in zip(row.frequencies_hz, row.amplitudes, row.phases_rad, strict=True)]
+    paper = view.picture().paper
+    assert paper is not None
+    assert list(paper.simulated_db) == pytest.approx(Promises(table).of_channels(PAIR, channels).level_db, abs=0.5)
 
 
 def test_ours_has_more_contrast_than_the_papers(table: Table) -> None:
@@ -76,21 +78,13 @@ def test_beside_a_click_the_drive_ends_when_the_click_does(table: Table) -> None
     assert abs(during).max() > 10 * abs(after).max() > 0
 
 
-def test_a_finger_outside_all_zones_leaves_the_paper_without_a_drive(table: Table) -> None:
-    device = table.device
-    drives = PaperDrives(device)
-    assert drives.drive_for(PAIR, 20.0) is not None
-    zone = device.zones[0]
-    nobody = Placement(((zone.start_m + zone.stop_m) / 2,), (False,))
-    assert drives.drive_for(nobody, 20.0) is None
-
-
-def test_the_drive_is_as_loud_as_wanted_within_full_scale(table: Table) -> None:
-    drives = PaperDrives(table.device)
-    quiet, loud, full = (drives.drive_for(PAIR, level_db) for level_db in (-20.0, -10.0, math.inf))
-    assert quiet is not None and loud is not None and full is not None
-    assert abs(loud[1]).max() == pytest.approx(abs(quiet[1]).max() * 10**0.5)
-    assert abs(full[1]).max() == pytest.approx(table.device.limits.amplitude)
+def test_zones_without_a_row_leave_the_second_bar_at_rest(table: Table) -> None:
+    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, BestRows([], 1.0)))
+    view.move(50_000.0, is_loaded=True)
+    view.read([record_of(table, PAIR, 50_001_000, is_click=False)])
+    view.move(400_000.0, is_loaded=True)
+    paper = view.picture().paper
+    assert paper is not None and paper.levels_db.max() == LOWEST_DB
 
 
 def test_a_stall_over_two_commands_plays_both(table: Table) -> None:
@@ -101,7 +95,7 @@ def test_a_stall_over_two_commands_plays_both(table: Table) -> None:
 
 
 def played_twice(table: Table, step_us: float) -> list[float]:
-    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device))
+    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, table.best_rows))
     view.move(50_000.0, is_loaded=True)
     records = [record_of(table, PAIR, at_ns, is_click=True) for at_ns in (50_001_000, 450_001_000)]
     view.take(RingDrive(table, RESOLUTION_HZ).events(records))

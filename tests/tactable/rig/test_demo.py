@@ -1,5 +1,6 @@
 """The chain from touches to the bar: what the table promises is what the simulated bar does."""
 
+import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -8,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
+from engine.effects import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import burst
 from engine.table import ClickEntry, Table
+from engine.table.best_rows import BestRows
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.playback import Playback
@@ -22,14 +25,17 @@ from firmware_link.emulator.process import decode_log
 from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.build import Coarse, build_table
 from precompute.clicks import ClickOptions
+from tactable.figures.demo import draw_demo
 from tactable.rig import demo
 from tactable.rig.bar import ENVELOPE_S, SimulatedDrive, is_felt
-from tactable.rig.demo import Reporter, find_missed
+from tactable.rig.demo import DemoReport, Reporter, demo_json, find_missed, run_demo
+from tactable.rig.demo_page import print_demo
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
 from tactable.run.click_process import Solver
 from tactable.shipped import DEMO_RECORDING, find_device
+from tests.engine.made_rows import rows_of
 from tests.engine.shared_recordings import recording_params
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
@@ -174,6 +180,39 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
     assert report["commands_applied"] + report["commands_late"] == report["commands_sent"] > 0
     assert (tmp_path / "demo.png").stat().st_size > 10_000
+
+
+def in_zones(table: Table, rows: BestRows) -> DemoReport:
+    """Fingers that come to I, III and V together, as in the paper's Figure 8, with drives of zones."""
+    table.best_rows = rows
+    three = make_recording([Stroke(0.1, 0.6, place, place) for place in (0.1, 0.5, 0.9)])
+    return run_demo(table, three, replace(HELD, drives=Drives.ZONES))
+
+
+@pytest.mark.machine
+def test_zones_play_the_row_of_figure_8_which_has_a_greater_factor_than_the_paper_reports(table: Table) -> None:
+    report = in_zones(table, table.best_rows)
+    (drive,) = report.drives
+    assert report.agrees and drive.felt_zones == (0, 2, 4)
+    row = table.best_row(["I", "III", "V"])
+    assert drive.drive == row and row.localized_factor > 0.8626
+    told = demo_json(report)["states"][0]
+    assert (told["drives"], told["row"]["localized_factor"]) == ("zones", row.localized_factor)
+
+
+@pytest.mark.machine
+def test_a_row_of_two_frequencies_sounds_as_two_and_keeps_its_promise(table: Table, tmp_path: Path) -> None:
+    before = table.best_rows
+    try:
+        report = in_zones(table, rows_of(table.device))
+    finally:
+        table.best_rows = before
+    (drive,) = report.drives
+    assert report.agrees and drive.drive.frequencies_hz == (121.0, 190.0) and drive.frequency_text == "121 & 190 Hz"
+    (event,) = (event for event in first_applied(report.run).values())
+    assert [channel.frequency_hz for channel in event.channels] == pytest.approx([121.0, 190.0], abs=5e-3)
+    draw_demo(report, tmp_path / "demo.png")
+    print_demo(Console(file=io.StringIO()), report, tmp_path / "demo.png")
 
 
 @pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])

@@ -15,6 +15,7 @@ from precompute.clicks.of_table import read_click_options
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import solve_place_receptances
+from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
     MODES,
     is_first,
@@ -54,6 +55,12 @@ def test_it_is_a_table_without_clicks_and_entries(tmp_path: Path) -> None:
         assert (len(table.clicks), table.entries) == (0, ())
         assert table.device.fingerprint == device.fingerprint
         assert table.receptances.drive.shape[1] == len(device.actuators)
+
+
+def test_with_compiled_kernels_it_has_the_rows_of_a_sweep_that_is_not_kept(tmp_path: Path) -> None:
+    device = find_device("reference-d")
+    with open_first_table(device, tmp_path / "first.nc", has_rows=True) as table:
+        assert table.best_rows == find_best_rows(device) and len(table.best_rows) == 31
 
 
 def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_share(tmp_path: Path) -> None:

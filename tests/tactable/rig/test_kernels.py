@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.rig.kernels import BUILDS, CLICKS, STEADY
+from tactable.rig.kernels import BUILDS, CLICKS, STEADY, SWEEP
 
 ROOT = Path(__file__).parents[3]
 PLAYS_FIRST = ("tactable.page.opening", "tactable.page.processes.engine", "tactable.rig.ready")
@@ -22,11 +22,11 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
         for path in (ROOT / room).rglob("*.py")
         if re.search(r"^@njit\(\s*types\.", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
-    assert declared == {*CLICKS, *STEADY, *BUILDS}
+    assert declared == {*CLICKS, *STEADY, *SWEEP, *BUILDS}
 
 
 @pytest.mark.machine
 def test_what_plays_first_compiles_nothing_and_imports_nothing_slow() -> None:
     listed = f"import sys, {', '.join(PLAYS_FIRST)}; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", listed], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert not {*CLICKS, *STEADY, *BUILDS, *SLOW} & set(found.stdout.split())
+    assert not {*CLICKS, *STEADY, *SWEEP, *BUILDS, *SLOW} & set(found.stdout.split())

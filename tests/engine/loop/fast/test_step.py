@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +13,11 @@ import pytest
 
 import engine.loop.fast.library as library_module
 from engine.device import Device
-from engine.effects import Effects, Rule, Trigger
+from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import click
 from engine.loop import CommandRecord, Fate
 from engine.render import WhenNotAchieved
+from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import (
     LOUD_DB,
@@ -30,6 +32,7 @@ from tests.engine.loop.fast.scripts import (
 from tests.engine.loop.fast.test_fast_path import on_sockets
 from tests.engine.loop.rig import DEVICE, Rig
 from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_rows import rows_of
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.quick import first_quick
 from tests.tools.guard import allowed
@@ -74,6 +77,7 @@ def both(
     when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     *,
     is_complete: bool = False,
+    rows: BestRows | None = None,
 ) -> Both:
     """Run with and without the fast path, which do the same."""
     FastRig.library = library
@@ -85,6 +89,7 @@ def both(
             effects=effects,
             device=device,
             clicks=clicks,
+            rows=rows,
             when_not_achieved=when_not_achieved,
         ).run()
         for rig in (Rig, FastRig)
@@ -110,6 +115,41 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.C
     # What is left to the loop: clicks that the table has not, and fingers that move under rules on moves.
     assert due > 50
     assert 0.6 * due < answered
+
+
+@pytest.mark.parametrize("drives", Drives)
+@pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
+def test_with_drives_of_zones_the_run_is_the_same_too(library: ctypes.CDLL, device: Device, drives: Drives) -> None:
+    """Those of a table that plays clicks beside them, and those that take the place of clicks."""
+    random, answered, due = np.random.default_rng(7), 0, 0
+    rows = rows_of(device, (LEVEL_DB, math.inf), short_of=(1,))
+    for _ in range(40):
+        frames, rules = random_frames(random, 14), random_rules(random, device)
+        refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
+        found = both(library, recording_of(frames), Effects(rules, drives=drives), device, refuses, rows=rows)
+        answered += found.answered
+        due += sum(each.report_index is not None and each.fate is Fate.WRITTEN for each in found.fast.trace)
+    # What is left to the loop: drives after a click, and fingers that move.
+    assert due > 120
+    assert 0.4 * due < answered
+
+
+def test_in_zones_every_touch_is_answered_by_look_up(library: ctypes.CDLL) -> None:
+    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
+    frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({1: 0.1, 2: 0.5, 3: 0.9}))]
+    frames += [(0.4, report({2: 0.5, 3: 0.9}, [1])), (0.5, report({}, [2, 3]))]
+    found = both(library, recording_of([IDLE, *frames]), held, rows=rows_of(DEVICE))
+    # Zones I, then I and III, then I, III and V, then III and V; then silence.
+    assert found.fast.played() == [101.0, 105.0, 121.0, 120.0, 0.0]
+    assert found.answered == 5
+
+
+def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone(library: ctypes.CDLL) -> None:
+    """They are 4 mm apart, and the edge between zones I and II lies between them."""
+    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
+    frames = [IDLE, (0.1, report({1: 0.195})), (0.2, report({1: 0.195, 2: 0.21})), (0.3, report({2: 0.21}, [1]))]
+    found = both(library, recording_of([*frames, (0.4, report({}, [2]))]), held, rows=rows_of(DEVICE))
+    assert found.fast.played() == [101.0, 102.0, 0.0]
 
 
 Frames = list[tuple[float, bytes]]
