@@ -25,6 +25,7 @@ from tests.firmware_link.firmware.twins import (
     CONFIGURATION,
     HURRIED_STEPS,
     RAMP_US,
+    SAMPLE_US,
     SLEW_PER_S,
     Session,
     Twins,
@@ -58,7 +59,18 @@ def test_both_sound_the_same_through_crossfades_that_are_overtaken(seed: int) ->
         with Session(Random(f"{seed} {number}")) as session:
             session.make_ready()
             session.run(HURRIED_STEPS, 30)
-            session.compare_samples()
+
+
+@pytest.mark.parametrize("wait_us", [0, 1, SAMPLE_US - 1])
+def test_what_comes_between_two_samples_begins_at_the_second(wait_us: int) -> None:
+    with Twins() as twins:
+        twins.make_ready()
+        for pause_us, phase_rad in ((wait_us, 0.0), (2_000, 1.0), (0, 3.0)):
+            twins.wait(pause_us)
+            drive = encode_drive([ChannelDrive(655.35, 1.0, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
+            twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+        twins.wait(100_000)
+        twins.compare_samples()
 
 
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
