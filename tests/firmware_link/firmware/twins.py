@@ -80,8 +80,10 @@ CONFIGURATION = DeviceConfiguration(
     sensor_greatest=4_095,
 )
 # C rounds its output and each of up to three clicks by half of an output step, and frequencies to RATE_HZ / 2^33: in
-# five seconds, longer than a session, a phase parts by 0.15 mrad, five steps.
-TOLERANCE = 8 / FULL_OUTPUT
+# five seconds, longer than a session, a phase parts by 0.15 mrad, five steps. A fall of less than one step of the slew
+# takes a whole sample, so an onset that waits for its end may come up to a sample late: one step of the slew, and no
+# more, since written phases run all the time and what comes after an onset does not wait for it.
+TOLERANCE = SLEW_PER_S / RATE_HZ + 8 / FULL_OUTPUT
 STEPS_A_SESSION = 120
 
 
