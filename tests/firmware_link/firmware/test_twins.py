@@ -73,6 +73,19 @@ def test_what_comes_between_two_samples_begins_at_the_second(wait_us: int) -> No
         twins.compare_samples()
 
 
+def test_an_onset_that_waits_for_the_rest_of_a_fall_comes_a_sample_late_at_most() -> None:
+    with Twins() as twins:
+        twins.make_ready()
+        # Silence cuts a crossfade short, for 61.04 samples; what is left of it then is to fall anew.
+        cut_short = ((0.30518, 0.0, 20_000), (0.30518, 1.0, 400), (0.0, 0.0, 1_525))
+        for amplitude, phase_rad, pause_us in (*cut_short, (1.0, 0.0, 0), (0.0, 0.0, 0), (1.0, 1.6, 0)):
+            drive = encode_drive([ChannelDrive(60.0, amplitude, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
+            twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+            twins.wait(pause_us)
+        twins.wait(100_000)
+        twins.compare_samples()
+
+
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
 def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> None:
     with Twins() as twins:
