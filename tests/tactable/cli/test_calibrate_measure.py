@@ -72,7 +72,7 @@ def test_a_port_without_measure_is_refused(folder: Path) -> None:
     assert "belong to --measure" in done.stderr
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_bar_that_no_parameter_describes_leaves_the_table(folder: Path) -> None:
     before = (folder / "bar.nc").read_bytes()
     done = run_here(folder, *WORDS, *BENCH, "--change", "actuator[1].mass=14 g", "--fit", "actuator.full_scale")

@@ -39,7 +39,7 @@ def strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
-@pytest.mark.long
+@pytest.mark.machine
 def test_a_placement_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
