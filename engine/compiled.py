@@ -4,7 +4,7 @@ numba keeps the machine code of a kernel with `cache=True`, and uses it again wh
 time and size. But the code of other kernels that it calls is in it too, and so are the values of constants that were
 imported: after a change of those, such as an update of a checkout, old numbers would come from new sources without a
 word. Here the kept code counts by contents, the kernel's own and those of all that it calls; and only from where nobody
-else can have put it (`engine.trust`).
+else can have put it (`firmware_link.trust`).
 """
 
 import contextlib
@@ -21,7 +21,7 @@ import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 
-from engine.trust import REMEDY, open_to_others
+from firmware_link.trust import REMEDY, open_to_others
 
 _OURS = "__counts_by_contents__"
 

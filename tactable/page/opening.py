@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.effects import Drives
 from engine.files import replace_file
-from engine.trust import open_to_others
+from firmware_link.trust import open_to_others
 from firmware_link.work_folder import work_folder
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
