@@ -14,6 +14,8 @@ PERIOD_S = 0.005
 PROCESSES_PERIOD_S = 0.02
 STALL_S = 0.05
 """Longer than a processor that is shared fairly lets a process wait, and half of the shortest lease."""
+MOST_THREADS = 12
+"""An emulator computes in other threads than its first; to look at all of a browser's would cost too much."""
 _NS_PER_S = 1e9
 _stopped_by_tests = set[int]()
 
@@ -42,19 +44,23 @@ class _Process:
 
     def __init__(self, pid: int) -> None:
         self._folder = Path(f"/proc/{pid}")
-        self._delay_s = self._read_delay_s()
+        self._delays_s = self._read_delays_s()
         self._stopped_since_s: float | None = None
         self._pid = pid
         self._name = f"process {pid} ({self._folder.joinpath('comm').read_text().strip()})"
 
-    def _read_delay_s(self) -> float:
-        return int(self._folder.joinpath("schedstat").read_text().split()[1]) / _NS_PER_S
+    def _read_delays_s(self) -> dict[str, float]:
+        """Of its threads; where there are very many, of the first."""
+        threads = [*self._folder.joinpath("task").iterdir()]
+        threads = threads if len(threads) <= MOST_THREADS else [self._folder]
+        return {each.name: int(each.joinpath("schedstat").read_text().split()[1]) / _NS_PER_S for each in threads}
 
     def look(self, evidence: Evidence, now_s: float) -> None:
         """A wait for a processor is added as a whole when it ends, so a step of the sum is one wait."""
-        delay_s = self._read_delay_s()
-        evidence.add(f"{self._name} waited for a processor for", delay_s - self._delay_s)
-        self._delay_s = delay_s
+        delays_s = self._read_delays_s()
+        for thread, delay_s in delays_s.items():
+            evidence.add(f"{self._name} waited for a processor for", delay_s - self._delays_s.get(thread, delay_s))
+        self._delays_s = delays_s
         is_stopped = state_and_parent(self._folder)[0] in "Tt" and self._pid not in _stopped_by_tests
         if not is_stopped:
             self._stopped_since_s = None
