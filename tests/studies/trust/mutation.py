@@ -63,7 +63,10 @@ def _control(*names: str) -> tuple[str, ...]:
 
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
-    "engine/effects/player.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
+    "engine/effects/player.py": (
+        *("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
+        *(_LOOP_CONTROL, "tests/engine/loop/test_bar_change.py"),
+    ),
     "engine/effects/play.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
     "engine/loop/control.py": (_LOOP_CONTROL,),
     "tactable/control/scene.py": _control("scene", "server", "laws"),
@@ -74,10 +77,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "tactable/control/unix_socket.py": _control("unix_socket"),
     "tactable/control/slot.py": _control("in_process"),
     "tactable/control/process.py": _control("in_process"),
-    "tactable/control/osc.py": _control("osc"),
+    "tactable/control/osc.py": _control("osc", "in_process"),
     "tactable/control/osc_codec.py": _control("osc"),
     "engine/touch/finger_tracker.py": tuple(
-        f"tests/engine/touch/test_{each}.py" for each in ("finger_tracker", "placement")
+        f"tests/engine/{each}.py"
+        for each in ("touch/test_finger_tracker", "touch/test_placement", "loop/test_bar_change")
     ),
     "engine/touch/placement.py": ("tests/engine/touch/test_placement.py",),
     STEP: ("tests/engine/loop/fast/test_fast_path.py", "tests/engine/loop/fast/test_step.py"),
