@@ -18,6 +18,7 @@ from engine.effects import ControlStep, EffectPlayer, Outcome, SceneSettings
 from engine.loop import RingReader, RingWriter
 from engine.loop.latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.plain import to_plain
 from engine.table import Table
 from engine.touch import Touch
 from firmware_link.child import Child, Parent
@@ -323,3 +324,8 @@ def test_open_sound_control_is_served_whatever_else_comes(tmp_path: Path, capfd:
 
 
 OSC_LINE = re.compile(r"osc://127\.0\.0\.1:(\d+)/tactable/")
+
+
+def test_what_is_served_crosses_to_its_process_whole() -> None:
+    served = ControlOf(Path("c.sock"), Path("ring"), Path("bar.nc"), 80, 81, is_watched=False)
+    assert ControlOf.from_plain(json.loads(json.dumps(to_plain(served)))) == served

@@ -40,7 +40,7 @@ def test_a_region_takes_the_place_of_what_lies_below_it_for_every_event() -> Non
     scene.set_region(region("top", 50, 150, "tick"), 2)
     assert [felt_at(scene, at) for at in (20, 70, 120, 200)] == [25.0, 10.0, 10.0, 20.0]
     assert [felt_at(scene, at, Trigger.LIFT) for at in (20, 200)] == [None, 15.0]
-    assert [scene.top_region_at(1e-3 * at, None) for at in (20, 70, 200)] == ["low", "top", None]
+    assert [scene.top_region_at(1e-3 * at, None) for at in (20, 70, 150, 150.001)] == ["low", "top", "top", None]
     scene.set_region(region("low", 0, 100, "release"), 1)
     assert [felt_at(scene, at) for at in (20, 70)] == [15.0, 10.0]
 
