@@ -60,7 +60,7 @@ def test_a_response_is_the_one_that_the_table_was_built_from(table: Table) -> No
 
 def test_groups_are_datasets_and_a_missing_one_is_named(table: Table) -> None:
     assert table.to_xarray("clicks").basis_function.dims == ("function", "sample")
-    with pytest.raises(TableError, match="has no group 'click'; its groups are .*clicks, coherent_sweep"):
+    with pytest.raises(TableError, match=r"has no group 'click'; its groups are .*clicks, coherent_sweep"):
         table.to_xarray("click")
     assert repr(table).startswith(f"<Table {table.path}: ") and "entries" in table._repr_html_()
 
