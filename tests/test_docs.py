@@ -60,7 +60,8 @@ def test_every_command_and_snippet_runs(
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    (folder / "tables").symlink_to(ROOT / "tables")  # a page is read in a checkout
+    for name in ("tables", "examples"):  # a page is read in a checkout
+        (folder / name).symlink_to(ROOT / name)
     for name in ("my-bar.toml", "my-bar.nc"):
         shutil.copy(built / name, folder / name)
     with Page(folder) as page:

@@ -27,6 +27,7 @@ from tests.tactable.rig.strokes import Stroke, make_recording
 
 pytestmark = pytest.mark.machine
 
+ROOT = Path(__file__).parents[3]
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
 NO_RULES = '[[effect]]\nname = "none"\nenvelope = [["held", "quiet"]]\n[[rule]]\non = "touch"\neffect = "none"\n'
@@ -122,6 +123,14 @@ def test_a_program_triggers_an_effect_and_hears_what_was_played(running: Running
             time.sleep(0.01)
         with pytest.raises(ClientError, match=r"trigger.finger: 77: does not touch the bar; of these that do: \d"):
             client.trigger("buzz", finger=77)
+
+
+def test_the_example_of_two_buttons_sees_the_finger_on_one_of_them(running: Running) -> None:
+    command = [sys.executable, ROOT / "examples" / "program_with_buttons.py", running.socket]
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as program:
+        assert program.stdout is not None
+        assert program.stdout.readline() == "touched: OK\n"
+        program.terminate()
 
 
 def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""The examples run as they stand, and come to what they are about."""
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tactable import Device, build_table
+from tests.small_device import small_text
+
+FOLDER = Path(__file__).parents[1] / "examples"
+
+
+def run(monkeypatch: pytest.MonkeyPatch, name: str, *words: str) -> dict[str, Any]:
+    """Names of the example once it has run."""
+    monkeypatch.chdir(FOLDER.parent)
+    monkeypatch.setattr(sys, "argv", [name, *words])
+    return runpy.run_path(str(FOLDER / f"{name}.py"))
+
+
+def test_a_finger_damps_the_modes_of_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(monkeypatch, "own_bar")
+    assert float(found["held"].decay_time[0]) < 0.1 * float(found["free"].decay_time[0])
+    assert found["loudest"].dims == ("frequency", "actuator")
+
+
+@pytest.mark.long
+def test_the_best_row_reaches_its_level_with_a_factor_of_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(monkeypatch, "best_row")
+    assert found["best"].achieved and 0.5 < found["best"].localized_factor <= np.nanmax(found["factor"])
+
+
+@pytest.mark.long
+def test_a_fit_finds_the_stiffness_of_the_measured_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(monkeypatch, "measured_bar")
+    assert found["calibrated"].actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=2e-3)
+
+
+@pytest.mark.long
+def test_a_click_promises_the_level_that_was_asked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    build_table(Device.parse(small_text(), "small"), tmp_path / "bar.nc", clicks_up_to=1)
+    found = run(monkeypatch, "click_under_a_finger", str(tmp_path / "bar.nc"), "35 mm")
+    assert found["click"].achieved and float(found["found"].felt_level.sel(spread="5 %")) == pytest.approx(20, abs=0.1)
