@@ -20,18 +20,26 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.typeinfer import register_dispatcher
 
 from firmware_link.trust import REMEDY, open_to_others
 
-_OURS = "__counts_by_contents__"
 
-
-def njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """As `numba.njit`, with its arguments; kept code counts by contents."""
+def njit(*signature: Any, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """As `numba.njit` with the same arguments, but code kept by `cache=True` counts by contents."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        setattr(function, _OURS, True)
-        return numba.njit(*signature, **options)(function)
+        dispatcher = numba.njit(**options)(function)
+        if dispatcher is function:  # NUMBA_DISABLE_JIT
+            return function
+        if cache:
+            kept: Any = _KeptCode
+            dispatcher._cache = kept(function)  # what enable_caching() does; numba takes no cache from outside
+        if signature:
+            with register_dispatcher(dispatcher):
+                dispatcher.compile(*signature)
+            dispatcher.disable_compile()
+        return dispatcher
 
     return decorate
 
@@ -86,9 +94,8 @@ def _checked(locator: type[Any]) -> type[Any]:
                 warnings.warn(f"compiled kernels are not kept in {folder}: {REMEDY.format(part)}", stacklevel=1)
                 return None
             found.contents = None
-            if hasattr(py_func, _OURS):
-                with contextlib.suppress(OSError):  # from an archive: numba looks at the time of that
-                    found.contents = contents_of(py_func)
+            with contextlib.suppress(OSError):  # from an archive: numba looks at the time of that
+                found.contents = contents_of(py_func)
             return found
 
         def get_source_stamp(self) -> Any:
@@ -97,5 +104,16 @@ def _checked(locator: type[Any]) -> type[Any]:
     return Checked
 
 
-_cache_class = FunctionCache._impl_class  # numba has no public name for it
-_cache_class._locator_classes = [*map(_checked, _cache_class._locator_classes)]
+_NUMBA_FILES: Any = FunctionCache._impl_class  # numba has no public name for it
+
+
+class _KeptCodeFiles(_NUMBA_FILES):  # type: ignore[misc]  # Any, as numba's part is
+    """Reads and writes kept code as numba does, but only where `_checked` locators find a place for it."""
+
+    _locator_classes = tuple(map(_checked, _NUMBA_FILES._locator_classes))
+
+
+class _KeptCode(FunctionCache):
+    """The kept code of one kernel of this project; kernels of other packages in the process keep numba's own."""
+
+    _impl_class = _KeptCodeFiles

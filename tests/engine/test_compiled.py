@@ -102,6 +102,10 @@ def test_kept_code_that_others_can_write_is_neither_read_nor_made(
     assert mark.exists()  # where nobody else can have put it, it is read
 
 
+def test_kernels_of_other_packages_are_left_to_numba() -> None:
+    assert not hasattr(numba.njit(cache=True)(lambda x: x)._cache._impl.locator, "contents")
+
+
 def test_every_kernel_is_made_here() -> None:
     for room in ("engine", "precompute"):
         for path in (ROOT / room).rglob("*.py"):
