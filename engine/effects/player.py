@@ -8,11 +8,18 @@ waits for. A new effect of a finger replaces the one before. Roles and precedenc
   than its rule says.
 - A click takes precedence over everything steady while it lasts; of two clicks the one that began last. Fingers whose
   click is not played are quiet meanwhile; a click that a later one cut does not come back.
-- A click keeps the placement that it began with: fingers that move, leave, or come without a click of their own while
-  it plays, do not change it. It lasts 30 ms.
+- A click that has begun is played to its end (below).
 - A finger that lifts with a rule on LIFT goes on as a lifted finger, felt where it was, until its effect ends.
 - Fingers closer than engine.touch.placement.CLOSEST_M are one finger to the bar, which feels if one of them does.
 - Of more than engine.touch.placement.MOST_FINGERS the felt ones are placed first, then those that came first.
+
+A click that has begun. This is the one statement of the rule; dispatcher, link and firmware only carry it out. A click
+keeps the placement that it began with and lasts its 30 ms: fingers that move, leave, or come without a click of their
+own do not change it, and a finger that lifts in mid-click sends nothing. What is wanted then is silence, and below a
+click the device holds silence already (`Dispatcher.hand_over`). The reasons: its levels are promised for the whole
+waveform, not for a part of it, and quiet fingers would feel the part; and a brush of a finger is to be answered as
+fully as a press. Only these end it early: a click that begins later, `enabled` false, the end of the run or of its
+lease, and the limits of the device.
 
 Programs (`control`). A program changes the rules, triggers effects and keeps fingers quiet. New rules act on what
 fingers do from then on. An effect under way goes on if a rule still gives it where it began, at the level of that rule.
