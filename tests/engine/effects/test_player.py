@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,6 +80,15 @@ def pulse(*segments: tuple[float | None, float | None]) -> Effect:
 
 
 HELD = pulse((None, 20.0))
+
+
+@pytest.mark.parametrize(("to_mm", "held_mm"), [(60.0, 59.7), (0.1, 0.0), (100.0, 99.7), (99.9, 99.6)])
+def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_mm: float, held_mm: float) -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
+    player.take([touch(1, 20)], 0)
+    player.take([touch(1, 20.3)], MS)  # too little to be followed
+    player.change_bar([touch(1, to_mm)], 100 * MM)
+    assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
 
 
 def test_a_burst_is_felt_for_its_time_and_quiet_from_then_on() -> None:

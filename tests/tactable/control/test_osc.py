@@ -62,7 +62,8 @@ def test_other_bytes_are_read_or_refused_in_words() -> None:
         for _ in range(random_.choice((1, 2, 4))):
             data[random_.randrange(len(data))] = random_.randrange(256)
         try:
-            decode_osc(bytes(data[: random_.randrange(len(data) + 1)]))
+            for address, values in decode_osc(bytes(data[: random_.randrange(len(data) + 1)])):
+                assert isinstance(address, str) and isinstance(values, list)
         except OscError as error:
             refused += 1
             assert str(error)
@@ -73,6 +74,12 @@ def test_types_that_are_not_known_are_named() -> None:
     for tags in (b",S\0\0", b",[]\0", b",I\0\0"):
         with pytest.raises(OscError, match=r"/x: type '.' is not known"):
             decode_osc(b"/x\0\0" + tags + b"y\0\0\0")
+
+
+@pytest.mark.parametrize("data", [b"", b"x\0\0\0,\0\0\0", b"\xff\0\0\0", b"/x\0\0,i\0\0", b"/x\0\0,s\0\0\xff\0\0\0"])
+def test_bytes_that_are_no_message_are_refused(data: bytes) -> None:
+    with pytest.raises(OscError):
+        decode_osc(data)
 
 
 def test_what_no_text_of_osc_may_hold_is_a_question_mark_and_large_numbers_are_whole() -> None:
@@ -123,29 +130,31 @@ def test_what_is_wrong_is_refused_by_address_and_expectation(address: str, value
         message_of(address, values)
 
 
-class Sender(asyncio.DatagramProtocol):
-    """A program of another kind, with a port of its own."""
+class Port(asyncio.DatagramTransport):
+    """The port in memory: what was sent to each sender."""
 
     def __init__(self) -> None:
-        self.heard: asyncio.Queue[tuple[str, list[Value]]] = asyncio.Queue()
+        super().__init__()
+        self.said: dict[Any, list[tuple[str, list[Value]]]] = {}
 
-    def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002  # asyncio's
-        for message in decode_osc(data):
-            self.heard.put_nowait(message)
+    def sendto(self, data: Any, addr: Any = None) -> None:
+        self.said.setdefault(addr, []).extend(decode_osc(bytes(data)))
+
+    def is_closing(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        pass
 
 
-@pytest.mark.machine
 def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
     async def act() -> None:
-        loop = VirtualSlot(polls=True)
-        server = server_of(loop)
+        slot, port = VirtualSlot(polls=True), Port()
+        server = server_of(slot)
         osc = OscControl(server)
-        peer = ("127.0.0.1", await osc.open(0))
-        first, second = Sender(), Sender()
-        ways = [
-            (await asyncio.get_running_loop().create_datagram_endpoint(lambda: each, remote_addr=peer))[0]  # noqa: B023
-            for each in (first, second)
-        ]
+        osc._transport = port
+        assert osc.summary == "OSC: 0 messages, 0 refused"
+        first, second = ("127.0.0.1", 7), ("127.0.0.1", 8)
         asked: list[tuple[str, list[Value]]] = [
             ("region", ASKED["region"]),
             ("trigger", ["tick", 3]),
@@ -153,27 +162,25 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
             ("trigger", ["x"]),
         ]
         for name, values in asked:
-            ways[0].sendto(encode_osc(PREFIX + name, values))
-        said = [await first.heard.get() for _ in asked]
-        assert all(address == f"{PREFIX}answer" for address, _ in said)
-        by_text = {str(values[2])[:40]: values[:2] for _, values in said}
-        assert sorted(str(values[1]) for _, values in said) == ["False", "False", "True", "True"]
-        assert "trigger.finger: 9: does not touch the ba" in by_text
-        assert list(server.scene.regions) == ["ok"] and len(loop.steps) == 3
-        ways[1].sendto(encode_osc(f"{PREFIX}subscribe", ["touches", "played"]))
-        assert (await second.heard.get())[1][1] is True
-        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0])  # those that touch now
+            osc.datagram_received(encode_osc(PREFIX + name, values), first)
+        await settle()
+        answers = port.said.pop(first)
+        assert all(address == f"{PREFIX}answer" for address, _ in answers)
+        assert sorted(bool(values[1]) for _, values in answers) == [False, False, True, True]
+        assert any("trigger.finger: 9: does not touch the bar" in str(values[2]) for _, values in answers)
+        assert list(server.scene.regions) == ["ok"] and len(slot.steps) == 3
+        osc.datagram_received(encode_osc(f"{PREFIX}subscribe", ["touches", "played"]), second)
+        await settle()
         server.publish([{"event": "touches", "time_ns": 1, "fingers": 2 * FINGERS}])
-        assert await second.heard.get() == (f"{PREFIX}touches", [3, 50.0, 3, 50.0])
-        ways[1].sendto(b"nonsense")
-        assert (await second.heard.get())[1][1] is False
-        assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense': expected an address")
+        osc.datagram_received(b"nonsense", second)
+        answer, now, later, refusal = port.said[second]
+        assert answer[1][1] is True and now == (f"{PREFIX}touches", [3, 50.0])  # those that touch now, in mm
+        assert later == (f"{PREFIX}touches", [3, 50.0, 3, 50.0]) and refusal[1][1] is False
+        assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense'")
         await osc.close()
-        assert server.scene.regions == {} and first.heard.empty()
-        for way in ways:
-            way.close()
+        assert server.scene.regions == {} and first not in port.said
 
-    asyncio.run(act())
+    run_virtual(act())
 
 
 @pytest.mark.parametrize(("host", "is_heard"), [("127.0.0.1", True), ("192.168.1.2", False), ("8.8.8.8", False)])

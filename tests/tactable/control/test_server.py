@@ -71,6 +71,17 @@ def test_the_first_message_is_a_hello() -> None:
     run(act)
 
 
+@pytest.mark.parametrize("messages", [[], [HELLO]])
+def test_a_program_that_has_hung_up_is_told_nothing_more(messages: list[dict[str, Any]]) -> None:
+    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
+        line = Line()
+        await server.converse(lines_of(*messages), line)
+        await asyncio.sleep(2 * DEFAULT_LEASE_S)
+        assert len(line.said) == len(messages)
+
+    run(act)
+
+
 def test_hostile_messages_get_nothing_but_answers() -> None:
     async def act(server: ControlServer, loop: VirtualSlot) -> None:
         random_ = random.Random(3)
