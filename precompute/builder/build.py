@@ -43,7 +43,6 @@ from precompute.clicks.basis import click_basis, lines_for
 from precompute.clicks.plants import count_modes
 from precompute.clicks.store import ClickStore
 from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
-from precompute.entries.at_positions import search_frequencies
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 from precompute.entries.prediction import MadeFor
 from precompute.entries.solver import prepare_entries, solve_entries
@@ -53,6 +52,7 @@ from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis
 from precompute.parallel.interrupt import remembered_interrupt
 from precompute.parallel.pool import WorkerPool
+from precompute.predict.at_positions import search_frequencies
 from precompute.sampling.bars import sampled_words
 from precompute.sampling.places import solve_place_receptances
 from precompute.sweep.best import BestRowSearch

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.touch import ZoneState
-from precompute.entries.forms import Forms
+from precompute.predict.forms import Forms
 
 Complex = NDArray[np.complex128]
 

@@ -11,8 +11,8 @@ from engine.table import Entry
 from engine.table.entry import LEVEL_TOLERANCE_DB, EntrySpread, Percentiles, WorstCase, ZonePrediction
 from engine.touch import ZoneState
 from precompute.entries.found_drive import FoundDrive
-from precompute.entries.performance import DriveFigures
 from precompute.model.frequencies import FREQUENCY_STEP_HZ
+from precompute.predict.performance import DriveFigures
 
 Array = NDArray[np.float64]
 States = tuple[ZoneState, ...]

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import Entry
 from engine.touch import ZoneState, state_index
-from precompute.entries.forms import Forms, compute_forms
 from precompute.entries.found_drive import FoundDrive
 from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES, Problem, level
-from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import Candidate, MadeFor, States, make_entry, touched_zones
-from precompute.entries.rise_time import RiseModel, compute_rise_model, compute_rise_time
 from precompute.entries.search import Found, Search, polish, start_at
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import compute_basis, count_modes
 from precompute.parallel.pool import WorkerPool
+from precompute.predict.forms import Forms, compute_forms
+from precompute.predict.performance import compute_figures
+from precompute.predict.rise_time import RiseModel, compute_rise_model, compute_rise_time
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import solve_receptance

@@ -10,11 +10,11 @@ from engine.device import Device
 from engine.table import Entry, Table, TableError
 from engine.table.entry import DEFAULT_LEVEL_DB
 from engine.touch import ZoneState
-from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import tabulated_states
 from precompute.fleet.units import FleetError
 from precompute.model.assembly import Plant, assemble
+from precompute.predict.performance import compute_figures
 from precompute.sampling.fingers import SampledFingers, sample_fingers
 
 

@@ -22,8 +22,8 @@ from engine.touch.finger_tracker import ZoneEdges
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.solver import FULL_SCALE
-from precompute.entries.at_positions import SteadyDesigner
 from precompute.parallel.pool import WorkerPool
+from precompute.predict.at_positions import SteadyDesigner
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Zone
 from engine.device.file import ROMAN
-from precompute.entries.untouched import greatest_factors
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import WorkerPool
+from precompute.predict.untouched import greatest_factors
 from precompute.studies.placement import with_actuators_at
 from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.touch import ZoneState
 from precompute.entries.dual_bound import definite, solve_eigen
-from precompute.entries.forms import compute_forms
 from precompute.entries.objective import Problem, contrast
 from precompute.entries.prediction import States
 from precompute.entries.scan import scan
 from precompute.entries.search import pack_directions, pack_forms, search_directions
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
+from precompute.predict.forms import compute_forms
 from precompute.sampling.fingers import SampledFingers
 from precompute.sampling.receptance import solve_receptance
 

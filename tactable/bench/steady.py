@@ -19,10 +19,10 @@ from engine.steady.solver import SteadySolver
 from engine.table import Entry
 from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS
-from precompute.entries.at_positions import SteadyDesigner, cases_in_zones
 from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
+from precompute.predict.at_positions import SteadyDesigner, cases_in_zones
 from precompute.sampling.places import solve_place_receptances
 
 Array = NDArray[np.float64]

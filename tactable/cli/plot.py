@@ -302,7 +302,7 @@ def zones(device_name: DeviceArgument, drives: Frequencies, change: Change = Non
 
     The actuators are at full scale and the bar is untouched.
     """
-    from precompute.entries.untouched import BarDrive
+    from precompute.predict.untouched import BarDrive
     from tactable.figures.zones import plot_zones
 
     device = _changed(device_name, change)

@@ -13,7 +13,7 @@ from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
 from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
-from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
+from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.words import finger_names, level_text, placement_json, placement_text
 

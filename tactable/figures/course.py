@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precompute.entries.envelope import compute_envelopes
-from precompute.entries.rise_time import compute_rise_model
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
+from precompute.predict.envelope import compute_envelopes
+from precompute.predict.rise_time import compute_rise_model
 from tactable.explain.words import finger_names, placement_json, rise_text, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import PlayedDrive

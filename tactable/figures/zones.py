@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from engine.device import Device
-from precompute.entries.untouched import BarDrive, find_untouched_optima
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, compute_steady_state
+from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures.file import FigureError, Picture
 from tactable.figures.style import (
     CURVES,

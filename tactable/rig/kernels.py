@@ -26,11 +26,11 @@ SWEEP = ("precompute.model.gram", "precompute.sweep.kernels")
 """What the rows of a sweep take, which zones play."""
 BUILDS = (
     "precompute.sampling.bars",
-    "precompute.entries.forms",
+    "precompute.predict.forms",
     "precompute.entries.bfgs",
     "precompute.entries.scan",
-    "precompute.entries.performance",
-    "precompute.entries.rise_time",
+    "precompute.predict.performance",
+    "precompute.predict.rise_time",
 )
 """What builds take beside that."""
 _FIRST_CLICK = "the first click"

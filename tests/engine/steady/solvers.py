@@ -4,9 +4,9 @@ from functools import cache
 
 from engine.device import Device
 from engine.steady.solver import SteadySolver
-from precompute.entries.at_positions import SteadyDesigner
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
+from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.places import solve_place_receptances
 from tests.precompute.devices import shipped, three_actuators
 

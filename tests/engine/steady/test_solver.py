@@ -15,13 +15,13 @@ from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.solver import FOLLOWED_HZ, SteadyError
 from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS
-from precompute.entries.at_positions import cases_in_zones
 from precompute.entries.prediction import objective_value, touched_zones
 from precompute.entries.solver import tabulated_states
+from precompute.predict.at_positions import cases_in_zones
 from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED, shipped
-from tests.precompute.entries.dense_state import threshold
+from tests.precompute.predict.dense_state import threshold
 from tests.quick import first_quick
 
 Array = NDArray[np.float64]

@@ -69,14 +69,14 @@ def test_what_no_number_comes_from_does_not_count() -> None:
 
 def test_a_changed_number_makes_tables_stale() -> None:
     assert counts("engine.device.uncertainty", "_ROUNDING = 1e-9", "_ROUNDING = 1e-8")
-    assert counts("precompute.entries.rise_time", "WITHIN = 0.1", "WITHIN = 0.2")
+    assert counts("precompute.predict.rise_time", "WITHIN = 0.1", "WITHIN = 0.2")
     one = sources() | {"precompute.clicks.program": "changed = 1"}
     assert fingerprint_of(one) != fingerprint_of(sources()) == code_fingerprint()
 
 
 def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
     assert not counts("engine.device.uncertainty", "import math\n", "\n\nimport math  # for its roots\n")
-    assert not counts("precompute.entries.rise_time", '"""Risen: ', '"""It has risen when ')
+    assert not counts("precompute.predict.rise_time", '"""Risen: ', '"""It has risen when ')
     assert not counts("precompute.entries.bfgs", '"""Kernels of', '"""All kernels of')
 
 

@@ -10,7 +10,7 @@ import scipy.optimize
 from numpy.typing import NDArray
 
 from engine.device import Device
-from tests.precompute.entries.dense_state import DenseState
+from tests.precompute.predict.dense_state import DenseState
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from engine.touch import ZoneState
-from precompute.entries.forms import Forms
 from precompute.entries.objective import (
     OBJECTIVES,
     QUIET_FLOOR,
@@ -21,6 +20,7 @@ from precompute.entries.objective import (
     paper,
     standard_contrast,
 )
+from precompute.predict.forms import Forms
 from tests.precompute.entries.problems import random_drives, random_forms, random_problem, ratios
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.touch import ZoneState
-from precompute.entries.forms import Forms, compute_forms
 from precompute.entries.objective import OBJECTIVES, Problem, level, localized_factor
 from precompute.entries.search import TIE_DB, Found, Search, Start, search_directions, two_blocks
 from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.frequencies import BEAT_HZ
+from precompute.predict.forms import Forms, compute_forms
 from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import solve_receptance
 from tests.precompute.devices import shipped, with_zones

@@ -15,14 +15,14 @@ from engine.table import Entry
 from engine.table.entry import scaled_to
 from engine.touch import ZoneState, state_index
 from precompute.entries.objective import OBJECTIVES
-from precompute.entries.rise_time import WITHIN
 from precompute.entries.solver import MOST_TOUCHED_BEYOND, EntrySolver, solve_entries, tabulated_states
 from precompute.model.assembly import assemble
+from precompute.predict.rise_time import WITHIN
 from precompute.sampling.fingers import SampledFingers, sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
 from tests.precompute.devices import mirrored, shipped, three_actuators, with_zones
-from tests.precompute.entries.dense_state import DenseState
 from tests.precompute.entries.rivals import Rival, best_starts, climb, judge_tries, random_tries, rival
+from tests.precompute.predict.dense_state import DenseState
 from tests.quick import first_quick
 
 Array = NDArray[np.float64]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.clicks.basis import lines_for
 from precompute.clicks.plants import SampledPlants
-from precompute.entries.rise_time import compute_rise_model, compute_rise_time
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters
 from precompute.measurements.types import Kind, Measurements
@@ -19,6 +18,7 @@ from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
 from precompute.model.transfers import TransferFilter, decaying_sums, moved_bases
 from precompute.model.transient import TransientPlant
+from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.plants import sample_scenarios
 from tests.engine.device.test_transfer import coupled, lag, points_of
 from tests.precompute.devices import shipped

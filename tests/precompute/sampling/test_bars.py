@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from engine.device import Device, FittedValue, Uncertainty
-from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import touched_zones
 from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
+from precompute.predict.performance import compute_figures
 from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
 from precompute.sampling.fingers import SAMPLES, sample_fingers
 from tests.precompute.builder.test_build import SMALL

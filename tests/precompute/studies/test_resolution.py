@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from engine.device import Device
-from precompute.entries.untouched import greatest_factors
 from precompute.model.assembly import assemble
+from precompute.predict.untouched import greatest_factors
 from precompute.studies.placement import even_places, own_places
 from precompute.studies.resolution import study_resolution, with_equal_zones
 from precompute.studies.two_fingers import solve_two_fingers

@@ -15,7 +15,7 @@ from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.of_table import read_click_options
-from precompute.entries.at_positions import SteadyDesigner
+from precompute.predict.at_positions import SteadyDesigner
 from tactable.cli.main import main
 
 WORDS = ("explain", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm")

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precompute.entries.untouched import BarDrive, find_untouched_optima
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
+from precompute.predict.untouched import BarDrive, find_untouched_optima
 from precompute.studies.reach import compute_reach
 from tactable.figures.file import FigureError, Picture
 from tactable.figures.reach import plot_reach

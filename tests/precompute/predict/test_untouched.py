@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.entries.untouched import BarDrive, find_untouched_optima, greatest_factors
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
+from precompute.predict.untouched import BarDrive, find_untouched_optima, greatest_factors
 from tests.precompute.devices import every_device, shipped
 
 

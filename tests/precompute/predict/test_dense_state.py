@@ -9,8 +9,8 @@ from engine.touch import ZoneState
 from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import random_device, shipped
-from tests.precompute.entries.dense_state import DenseState
 from tests.precompute.entries.rivals import BEAT_HZ, best_starts, climb, judge_tries, partitions, random_tries, rival
+from tests.precompute.predict.dense_state import DenseState
 from tests.quick import first_quick
 
 DEVICES = {"two actuators": shipped("reference-a"), "three actuators": random_device(20230247606)}

@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.entries.performance import DriveFigures, compute_figures
 from precompute.model.assembly import assemble
+from precompute.predict.performance import DriveFigures, compute_figures
 from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
 from tests.precompute.devices import every_device, on_each
-from tests.precompute.entries.dense_state import fingers_of, threshold
+from tests.precompute.predict.dense_state import fingers_of, threshold
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

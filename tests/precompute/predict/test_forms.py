@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.entries.forms import Forms, _fill_loaded, compute_forms, compute_loaded
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
+from precompute.predict.forms import Forms, _fill_loaded, compute_forms, compute_loaded
 from precompute.sampling.fingers import sample_fingers
 from precompute.sampling.receptance import Receptance, solve_receptance
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, on_each, random_device, shipped, unhurried, with_bar
-from tests.precompute.entries.dense_state import fingers_of, threshold
+from tests.precompute.predict.dense_state import fingers_of, threshold
 from tests.quick import first_quick
 
 Array = NDArray[np.float64]

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.entries.at_positions import PlacementFigures, SteadyDesigner
-from precompute.entries.rise_time import WITHIN
+from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
+from precompute.predict.rise_time import WITHIN
 from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import shipped
-from tests.precompute.entries.dense_state import threshold
+from tests.precompute.predict.dense_state import threshold
 
 POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
 

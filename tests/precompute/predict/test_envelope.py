@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from precompute.entries.envelope import compute_envelopes
-from precompute.entries.rise_time import WITHIN, compute_rise_model, compute_rise_time
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
 from precompute.model.transient import TransientPlant
+from precompute.predict.envelope import compute_envelopes
+from precompute.predict.rise_time import WITHIN, compute_rise_model, compute_rise_time
 from tests.precompute.devices import shipped
 
 STEP_S = 1e-4

@@ -16,12 +16,12 @@ from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.receptances import Receptances
 from engine.steady.solver import SteadySolver
 from engine.table.entry import EntrySpread, Percentiles
-from precompute.entries.performance import compute_figures
 from precompute.entries.prediction import PERCENTS
-from precompute.entries.rise_time import compute_rise_model, compute_rise_time
 from precompute.model.assembly import Plant, assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from precompute.predict.performance import compute_figures
+from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.places import solve_place_receptances

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.entries.rise_time import RiseModel
 from precompute.model.transfers import moved_bases
+from precompute.predict.rise_time import RiseModel
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -14,7 +14,7 @@ def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex,
     """Frequencies (tone,) and envelopes (tone, case, place, time), m/s^2, of tones started at once at t = 0.
 
     frequency_hz, amplitude (actuator,). The envelope of a tone is the magnitude of the acceleration under
-    exp(j omega t), as in precompute.entries.rise_time, which says when it has risen.
+    exp(j omega t), as in precompute.predict.rise_time, which says when it has risen.
     """
     tones_hz = np.unique(frequency_hz[amplitude != 0])
     out = np.empty((len(tones_hz), *model.shape.shape[:2], len(time_s)))

@@ -1,0 +1,1 @@
+"""What a drive does at points: forms, levels over sampled fingers and bars, envelopes, rise times."""
