@@ -37,9 +37,9 @@ SLOWEST = (
 )
 """Files that a run begins with, so that the workers end together."""
 KERNELS = (
-    *("engine.steady.search", "precompute.model.band_solver", "precompute.sweep.kernels", "precompute.entries.bfgs"),
-    *("precompute.model.gram", "precompute.predict.rise_time", "precompute.entries.scan", "precompute.sampling.bars"),
-    *("precompute.predict.forms", "precompute.predict.performance", "engine.steady.loading"),
+    *("engine.steady.search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
+    *("precompute.sweep.kernels", "precompute.predict.rise_time", "precompute.predict.performance"),
+    "precompute.sampling.bars",
 )
 """Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""
 ALLOWED_SKIPS = ("long run:", "guided run:", "no recordings:")

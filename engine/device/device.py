@@ -52,7 +52,7 @@ class Device:
     touch_axis: TouchAxis
     sweep: Sweep
     levels_db: tuple[float, ...]
-    """Sensation levels that entries are made for, rising; entries for full scale are always made too."""
+    """Sensation levels that best rows are made for, rising; rows for full scale are always made too."""
     threshold: Threshold
     """The detection threshold that every level is above."""
     limits: Limits

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from engine.device.toml_table import HIGHEST_LEVEL_DB
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
 from firmware_link.protocol.errors import TactableError
 

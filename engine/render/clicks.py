@@ -7,7 +7,7 @@ from engine.render.chosen_basis import ChosenBasis
 from engine.render.commands import SILENCE, PlayCommand, Rendered
 from engine.table import ClickEntry, Clicks
 from engine.table.click import played_at
-from engine.table.entry import LEVEL_TOLERANCE_DB
+from engine.table.levels import LEVEL_TOLERANCE_DB
 from engine.touch import Placement
 from engine.touch.places import Key
 from firmware_link.protocol.basis import encode_click

@@ -19,7 +19,7 @@ class LimitError(TactableError, ValueError):
 
 
 class Solved(Protocol):
-    """A drive as it was solved, by actuator: an entry of a table, or one for fingers at their positions."""
+    """A drive as it was solved, by actuator: a best row of a table, or one for fingers at their positions."""
 
     @property
     def frequencies_hz(self) -> Sequence[float]:

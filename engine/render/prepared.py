@@ -63,8 +63,8 @@ def render_table(
     basis = scaled(basis, fit.scales)
     refuses = when_not_achieved is WhenNotAchieved.REFUSE
     steady: Steady
-    if effects.drives is Drives.ZONES or table.is_shipped:
-        if effects.drives is Drives.ZONES and not table.best_rows:
+    if effects.drives is Drives.ZONES:
+        if not table.best_rows:
             raise RendererError(f"{table.path}: drives of zones: {table.no_row_text(())}")
         steady = ZoneDrives(device, capabilities, table.best_rows, refuses, fit.scales)
     else:

@@ -3,7 +3,7 @@
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
 table holds the receptances, and a solve takes less time than a report of most digitizers. Until the kernels of the
 solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Zones play rows of the table's
-sweep, which are looked up (engine.table.best_rows). A table that was shipped has no receptances, and plays only these.
+sweep, which are looked up (engine.table.best_rows).
 """
 
 from collections.abc import Sequence

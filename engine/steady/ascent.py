@@ -7,7 +7,7 @@ A drive a (actuator,) has felt powers N_i, quiet ones D_j and levels P_f, all a^
 All of it is homogeneous of degree 0 in a, so the length of a is free. Logarithms turn the ratio into a difference.
 Minima and maxima are replaced by their log-sum-exp of sharpness `beta`, which makes the objective differentiable, so
 that quasi-Newton steps work; `beta` rises from climb to climb. The level is an exact penalty: missing it costs more
-than any ratio can gain. precompute.entries.ascent is the same for drives of several tones.
+than any ratio can gain.
 """
 
 import numpy as np

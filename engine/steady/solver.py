@@ -6,8 +6,8 @@ Each solve puts the fingers on the bar (engine.steady.loading): the standard fin
 a few sampled cases of every finger's stiffness, damping, mass and exact position. It then maximises the expected
 contrast, the weakest felt over the strongest quiet finger, each power averaged over the sampled cases, above the
 wanted level of the standard felt fingers and within the amplitude limit (engine.steady.search). With nothing quiet it
-maximises the share of kinetic energy in the zones that hold the felt fingers. These are the objective and the rules of
-the tabulated search (precompute.entries); here all actuators play one frequency, and no bound is proved.
+maximises the share of kinetic energy in the zones that hold the felt fingers. All actuators play one frequency. No
+bound is computed here; the tests compare optima with a Lagrangian bound (tests/engine/steady/bound.py).
 
 Where no drive reaches the level, the loudest one is answered and `achieved` is False. An infinite level asks for it.
 
@@ -36,7 +36,7 @@ Complex32 = NDArray[np.complex64]
 
 _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3
-"""The same as in engine.table.entry; this package needs no table."""
+"""The same as in engine.table.levels; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 _ALL = -1
 """Stands in place of the index of a frequency where all are searched."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.table.entry import LEVEL_TOLERANCE_DB, shifted
+from engine.table.levels import LEVEL_TOLERANCE_DB, shifted
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis, Samples, weighted_sum
 

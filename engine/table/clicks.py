@@ -61,21 +61,21 @@ class Clicks(Sequence[ClickEntry]):
     gap_db: Array
 
     @classmethod
-    def of(cls, places: Places, entries: Sequence[ClickEntry]) -> "Clicks":
-        """The arrays of entries, which share a basis, a tolerance, an objective and the levels that are looked at."""
-        first = entries[0] if entries else None
-        assert first is None or all(entry.basis.hash == first.basis.hash for entry in entries)
-        rows, keys = len(entries), [places.key(entry.placement) for entry in entries]
+    def of(cls, places: Places, clicks: Sequence[ClickEntry]) -> "Clicks":
+        """The arrays of clicks, which share a basis, a tolerance, an objective and the levels that are looked at."""
+        first = clicks[0] if clicks else None
+        assert first is None or all(click.basis.hash == first.basis.hash for click in clicks)
+        rows, keys = len(clicks), [places.key(click.placement) for click in clicks]
         fingers = max((len(key) for key in keys), default=1)
         code = _padded(keys, fingers, 2 * NO_FINGER).astype(np.int32)
-        figures = [[each.acceleration_at_finger_m_per_s2 for each in entry.fingers] for entry in entries]
-        levels_db = [[each.level_db for each in entry.fingers] for entry in entries]
-        functions = max((len(entry.weights) for entry in entries), default=0)
-        quiet_db = [(np.nan,) * 5 if entry.quiet is None else astuple(entry.quiet) for entry in entries]
-        exceeds = [[np.nan if at_s is None else at_s for at_s in entry.exceeds_s.values()] for entry in entries]
+        figures = [[each.acceleration_at_finger_m_per_s2 for each in click.fingers] for click in clicks]
+        levels_db = [[each.level_db for each in click.fingers] for click in clicks]
+        functions = max((len(click.weights) for click in clicks), default=0)
+        quiet_db = [(np.nan,) * 5 if click.quiet is None else astuple(click.quiet) for click in clicks]
+        exceeds = [[np.nan if at_s is None else at_s for at_s in click.exceeds_s.values()] for click in clicks]
 
         def column(name: str, kind: type = np.float64) -> NDArray[Any]:
-            return np.array([getattr(entry, name) for entry in entries], dtype=kind)
+            return np.array([getattr(click, name) for click in clicks], dtype=kind)
 
         return cls(
             places=places,
@@ -85,10 +85,10 @@ class Clicks(Sequence[ClickEntry]):
             objective=first.objective if first else "",
             finger_place=code // 2,
             is_felt=code % 2 == 1,
-            weights=_padded([entry.weights.tolist() for entry in entries], functions, 0).astype(np.int16),
+            weights=_padded([click.weights.tolist() for click in clicks], functions, 0).astype(np.int16),
             fraction_bits=column("fraction_bits", np.int32),
             basis_set=column("basis_set", np.int32),
-            felt_db=np.array([astuple(entry.felt) for entry in entries]).reshape(rows, 5),
+            felt_db=np.array([astuple(click.felt) for click in clicks]).reshape(rows, 5),
             quiet_db=np.array(quiet_db).reshape(rows, 5),
             finger_m_per_s2=_padded(figures, fingers, np.nan),
             finger_db=_padded(levels_db, fingers, np.nan),
@@ -105,7 +105,7 @@ class Clicks(Sequence[ClickEntry]):
     @overload
     def __getitem__(self, row: slice) -> Sequence[ClickEntry]: ...
     def __getitem__(self, row: int | slice) -> ClickEntry | Sequence[ClickEntry]:
-        """The entry of a row, or the entries of some."""
+        """The click of a row, or the clicks of some."""
         if isinstance(row, slice):
             return [self._entry(each) for each in range(len(self))[row]]
         return self._entry(range(len(self))[row])

@@ -1,4 +1,4 @@
-"""Compares two tables: device, build options, responses, and the figures of every entry and click."""
+"""Compares two tables: device, build options, responses, and the figures of every best row and click."""
 
 import json
 import math
@@ -9,10 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from engine.device.values import Change, Value, compare_values, device_values
+from engine.table.best_rows import BestRow
 from engine.table.click import ClickEntry
-from engine.table.entry import Entry
 from engine.table.table import Table
-from engine.touch import ZoneState
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
@@ -22,12 +21,12 @@ _COMPARED = (
     "receptances",
     "sweep",
     "coherent_sweep",
-    "entries",
+    "best_rows",
     "clicks",
 )  # value by value, or derived from such
 _INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
-_Part = TypeVar("_Part", Entry, ClickEntry)
+_Part = TypeVar("_Part", BestRow, ClickEntry)
 
 
 DEFAULT_LIMIT_DB = 0.1
@@ -36,11 +35,7 @@ _FREQUENCY_LIMIT_HZ = 0.015  # a step on the wire is 0.01 Hz
 _UNITS = {
     "achieved": "",
     "level_db": "dB",
-    "contrast_db": "dB",
-    "expected_contrast_db": "dB",
-    "worst_contrast_db": "dB",
     "localized_factor": "%",
-    "t90_s": "%",
     "frequency_hz": "Hz",
     "amplitude": "%",
     "phase_rad": "rad",
@@ -50,7 +45,7 @@ _UNITS = {
     "waveform": "%",
 }
 FIGURES = tuple(_UNITS)
-"""The compared figures: those of an entry up to phase_rad; `achieved` and the rest are those of a click."""
+"""The compared figures: those of a best row up to phase_rad; `achieved` and the rest are those of a click."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,7 @@ class FigureChange:
 
 @dataclass(frozen=True)
 class StateChange:
-    """An entry, or with level_db None a click, that changed, and its figures.
+    """A best row, or with level_db None a click, that changed, and its figures.
 
     felt, quiet: names of zones; for a click the positions of the places that it is made for.
     """
@@ -122,7 +117,7 @@ def describe(felt: Sequence[str], quiet: Sequence[str], level_db: float | None) 
 
 @dataclass(frozen=True)
 class PartDiff:
-    """The entries, or the clicks, of both tables: how many are in both, those that changed, worst first, and others.
+    """The best rows, or the clicks, of both tables: how many are in both, those that changed, worst first, and others.
 
     vanished, appeared: in words, only in the table before, only in that after.
     """
@@ -163,29 +158,26 @@ class TableDiff:
     provenance: tuple[Change, ...]
     response_percent: Mapping[str, float]
     arrays: tuple[str, ...]
-    entries: PartDiff
+    best_rows: PartDiff
     clicks: PartDiff
 
     @property
     def differs(self) -> bool:
         """Whether device, options or figures differ; author and date of the tables do not count."""
         parts = (self.notes, self.device, self.options, self.response_percent, self.arrays)
-        return any(parts) or self.entries.differs or self.clicks.differs
+        return any(parts) or self.best_rows.differs or self.clicks.differs
 
 
 def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = None) -> TableDiff:
     """Everything that changed beyond the tolerance.
 
-    Entries are matched by the names of their zones, clicks by the positions of their places.
+    Best rows are matched by the names of their zones, clicks by the positions of their places.
     """
     tolerance = tolerance or Tolerance()
     notes, response_percent = _compare_responses(before, after, tolerance)
     same_actuators = _names(before.device.actuators) == _names(after.device.actuators)
-    entries = _compare_part(
-        {_entry_key(before, entry): entry for entry in before.entries},
-        {_entry_key(after, entry): entry for entry in after.entries},
-        lambda a, b: entry_figures(a, b, same_actuators),
-        tolerance,
+    rows = _compare_part(
+        _rows_by_key(before), _rows_by_key(after), lambda a, b: row_figures(a, b, same_actuators), tolerance
     )
     is_one_grid = not (before.clicks and after.clicks) or before.places == after.places
     clicks = _compare_part(
@@ -203,7 +195,7 @@ def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = No
         provenance=compare_values(*({k: values.get(k) for k in _PROVENANCE} for values in (own, other))),
         response_percent=response_percent,
         arrays=_other_arrays(before, after),
-        entries=entries,
+        best_rows=rows,
         clicks=clicks,
     )
 
@@ -215,7 +207,7 @@ def _names(things: Iterable[Any]) -> list[str]:
 def _layout_notes(before: Table, after: Table) -> Iterator[str]:
     consequences = {
         "actuators": "drives and waveforms are not compared",
-        "zones": "states are matched by the names of their zones",
+        "zones": "best rows are matched by the names of their zones",
     }
     for part, consequence in consequences.items():
         own, other = (", ".join(_names(getattr(table.device, part))) for table in (before, after))
@@ -263,10 +255,10 @@ def _other_arrays(before: Table, after: Table) -> tuple[str, ...]:
     return tuple(name for name in changed if name.partition("/")[0] not in _COMPARED)
 
 
-def _entry_key(table: Table, entry: Entry) -> _Key:
-    named = list(zip(table.device.zones, entry.states, strict=True))
-    felt, quiet = (tuple(z.name for z, s in named if s is state) for state in (ZoneState.FELT, ZoneState.QUIET))
-    return felt, quiet, entry.wanted_level_db
+def _rows_by_key(table: Table) -> dict[_Key, BestRow]:
+    names = _names(table.device.zones)
+    every = (row for rows in table.best_rows.values() for row in rows)
+    return {(tuple(names[zone] for zone in row.zones), (), row.wanted_level_db): row for row in every}
 
 
 def _click_key(click: ClickEntry) -> _Key:
@@ -300,19 +292,16 @@ def _compare_part(
 # ---- the figures of one state ----------------------------------------------------------------------------
 
 
-def entry_figures(before: Entry, after: Entry, same_actuators: bool) -> Sizes:
-    """Every figure of an entry before and after, and the size of its change; drives only of the same actuators."""
+def row_figures(before: BestRow, after: BestRow, same_actuators: bool) -> Sizes:
+    """Every figure of a best row before and after, and the size of its change; drives only of the same actuators."""
     yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)
-    for key in ("level_db", "contrast_db", "expected_contrast_db"):
-        yield _decibels(key, getattr(before, key), getattr(after, key))
-    yield _decibels("worst_contrast_db", before.worst_case.contrast_db, after.worst_case.contrast_db)
+    yield _decibels("level_db", before.level_db, after.level_db)
     yield _percent("localized_factor", before.localized_factor, after.localized_factor)
-    yield _percent("t90_s", before.t90_s, after.t90_s)
     if same_actuators:
         yield from _drive_figures(before, after)
 
 
-def _drive_figures(before: Entry, after: Entry) -> Sizes:
+def _drive_figures(before: BestRow, after: BestRow) -> Sizes:
     own, other = np.array(before.amplitudes), np.array(after.amplitudes)
     loudest = max(own.max(), other.max())
     most = int(abs(other - own).argmax())
@@ -337,7 +326,7 @@ def _wrapped(phase_rad: Any) -> Any:
 
 
 def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -> Sizes:
-    """The same as `entry_figures`, for a click; waveforms are compared only for the same actuators and rate.
+    """The same as `row_figures`, for a click; waveforms are compared only for the same actuators and rate.
 
     Which way the bar moves first is not felt, as the phase that all actuators of a drive have in common.
     """

@@ -25,7 +25,7 @@ from engine.table.history import remove_leftovers, replace_table
 from engine.table.spool import SpoolFile
 
 FORMAT = "tactable table"
-FORMAT_REVISION = 6
+FORMAT_REVISION = 7
 _READ_BYTES = 1 << 24
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"

@@ -31,7 +31,7 @@ class ArrayKind:
     greatest: float | None = None
 
 
-FIXED_SIZES = {"end": 2, "part": 2}
+FIXED_SIZES = {"part": 2}
 """Dimensions that have one size in every table; those of actuators and zones are the device's."""
 
 
@@ -89,32 +89,6 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("level combination actuator", "drive_phase"),
         **_arrays("level combination zone", "share", "peak_acceleration", "dead_spot"),
     },
-    "entries": {
-        **_labels("actuator", "zone", "end", "spread"),
-        **_arrays("level", "level", may_be_infinite=True),
-        **_arrays("state", "state", kind=Kind.WHOLE, least=0),
-        **_arrays("level state actuator", "drive_frequency", "drive_amplitude", least=0),
-        **_arrays("level state actuator", "drive_phase"),
-        **_arrays("level state", "objective", "family", "limited_by", kind=Kind.TEXT),
-        **_arrays("level state", "localized_factor"),
-        **_arrays("level state", "felt_level", "rise_time", may_be_infinite=True),
-        **_arrays("level state", "reached_level", may_be_nan=True, may_be_infinite=True),
-        **_arrays("level state", "achieved", kind=Kind.NUMBER, least=0, greatest=1),
-        **_arrays("level state", "contrast", "expected_contrast", may_be_nan=True, may_be_infinite=True),
-        **_arrays("level state", "upper_bound", "optimality_gap", may_be_infinite=True),
-        **_arrays("level state", "worst_localized_factor"),
-        **_arrays("level state", "worst_felt_level", "worst_rise_time", may_be_infinite=True),
-        **_arrays("level state", "worst_quiet_level", "worst_contrast", may_be_nan=True, may_be_infinite=True),
-        **_arrays("level state spread", "felt_level_spread", may_be_infinite=True),
-        **_arrays("level state spread", "quiet_level_spread", "contrast_spread", may_be_nan=True, may_be_infinite=True),
-        **_arrays("level state zone", "zone_state", kind=Kind.NUMBER, least=0, greatest=2),
-        **_arrays("level state zone", "share", "peak_acceleration", "dead_spot"),
-        **_arrays("level state zone", "peak_position", "dead_position"),
-        **_arrays("level state zone", "acceleration_at_finger", may_be_nan=True),
-        **_arrays("level state zone", "sensation_level", may_be_nan=True, may_be_infinite=True),
-        **_arrays("level state zone end", "share_range", "peak_acceleration_range"),
-        **_arrays("level state zone end", "sensation_level_range", may_be_nan=True, may_be_infinite=True),
-    },
     "receptances": {
         **_labels("actuator", "part"),
         **_arrays("frequency", "frequency", least=1e-3, greatest=1e6),
@@ -152,11 +126,11 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
 
 TEXT_ATTRIBUTES = (
     "format", "title", "Conventions", "device_name", "device_description", "device_fingerprint", "code_fingerprint",
-    "code_version", "created", "objective", "made_for", "spread_over", "source", "outdated", "click_options",
+    "code_version", "created", "source", "outdated", "click_options",
     "responses_file", "responses_sha256", "modelled",
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
-"""Attribute of a table that holds best rows, entries and clicks alone, made to be small."""
+"""Attribute of a table that holds best rows and clicks alone, made to be small."""
 WHOLE_ATTRIBUTES = (
     *("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED),
     *("mesh_elements", "modes", "click_modes"),

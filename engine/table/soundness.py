@@ -3,7 +3,7 @@
 The seal of a table (engine.table.file) finds damage. It does not find malice, since whoever changes a file can seal it
 again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw storage and
 virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the values of every
-array are compared with the declaration (engine.table.schema), so that readers of entries and clicks need no checks of
+array are compared with the declaration (engine.table.schema), so that readers of best rows and clicks need no checks of
 their own. Large arrays are read in pieces of bounded size.
 """
 
@@ -35,7 +35,7 @@ _SPREADS = 5
 """Nominal plant, three percentiles, and the worst."""
 _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
-_ROWS = ("best_rows", "entries", "clicks")
+_ROWS = ("best_rows", "clicks")
 
 Arrays = Mapping[str, h5py.Dataset]
 """Arrays of a group by name, open: to open one by its name again takes longer than to read most of them."""
@@ -191,13 +191,11 @@ def _pieces(array: h5py.Dataset) -> Iterator[Any]:
 
 
 def _check_rows(where: str, arrays: Arrays, device: Device) -> None:
-    """Lengths and orders that readers of best rows, entries and clicks rely on; they refuse what is missing."""
+    """Lengths and orders that readers of best rows and clicks rely on; they refuse what is missing."""
     if "level" in arrays:
         levels_db = arrays["level"][...]
         if not len(levels_db) or (levels_db[1:] <= levels_db[:-1]).any():
             raise _FlawError(f"{where}/level: expected rising levels")
-    if "zone_state" in arrays and arrays["zone_state"].shape[-1] != len(device.zones):
-        raise _FlawError(f"{where}/zone_state: is for another number of zones than the device has")
     if where == "clicks":
         _check_basis(arrays, device)
         _check_placements(arrays, device)

@@ -1,6 +1,5 @@
-"""An open table: its device, clicks by placement, receptances, entries by state and level, sweep (tables/FORMAT.md)."""
+"""An open table: its device, clicks by placement, receptances, best rows and sweep (tables/FORMAT.md)."""
 
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -17,25 +16,24 @@ from engine.table.click import ClickEntry
 from engine.table.click import played_at as click_played_at
 from engine.table.click_columns import read_clicks
 from engine.table.clicks import Clicks
-from engine.table.columns import read_entries
-from engine.table.entry import DEFAULT_LEVEL_DB, Entry, played_at
 from engine.table.error import TableError
 from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.receptance_columns import read_receptances
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
-from engine.touch import Placement, ZoneState, state_index
+from engine.touch import Placement
 from engine.touch.places import Places
 
 if TYPE_CHECKING:
     from engine.steady import SteadyDrive
     from engine.steady.solver import SteadySolver
 
-__all__ = ["Table", "TableError", "states_of"]
+__all__ = ["Table", "TableError"]
 
 
 class Table:
-    """An open table: its device, clicks, receptances and entries, and views of the sweep for any zone combination.
+    """An open table: its device, clicks, receptances and best rows, and views of the sweep for any zone combination.
 
     `Table.open` makes one. It is a context manager: the file is closed at its end, all but the sweep stays usable.
     """
@@ -46,14 +44,6 @@ class Table:
         self.attributes: dict[str, Any] = dict(file.attrs)
         self.device = device
         self.fingerprint = str(self.attributes["device_fingerprint"])
-        self.entries = live.entries
-        """For every state at every level; a coarse table may have none."""
-        levels_db = tuple(dict.fromkeys(entry.wanted_level_db for entry in self.entries))
-        self.levels_db = levels_db or (*device.levels_db, math.inf)
-        """The tabulated levels, rising; the last is infinite: full scale."""
-        self._by_state: dict[int, list[Entry]] = {}  # by rising level
-        for entry in self.entries:
-            self._by_state.setdefault(entry.index, []).append(entry)
         self.best_rows = live.best_rows
         """The rows of the sweep that zones play; a bar with one actuator has none."""
         self.clicks = live.clicks
@@ -67,8 +57,8 @@ class Table:
         """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
 
         >>> with Table.open("my-bar.nc") as table:
-        ...     print(table.device.name, len(table.entries), "entries at", table.levels_db, "dB")
-        my-bar 38 entries at (20.0, inf) dB
+        ...     print(table.device.name, table.is_coarse)
+        my-bar False
         """
         path = Path(path)
         sealed = check_bytes(path, verify)
@@ -109,14 +99,18 @@ class Table:
 
     @property
     def receptances(self) -> Receptances:
-        """What steady drives at any positions are solved from. Raises TableError where the table was made without."""
+        """What steady drives at any positions are solved from. Raises TableError where the table has none."""
         if self._receptances is None:
             raise TableError(f"{self.path}: has no receptances, as tables that are shipped have none; build it")
         return self._receptances
 
+    def supply_receptances(self, receptances: Receptances) -> None:
+        """Solve steady drives from these where the file holds none."""
+        self._receptances = self._receptances or receptances
+
     @property
     def is_shipped(self) -> bool:
-        """Whether the table was made to be shipped: it has entries and clicks, no responses, receptances or sweeps."""
+        """Whether the table was made to be shipped: it has best rows and clicks alone."""
         return IS_SHIPPED in self.attributes
 
     def values(self, group: str, name: str) -> Values:
@@ -130,25 +124,6 @@ class Table:
             for group, found in self._file.groups.items()
             for name, variable in found.variables.items()
         }
-
-    def entry_for(self, felt: Sequence[str], quiet: Sequence[str] = (), level_db: float = DEFAULT_LEVEL_DB) -> Entry:
-        """Entry of the state with these zones (names) felt and quiet and the others free, at `level_db`.
-
-        Between tabulated levels: the next lower drive, played louder, or else the next higher one, softer. Raises
-        DeviceError for an unknown zone, TableError for a zone that is both and for a state the table does not hold.
-
-        >>> with Table.open("my-bar.nc") as table:
-        ...     entry = table.entry_for(["I"], quiet=["III"], level_db=20)
-        >>> f"{entry.level_db:.0f} dB, reached: {entry.achieved}, {len(entry.frequencies_hz)} actuators"
-        '20 dB, reached: True, 2 actuators'
-        """
-        index = state_index(self.states_of(felt, quiet))
-        entry = self.entry_at(index, level_db)
-        if entry is None:
-            states = f"felt zones {', '.join(felt)!r} and quiet {', '.join(quiet)!r}"
-            remedy = ": it is coarse; entries come with the complete build" if self.is_coarse else ""
-            raise TableError(f"{self.path}: has no entry for {states}{remedy}")
-        return entry
 
     def best_row(self, felt: Sequence[str], level_db: float = DEFAULT_LEVEL_DB) -> BestRow:
         """The row of the sweep that these zones (names) play together, as `BestRows.at` has it between levels.
@@ -174,20 +149,9 @@ class Table:
             return "has no best rows of the sweep, as tables of earlier versions have none; build it again"
         return f"has no row of the sweep for zones {', '.join(felt) or 'none'}: name one to three"
 
-    def states_of(self, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
-        """The states that the function `states_of` finds for the table's device."""
-        return states_of(self.device, felt, quiet)
-
-    def entry_at(self, state: int, level_db: float) -> Entry | None:
-        """Entry of a state (engine.touch.finger_tracker.state_index) at a level; None for a state without an entry."""
-        if math.isnan(level_db):
-            raise TableError("a level is not a number; give dB above the detection threshold, infinite for full scale")
-        entries = self._by_state.get(state)
-        return None if entries is None else played_at(entries, level_db, self.device.limits.amplitude)
-
     @property
     def is_coarse(self) -> bool:
-        """Whether the table is the first one of a build: clicks at coarse places, and no entries yet."""
+        """Whether the table is the first one of a build: clicks at coarse places."""
         return "clicks_are_coarse" in self.attributes
 
     @property
@@ -235,17 +199,6 @@ class Table:
 
         return SteadySolver(self.device, self.receptances)
 
-    def entries_at(self, level_db: float) -> tuple[Entry, ...]:
-        """Entry of every state at one level. Raises TableError for a coarse table, which has none."""
-        if self.is_coarse and not self.entries:
-            raise TableError(f"{self.path}: is coarse: it has no entries before the complete build")
-        limit = self.device.limits.amplitude
-        return tuple(played_at(entries, level_db, limit) for entries in self._by_state.values())
-
-    def entries_of(self, tabulated_db: float) -> tuple[Entry, ...]:
-        """Entries of one tabulated level as they are."""
-        return tuple(entry for entry in self.entries if entry.wanted_level_db == tabulated_db)
-
     def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
         """Kinetic-energy share of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
         return self._combine("localized_factor", zones, pair, np.sum)
@@ -271,19 +224,6 @@ class Table:
         return np.moveaxis(combine(values, axis=0), -1, 1)
 
 
-def states_of(device: Device, felt: Sequence[str], quiet: Sequence[str]) -> tuple[ZoneState, ...]:
-    """State of every zone. Raises DeviceError for an unknown zone, TableError for one that is felt and quiet."""
-    states = [ZoneState.FREE] * len(device.zones)
-    for name in _listed(quiet):
-        states[device.zone_index(name)] = ZoneState.QUIET
-    for name in _listed(felt):
-        zone = device.zone_index(name)
-        if states[zone] is ZoneState.QUIET:
-            raise TableError(f"zone {name} can't be felt and quiet: name it once")
-        states[zone] = ZoneState.FELT
-    return tuple(states)
-
-
 def _listed(zones: Sequence[str]) -> Sequence[str]:
     """Refuse a text in place of a list of names: "III" would be taken for three times "I"."""
     if isinstance(zones, str):
@@ -301,7 +241,6 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
 class _LiveParts(NamedTuple):
     """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
-    entries: tuple[Entry, ...]
     best_rows: BestRows
     clicks: Clicks
     receptances: Receptances | None
@@ -316,8 +255,6 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
         groups = sound_arrays(path, file, path.stat().st_size)
         device = Device.parse(str(file.attrs["device_description"]), f"{path}: device_description")
         check_values(path, groups, device, with_sweeps=verify)
-        has_entries = "entries" in groups or "clicks_are_coarse" not in file.attrs
-        entries = tuple(read_entries(groups["entries"], device)) if has_entries else ()
         rows = BestRows([], device.limits.amplitude)
         if "best_rows" in groups:
             rows = read_best_rows(groups["best_rows"], device)
@@ -327,7 +264,7 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
         receptances = None if IS_SHIPPED in file.attrs else read_receptances(groups["receptances"])
-        return device, _LiveParts(entries, rows, clicks, receptances)
+        return device, _LiveParts(rows, clicks, receptances)
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

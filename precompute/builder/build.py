@@ -1,4 +1,4 @@
-"""Building a table: responses, receptances, sweeps, entries and clicks of a device, written whole or not at all.
+"""Building a table: responses, receptances, sweeps, best rows and clicks of a device, written whole or not at all.
 
 A build writes a new file beside its target and takes over the parts of the earlier table that are still right
 (builder.incremental). It solves the others, verifies the file, and only then puts it in the earlier table's place, so
@@ -6,8 +6,8 @@ that an engine never opens half a table. Memory is bounded, whatever the grid of
 
 Clicks take longest, minutes for the thousands of placements at places 3 mm apart. Each is kept in a store beside the
 table once it is solved (clicks.store), so that an interrupted build loses seconds. And where no clicks of the device
-are there yet, a build may first put a table with coarse clicks and no entries in place (ClickOptions.coarse), which is
-playable after half a minute; then it solves the rest and replaces that table, and a running engine adopts it.
+are there yet, a build may first put a table with coarse clicks in place (ClickOptions.coarse), which is playable after
+half a minute; then it solves the fine ones and replaces that table, and a running engine adopts it.
 """
 
 import json
@@ -29,7 +29,6 @@ from engine.table import Table, TableError
 from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.clicks import Clicks
-from engine.table.columns import write_entries
 from engine.table.file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
@@ -43,17 +42,12 @@ from precompute.clicks.basis import click_basis, lines_for
 from precompute.clicks.plants import count_modes
 from precompute.clicks.store import ClickStore
 from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
-from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
-from precompute.entries.prediction import MadeFor
-from precompute.entries.solver import prepare_entries, solve_entries
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.responses import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis
 from precompute.parallel.interrupt import remembered_interrupt
-from precompute.parallel.pool import WorkerPool
 from precompute.predict.at_positions import search_frequencies
-from precompute.sampling.bars import sampled_words
 from precompute.sampling.places import solve_place_receptances
 from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
@@ -68,7 +62,7 @@ Progress = Callable[[str, float], None]
 
 
 class Coarse(StrEnum):
-    """Whether a build makes a table with coarse clicks and no entries, which is usable after half a minute."""
+    """Whether a build makes a table with coarse clicks, which is usable after half a minute."""
 
     NEVER = "never"
     FIRST = "first"
@@ -85,13 +79,10 @@ def build_table(
     path: Path | str,
     *,
     created: str | None = None,
-    objective: str = DEFAULT_OBJECTIVE,
-    made_for: MadeFor = MadeFor.MEAN,
     clicks_up_to: int = MOST_TABULATED,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     coarse: Coarse = Coarse.NEVER,
     workers: int = 1,
-    pool: WorkerPool | None = None,
     reuse: bool = True,
     clicks_later: bool = False,
     completes: bool = False,
@@ -102,30 +93,25 @@ def build_table(
 ) -> BuildCost:
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
-    `created` is the date to note, by default now; `objective` a name of precompute.entries.objective.OBJECTIVES.
-    `made_for`: entries whose level and contrast hold for the mean, or in all but the worst 5 % of the sampled cases.
-    `clicks_up_to`: the most fingers that have clicks, at all places of the options' pitch: 0, 1 or 2; more fingers are
-    solved when they come. `coarse`: a table with coarse clicks comes first, or is all. Entries and clicks are solved by
-    `workers` processes, entries by a `pool` where one is given. Clicks that were solved when a build is interrupted are
+    `created` is the date to note, by default now. `clicks_up_to`: the most fingers that have clicks, at all places of
+    the options' pitch: 0, 1 or 2; more fingers are solved when they come. `coarse`: a table with coarse clicks comes
+    first, or is all. Clicks are solved by `workers` processes. Clicks that were solved when a build is interrupted are
     kept beside the table for the next build. With `reuse`, parts of a table at `path` are taken over if this code made
     them from inputs that have not changed. With `clicks_later` its clicks are taken over whatever has changed, marked
     as outdated (builder.incremental); a build without it makes them. The table that was at `path` is kept as the
     previous one; a build that `completes` it keeps the one before. With `responses` the bar moves as it was measured,
     while the effect of fingers, rise times and clicks remain the model's. `accept` gets the complete file before it
-    takes its place, and refuses it by an exception. Returns what it took; processes of a given `pool` go on, and so are
-    not counted.
+    takes its place, and refuses it by an exception. Returns what it took.
 
-    Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown objective
-    or number of fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
+    Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown number of
+    fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
     WorkerError where a worker process was killed.
 
     >>> cost = build_table(Device.read("my-bar.toml"), "my-bar.nc", clicks_up_to=0)
     """
     path, device = written_path(Path(path)), restated(device)
     sha256 = "" if responses is None else responses.sha256
-    options = BuildOptions(code_fingerprint(), objective, clicks_up_to, click_options, sha256, made_for)
-    if objective not in OBJECTIVES:
-        raise TableError(f"there is no objective {objective!r}; choose one of {', '.join(OBJECTIVES)}")
+    options = BuildOptions(code_fingerprint(), clicks_up_to, click_options, sha256)
     if not 0 <= clicks_up_to <= MOST_TABULATED:
         raise TableError(f"clicks of up to {clicks_up_to} fingers: a table holds those of up to {MOST_TABULATED}")
     check_size(device, path)
@@ -136,7 +122,6 @@ def build_table(
             path,
             options,
             workers,
-            pool,
             clicks_later,
             completes,
             responses,
@@ -189,7 +174,6 @@ class _Builder:
     path: Path
     options: BuildOptions
     workers: int
-    pool: WorkerPool | None
     clicks_later: bool
     completes: bool
     responses: MeasuredResponses | None
@@ -251,12 +235,9 @@ class _Builder:
                     "code_version": metadata.version("tactable"),
                     "created": created,
                     "threshold": device.threshold.title,
-                    "objective": options.objective,
-                    "made_for": options.made_for.value,
                     "clicks_up_to": options.clicks_up_to,
                     "click_options": json.dumps(asdict(options.click_options)),
                     **self._click_attributes(earlier if later else None),
-                    "spread_over": sampled_words(device, is_measured=self.responses is not None),
                     **_model_attributes(plant, options),
                     **source_attributes(self.responses),
                     **{part.attribute: inputs[part] for part in wanted | known if part not in later},
@@ -267,12 +248,8 @@ class _Builder:
                 for part in sorted(known | {part for part in later if is_compatible(earlier.device, device)}):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
-            with self.cost.with_workers("entries"), self._pool(known) as pool:
-                if Part.RESPONSES not in known:
-                    self._write_responses(writer, plant)
-                if Part.ENTRIES in wanted - known:
-                    with self.cost.measured("entries"):
-                        self._write_entries(writer, plant, pool)
+            if Part.RESPONSES not in known:
+                self._write_responses(writer, plant)
             with self.cost.with_workers(self._clicks_step), self.cost.measured(self._clicks_step):
                 store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
                 if store and store.clicks:
@@ -284,22 +261,12 @@ class _Builder:
 
     def _wanted(self) -> set[Part]:
         """The parts that the table is to have."""
-        left_out = {Part.CLICKS: not self.options.clicks_up_to, Part.ENTRIES: self.is_coarse}
-        return {part for part in Part if not left_out.get(part)}
+        return set(Part) if self.options.clicks_up_to else {Part.RESPONSES}
 
     def _check(self, written: Path) -> None:
         Table.open(written, device=self.device, code_fingerprint=self.options.code_fingerprint, verify=False).close()
         self.accept(written)
         self.progress("put in place", 0.99)
-
-    @contextmanager
-    def _pool(self, known: set[Part]) -> Iterator[WorkerPool]:
-        if self.pool is not None:
-            yield self.pool
-            return
-        with WorkerPool(self.workers - 1 if Part.ENTRIES in self._wanted() - known else 0) as pool:
-            pool.prepare(prepare_entries)
-            yield pool
 
     def _write_responses(self, writer: TableWriter, plant: Plant) -> None:
         with self.cost.measured("responses"):
@@ -317,16 +284,6 @@ class _Builder:
                 self.progress("sweep", 0.05 + 0.15 * fraction)
             if rows := best.best_rows():
                 write_best_rows(writer, rows, self.device)
-
-    def _write_entries(self, writer: TableWriter, plant: Plant, pool: WorkerPool) -> None:
-        solved, share = [], 0.1 if self.options.clicks_up_to else 0.7
-        for entries, fraction in solve_entries(plant, self.options.objective, pool, self.options.made_for):
-            solved.append(entries)
-            self.cost.states += 1
-            self.progress("entries", 0.25 + share * fraction)
-        solved.sort(key=lambda entries: entries[0].index)
-        # Written level by level.
-        write_entries(writer, [entry for level in zip(*solved, strict=True) for entry in level], self.device)
 
     @property
     def _places(self) -> Places:

@@ -1,7 +1,7 @@
 """Fingerprint of the code that a table's numbers depend on.
 
 Covered is what `precompute.builder.build` imports, directly or through other modules of this project: the model, the
-sweeps, sampling, entries, clicks, the device and the table format, with the wire constants that they use. A name that a
+sweeps, sampling, clicks, the device and the table format, with the wire constants that they use. A name that a
 package re-exports leads to the module that defines it, not to the whole package.
 
 Comments, docstrings and layout do not count, since each source is hashed as its syntax tree without them. So a changed

@@ -8,18 +8,17 @@ from dataclasses import dataclass, field
 
 from precompute.clicks.program import Effort
 
-STEPS = ("responses", "sweep", "entries", "coarse clicks", "clicks")
+STEPS = ("responses", "sweep", "coarse clicks", "clicks")
 
 
 @dataclass
 class BuildCost:
     """processor_s: by step; a step whose result was taken over takes none. The counts are of what was solved now.
 
-    states: with entries, one for each level; effort: what coarse_clicks and clicks took.
+    effort: what coarse_clicks and clicks took.
     """
 
     processor_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
-    states: int = 0
     coarse_clicks: int = 0
     clicks: int = 0
     effort: Effort = field(default_factory=Effort)

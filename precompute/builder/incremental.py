@@ -1,6 +1,6 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has three parts: the responses of the bar with its receptances and sweeps, the entries, and the clicks. For each
+A table has two parts: the responses of the bar with its receptances and sweeps, and the clicks. For each
 part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
 part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
 equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
@@ -21,14 +21,12 @@ from typing import Any
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
-from precompute.entries.prediction import MadeFor
 
 
 class Part(StrEnum):
     """A part of a table, which is computed or taken over as a whole."""
 
     RESPONSES = "responses"
-    ENTRIES = "entries"
     CLICKS = "clicks"
 
     @property
@@ -48,12 +46,10 @@ class BuildOptions:
     """Everything beside the device that decides what is in a table."""
 
     code_fingerprint: str
-    objective: str
     clicks_up_to: int
     click_options: ClickOptions
     responses_sha256: str = ""
     """SHA-256 of the file of measured responses; "" where the responses are the model's."""
-    made_for: MadeFor = MadeFor.MEAN
 
     @classmethod
     def of(cls, table: Table) -> "BuildOptions":
@@ -64,11 +60,9 @@ class BuildOptions:
         click = json.loads(str(values["click_options"]))
         return cls(
             code_fingerprint=str(values["code_fingerprint"]),
-            objective=str(values["objective"]),
             clicks_up_to=int(values["clicks_up_to"]),
             click_options=ClickOptions(**click | {"lengths_s": tuple(click["lengths_s"])}),
             responses_sha256=str(values.get("responses_sha256", "")),
-            made_for=MadeFor(str(values["made_for"])),
         )
 
 
@@ -96,9 +90,6 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
             values["finger"].pop("spread")
             values["limits"] = values["limits"]["amplitude"]
             chosen["responses"] = options.responses_sha256
-        case Part.ENTRIES:
-            chosen |= {"objective": options.objective, "responses": options.responses_sha256}
-            chosen["made_for"] = options.made_for
         case Part.CLICKS:
             values.pop("sweep")
             chosen |= {"clicks_up_to": options.clicks_up_to, "options": asdict(options.click_options)}

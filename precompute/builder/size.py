@@ -22,7 +22,7 @@ _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def table_bytes(device: Device) -> int:
-    """Bytes of the sweeps and responses of a table; clicks, receptances and entries add some tens of MB."""
+    """Bytes of the sweeps and responses of a table; clicks and receptances add some tens of MB."""
     return _FIGURES * _SINGLE * _pairs(device) * (_pair_values(device) + _coherent_values(device)) + _responses(device)
 
 

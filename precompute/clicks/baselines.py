@@ -7,7 +7,6 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from engine.steady import SteadyDrive
-from engine.table import Entry
 from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.solver import Click, ClickSolver
@@ -36,15 +35,13 @@ def energy_contrast(solver: ClickSolver, placement: Placement, length_s: float) 
     return tones.waveform(np.asarray(vectors[:, -1], dtype=np.float64))
 
 
-def gated_drive(
-    solver: ClickSolver, placement: Placement, drives: Sequence[Entry | SteadyDrive], length_s: float
-) -> Array:
+def gated_drive(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], length_s: float) -> Array:
     """The steady drive switched on for that long within the slew of the device's limits; of all levels the best."""
     gated = [gate(drive, length_s, solver.device.limits.slew_per_s) for drive in drives]
     return max(gated, key=lambda moved: solver.evaluate(placement, length_s, moved, "").evaluation.felt.low_db)
 
 
-def gate(drive: Entry | SteadyDrive, length_s: float, slew_per_s: float) -> Array:
+def gate(drive: SteadyDrive, length_s: float, slew_per_s: float) -> Array:
     """Base displacements (actuator, time) of a drive that ramps up at the start and down to 0 at length_s."""
     time_s = np.arange(round(length_s * SAMPLE_RATE_HZ) + 1) / SAMPLE_RATE_HZ
     envelope = np.minimum(1.0, np.minimum(time_s, time_s[-1] - time_s) * slew_per_s)
@@ -59,7 +56,7 @@ BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)
 
 
 def solve_baseline(
-    solver: ClickSolver, placement: Placement, drives: Sequence[Entry | SteadyDrive], name: str, length_s: float
+    solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], name: str, length_s: float
 ) -> Click:
     """A baseline scaled to the limits and the quiet level, and evaluated as any click.
 

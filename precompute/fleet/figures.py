@@ -2,61 +2,72 @@
 
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table import Entry, Table, TableError
-from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import ZoneState
-from precompute.entries.prediction import touched_zones
-from precompute.entries.solver import tabulated_states
+from engine.steady import Receptances, SteadyDrive
+from engine.steady.given_drive import compute_levels
+from engine.steady.solver import SteadySolver
+from engine.table import Table
+from engine.table.levels import DEFAULT_LEVEL_DB
 from precompute.fleet.units import FleetError
-from precompute.model.assembly import Plant, assemble
-from precompute.predict.performance import compute_figures
-from precompute.sampling.fingers import SampledFingers, sample_fingers
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.predict.at_positions import search_frequencies
+from precompute.sampling.places import solve_place_receptances
+from precompute.studies.two_fingers import finger_pairs
+
+_FELT, _QUIET = 0, 1
+
+
+@dataclass(frozen=True)
+class _Played:
+    """A drive for one felt and one quiet finger, and their levels in dB (case, finger), standard fingers first."""
+
+    drive: SteadyDrive
+    position_m: tuple[float, float]
+    level_db: NDArray[np.float64]
+
+    @property
+    def contrast_db(self) -> float:
+        """Felt over quiet power, each averaged over the sampled fingers."""
+        power = (10 ** (self.level_db[1:] / 10)).mean(axis=0)
+        return float(10 * np.log10(power[_FELT] / power[_QUIET]))
+
+    def on(self, device: Device, receptances: Receptances) -> "_Played":
+        """The same drive on another bar."""
+        drive = self.drive
+        levels = compute_levels(
+            device, receptances, self.position_m, drive.frequencies_hz, np.asarray(drive.complex_amplitudes)
+        )
+        return _Played(drive, self.position_m, levels)
 
 
 def compute_table_figures(table: Table) -> dict[str, float | None]:
-    """Figures by name with units; None where no state has the figure. Raises TableError if a state is missing.
+    """Figures by name with units; None where a bar has no such figure.
 
-    Contrasts are those of the usual entries.
+    Contrasts are those of the drives that a run solves at 20 dB for one felt and one quiet finger in mid-zone.
     """
-    states = len(tabulated_states(table.device))
-    for level_db in table.levels_db:
-        if len(table.entries_of(level_db)) != states:
-            raise TableError(
-                f"{table.path}: {len(table.entries_of(level_db))} entries at {level_db:g} dB, not {states}"
-            )
-    usual = usual_entries(table)
-    expected_db = [e.expected_contrast_db for e in usual if e.expected_contrast_db is not None]
-    worst_db = [e.worst_case.contrast_db for e in usual if e.worst_case.contrast_db is not None]
+    solver, middles_m = SteadySolver(table.device, table.receptances), _middles_m(table.device)
+    contrast_db = [played.contrast_db for played in _usual_drives(table)]
+    loudest = [solver.solve([at_m], [True], math.inf) for at_m in middles_m]
     return {
-        "worst_expected_contrast_db": _of(min, expected_db),
-        "median_expected_contrast_db": _of(statistics.median, expected_db),
-        "worst_contrast_db": _of(min, worst_db),
-        "least_full_level_db": _of(min, [entry.level_db for entry in table.entries_of(math.inf)]),
-        "slowest_t90_s": _of(max, [entry.t90_s for entry in usual]),
-        "out_of_reach": sum(not entry.achieved for entry in table.entries),
+        "worst_expected_contrast_db": min(contrast_db, default=None),
+        "median_expected_contrast_db": statistics.median(contrast_db) if contrast_db else None,
+        "least_full_level_db": min(drive.weakest_felt_db for drive in loudest),
+        "rows_out_of_reach": sum(not row.achieved for rows in table.best_rows.values() for row in rows),
         "clicks": len(table.clicks),
         "click_pitch_mm": 1e3 * table.places.pitch_m if table.clicks else None,
-        "weakest_click_db": _of(min, table.clicks.felt_low_db.tolist()),
+        "weakest_click_db": min(table.clicks.felt_low_db.tolist(), default=None),
     }
 
 
-def usual_entries(table: Table) -> tuple[Entry, ...]:
-    """The entries of the tabulated level next to 20 dB."""
-    return table.entries_of(min(table.levels_db, key=lambda level_db: abs(level_db - DEFAULT_LEVEL_DB)))
-
-
-def _of(pick: Callable[[list[float]], float], values: list[float]) -> float | None:
-    picked = pick(values) if values else math.inf
-    return picked if math.isfinite(picked) else None
-
-
 def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
-    """Contrasts of the usual entries on another `device`, and the loss of contrast and level there, by name.
+    """Contrasts of the same drives on another `device`, and the loss of contrast and level there, by name.
 
     Raises FleetError for a bar with other zones or actuators.
     """
@@ -64,31 +75,32 @@ def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
         own, other = ([thing.name for thing in getattr(each, part)] for each in (table.device, device))
         if own != other:
             raise FleetError(f"{table.path}: is for {part} {', '.join(own)}, this bar has {', '.join(other)}")
-    plant, sampled = assemble(device), sample_fingers(device)
-    evaluated = [(entry, *_evaluate(plant, sampled, entry)) for entry in usual_entries(table)]
-    level_lost_db = [entry.level_db - level_db for entry, level_db, _ in evaluated]
-    pairs = [
-        (e.expected_contrast_db, db) for e, _, db in evaluated if e.expected_contrast_db is not None and db is not None
-    ]
-    contrast_db, lost_db = [db for _, db in pairs], [promised_db - db for promised_db, db in pairs]
+    plant = assemble(device)
+    receptances = solve_place_receptances(plant, search_frequencies(plant, compute_basis(plant)))
+    pairs = [(played, played.on(device, receptances)) for played in _usual_drives(table)]
+    contrast_db = [there.contrast_db for _, there in pairs]
+    lost_db = [here.contrast_db - there.contrast_db for here, there in pairs]
+    level_lost_db = [float(here.level_db[0, _FELT] - there.level_db[0, _FELT]) for here, there in pairs]
     return {
         "worst_expected_contrast_db": min(contrast_db, default=None),
         "median_expected_contrast_db": statistics.median(contrast_db) if contrast_db else None,
         "median_contrast_lost_db": statistics.median(lost_db) if lost_db else None,
         "greatest_contrast_lost_db": max(lost_db, default=None),
-        "greatest_level_lost_db": max(level_lost_db),
-        "greatest_level_gained_db": -min(level_lost_db),
+        "greatest_level_lost_db": max(level_lost_db, default=None),
+        "greatest_level_gained_db": -min(level_lost_db) if level_lost_db else None,
     }
 
 
-def _evaluate(plant: Plant, sampled: SampledFingers, entry: Entry) -> tuple[float, float | None]:
-    """Level of the weakest felt standard finger, and expected contrast, dB."""
-    touched = touched_zones(entry.states)
-    amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
-    power = compute_figures(plant, sampled, touched, np.array(entry.frequencies_hz), amplitude).power
-    felt = np.array([entry.states[zone] is ZoneState.FELT for zone in touched])
-    level_db = float(10 * np.log10(power[0, felt].min()))
-    if felt.all():
-        return level_db, None
-    mean = power[1:].mean(axis=0)
-    return level_db, float(10 * np.log10(mean[felt].min() / mean[~felt].max()))
+def _usual_drives(table: Table) -> list[_Played]:
+    """The drives of every two zones, one felt and one quiet, with what the table's own bar makes of them."""
+    device, receptances = table.device, table.receptances
+    solver, middles_m, found = SteadySolver(device, receptances), _middles_m(device), list[_Played]()
+    for felt, quiet in finger_pairs(device):
+        position_m = middles_m[felt], middles_m[quiet]
+        drive = solver.solve(position_m, [True, False], DEFAULT_LEVEL_DB)
+        found.append(_Played(drive, position_m, np.zeros((1, 2))).on(device, receptances))
+    return found
+
+
+def _middles_m(device: Device) -> Sequence[float]:
+    return [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]

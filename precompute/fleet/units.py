@@ -14,7 +14,6 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.clicks import DEFAULT_OPTIONS
 from precompute.clicks.tabulated import MOST_TABULATED
-from precompute.entries.objective import DEFAULT_OBJECTIVE, OBJECTIVES
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 """Names of units, which are also the names of their folders."""
@@ -44,10 +43,9 @@ class FleetOptions:
     """The job that is done for every unit: how it is calibrated, if it was measured, and what its table holds.
 
     parameters: names of what is fitted; None: the usual six. also: names that are fitted in addition. Raises FleetError
-    for an unknown objective or loss.
+    for an unknown loss.
     """
 
-    objective: str = DEFAULT_OBJECTIVE
     clicks_up_to: int = MOST_TABULATED
     pitch_m: float = DEFAULT_OPTIONS.pitch_m
     loss: str = "robust"
@@ -57,9 +55,8 @@ class FleetOptions:
 
     def __post_init__(self) -> None:
         losses = [loss.value for loss in Loss]
-        for what, name, known in (("objective", self.objective, list(OBJECTIVES)), ("loss", self.loss, losses)):
-            if name not in known:
-                raise FleetError(f"there is no {what} {name!r}; choose one of {', '.join(known)}")
+        if self.loss not in losses:
+            raise FleetError(f"there is no loss {self.loss!r}; choose one of {', '.join(losses)}")
 
 
 @dataclass(frozen=True)

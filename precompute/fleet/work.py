@@ -133,7 +133,6 @@ def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | No
         device,
         path,
         created=job.created,
-        objective=options.objective,
         clicks_up_to=options.clicks_up_to,
         click_options=ClickOptions(pitch_m=options.pitch_m),
         progress=progress,

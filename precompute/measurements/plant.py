@@ -40,7 +40,7 @@ class MeasuredPlant(Plant):
         return field
 
     def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> Plant:
-        """Raises ValueError: the bar was measured without fingers; entries.forms adds them to its response."""
+        """Raises ValueError: the bar was measured without fingers; predict.performance adds them to its response."""
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 
     @cached_property

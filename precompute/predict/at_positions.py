@@ -15,8 +15,6 @@ from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.receptances import Receptances
 from engine.steady.solver import SteadySolver
-from engine.table.entry import EntrySpread, Percentiles
-from precompute.entries.prediction import PERCENTS
 from precompute.model.assembly import Plant, assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
@@ -27,6 +25,29 @@ from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.places import solve_place_receptances
 
 Array = NDArray[np.float64]
+PERCENTS = (5, 50, 95)
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """5th, 50th and 95th percentile over the sampled cases, dB."""
+
+    low_db: float
+    middle_db: float
+    high_db: float
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How levels are distributed over the sampled cases.
+
+    felt: of the weakest felt finger; quiet: of the strongest quiet one; contrast: of both in one case. None where
+    nothing is quiet.
+    """
+
+    felt: Percentiles
+    quiet: Percentiles | None
+    contrast: Percentiles | None
 
 
 @dataclass(frozen=True)
@@ -43,11 +64,11 @@ class PlacementFigures:
     sampled_level_db: Array
     contrast_db: float | None
     expected_contrast_db: float | None
-    spread: EntrySpread
+    spread: Spread
     t90_s: float
     """Time from rest after which the envelope under every felt standard finger stays within 10 % of its final value.
 
-    engine.table.entry.LONGEST_RISE_S: longer than that.
+    precompute.predict.rise_time.LONGEST_RISE_S: longer than that.
     """
 
     def finger_percentiles(self, finger: int) -> Percentiles:
@@ -105,21 +126,13 @@ class SteadyDesigner:
             expected_contrast_db=(
                 float(10 * np.log10(mean[is_felt].min() / mean[~is_felt].max())) if is_quiet else None
             ),
-            spread=EntrySpread(
+            spread=Spread(
                 felt=_percentiles(weakest),
                 quiet=_percentiles(strongest) if is_quiet else None,
                 contrast=_percentiles(weakest - strongest) if is_quiet else None,
             ),
             t90_s=float(compute_rise_time(model, hz, amplitude)[0, is_felt].max()),
         )
-
-
-def cases_in_zones(sampled: SampledFingers, zones: Sequence[int]) -> FingerCases:
-    """The cases that entries are averaged over, of a finger in each of some zones (indices)."""
-    which = list(zones)
-    parts = [each[:, which] for each in (sampled.stiffness_n_per_m, sampled.damping_n_s_per_m, sampled.mass_kg)]
-    position_m = np.take_along_axis(sampled.position_m[which].T, sampled.place[:, which], axis=0)
-    return FingerCases(np.ascontiguousarray(position_m), np.stack(parts, axis=2))
 
 
 def search_frequencies(plant: Plant, basis: Basis) -> Array:

@@ -57,7 +57,7 @@ def compute_figures(
 
 
 def _loaded_fields(plant: Plant, sampled: SampledFingers, zones: list[int], tones: Array, weight: Complex) -> Complex:
-    """Displacement (tone, case, degree of freedom) under the drive, by low-rank update as in entries.forms."""
+    """Displacement (tone, case, degree of freedom) under the drive; fingers are a low-rank update at their points."""
     actuators = weight.shape[1]
     response = solve_response(plant, tones, sampled.position_m.ravel()).displacement_m
     free = np.einsum("ta,tad->td", weight, response[:, :actuators])

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from engine.compiled import njit
 from engine.device import Actuator, Finger
-from engine.table.entry import LONGEST_RISE_S
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.transfers import moved_bases
 
@@ -30,6 +29,8 @@ _LOOKS = 16
 """Looks in a period of the fastest beat; of two tones the envelope has cusps, which eight looks may miss."""
 _BLOCK = 64
 """Looks after which the transients that are heard are chosen again, and computed afresh against rounding."""
+LONGEST_RISE_S = 10.0
+"""No rise is followed for longer: this t90 stands for every longer one."""
 _FOLLOWED_S = 4 * LONGEST_RISE_S
 """The scan starts at most this late, so that a rise of less than LONGEST_RISE_S is not cut off by its start."""
 

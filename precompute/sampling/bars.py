@@ -12,7 +12,7 @@ from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
 from precompute.model.transfers import moved_bases
-from precompute.sampling.fingers import SAMPLES, SampledFingers
+from precompute.sampling.fingers import SampledFingers
 from precompute.sampling.plants import sample_scenarios
 
 Array = NDArray[np.float64]
@@ -91,16 +91,6 @@ def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
         spring=np.array([[a.stiffness_n_per_m * a.full_scale_m for a in each] for each in actuators]),
         damper=np.array([[a.damping_n_s_per_m * a.full_scale_m for a in each] for each in actuators]),
     )
-
-
-def sampled_words(device: Device, *, is_measured: bool) -> str:
-    """What the spreads of entries are over, in words."""
-    fingers = f"{SAMPLES} cases of sampled fingers"
-    if device.uncertainty is None:
-        return f"{fingers}; the bar as described: the device file has no calibration"
-    if is_measured:
-        return f"{fingers}; the bar as it was measured"
-    return f"{fingers}, each on another bar that the calibration leaves possible"
 
 
 _BANDS = types.Array(types.float64, 3, "C", readonly=True)

@@ -1,9 +1,9 @@
 """Search for actuator places that maximise the contrast of the worst state of one felt and one quiet finger.
 
 A search, not a proof. All placements of a coarse grid are screened (studies.two_fingers). The best few of them, the
-even placement and the device's own are moved in ever smaller steps while that helps. The ends are evaluated by the
-entries that a table would hold, and "found" is the best placement that was evaluated, wherever its search began:
-screening and entries need not agree, so an end of the search can be worse than a start.
+even placement and the device's own are moved in ever smaller steps while that helps. The ends are evaluated by
+the drives that a run would solve, and "found" is the best placement that was evaluated, wherever its search began:
+screening and evaluation need not agree, so an end of the search can be worse than a start.
 """
 
 import itertools
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.parallel.pool import WorkerPool
-from precompute.sampling.fingers import SampledFingers, sample_fingers
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
 Array = NDArray[np.float64]
@@ -101,7 +100,7 @@ def search_placement(
     This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
     """
     solve = (pool or WorkerPool(0)).solve_in_order
-    look = Screening(device, sample_fingers(device), wanted_db, _STEP_HZ)
+    look = Screening(device, wanted_db, _STEP_HZ)
     grid, step_m = grid_of(device, count, most)
     screened = solve(look.begin, grid, lambda done: on_progress(_SCREENING * done))
     order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
@@ -126,7 +125,6 @@ class Screening:
     """Screening of placements of a device; `begin` gives a worker process its function."""
 
     device: Device
-    sampled: SampledFingers
     wanted_db: float
     step_hz: float
 
@@ -136,7 +134,7 @@ class Screening:
 
     def of(self, at: Places) -> TwoFingers:
         """The contrasts of one placement."""
-        return screen_two_fingers(with_actuators_at(self.device, at), self.sampled, self.wanted_db, self.step_hz)
+        return screen_two_fingers(with_actuators_at(self.device, at), self.wanted_db, self.step_hz)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
 from engine.table import Table
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, Placement, open_digitizer
 from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.recording import Recording

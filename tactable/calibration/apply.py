@@ -8,8 +8,7 @@ keep is doubtful, and the one before stays. Every step recognises its own finish
 for, the table by its fingerprints), so the same command continues after an interruption and does nothing twice.
 """
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,7 @@ from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts
-from precompute.entries.solver import prepare_entries
-from precompute.parallel.pool import WorkerPool, available_cores
+from precompute.parallel.pool import available_cores
 from tactable.calibration.job import CalibrationJob
 from tactable.calibration.step_times import Progress, StepTimes
 
@@ -59,17 +57,17 @@ class TableTarget:
         with Table.open(self.path, verify=False) as table:
             return is_current(table, device, self._options)
 
-    def put_in_place(self, device: Device, progress: Progress, pool: WorkerPool, verify: Verify | None = None) -> None:
+    def put_in_place(self, device: Device, progress: Progress, verify: Verify | None = None) -> None:
         """Build the table for `device` as it was built before; its clicks stay as they were.
 
         Raises TableError, PromiseError for a table that `verify` refuses.
         """
-        self._build(device, progress, pool, verify, clicks_later=True)
+        self._build(device, progress, verify, clicks_later=True)
 
     def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
         """Remake the outdated parts; the seconds that it took. Raises as `put_in_place`."""
         times = StepTimes(progress, "clicks")
-        self._build(device, times.tell, None, verify, clicks_later=False)
+        self._build(device, times.tell, verify, clicks_later=False)
         return times.total_s
 
     def outdated(self) -> str:
@@ -85,9 +83,7 @@ class TableTarget:
         with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
-    def _build(
-        self, device: Device, progress: Progress, pool: WorkerPool | None, verify: Verify | None, *, clicks_later: bool
-    ) -> None:
+    def _build(self, device: Device, progress: Progress, verify: Verify | None, *, clicks_later: bool) -> None:
         def accept(written: Path) -> None:
             if verify is not None:
                 progress("verify on the bar", 0.98)
@@ -97,12 +93,9 @@ class TableTarget:
         build_table(
             device,
             self.path,
-            objective=self._options.objective,
-            made_for=self._options.made_for,
             clicks_up_to=self._options.clicks_up_to,
             click_options=self._options.click_options,
             workers=available_cores(),
-            pool=pool,
             clicks_later=clicks_later,
             completes=not clicks_later,
             progress=progress,
@@ -135,32 +128,23 @@ def apply_fit(
     A doubtful fit, and a table that `verify` refuses, leave the table, unless `despite_doubts`. Raises what its steps
     raise.
     """
-    with _waiting_pool() as pool:
-        times = StepTimes(progress, "start")
-        target = TableTarget(table, job.device)
-        kept = job.kept_report()
-        if kept is None:
-            fitted = job.fit(times.tell)
-            report, device = fitted.report, fitted.device(str(job.device_file))
-        else:
-            report, device = kept, Device.read(job.device_file)
-        doubts = job.doubts_of(report)
-        applied = Applied(target, device, report, doubts, bool(doubts) and not despite_doubts)
-        if not applied.is_refused and not target.is_in_place(device):
-            try:
-                target.put_in_place(device, times.tell, pool, None if despite_doubts else verify)
-                applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
-            except PromiseError as refused:
-                applied = replace(applied, doubts=[*doubts, str(refused)], is_refused=True)
-        times.tell("report", 1.0)
-        if kept is None:  # after the table: the report's picture takes as long as the fit
-            job.write(fitted)
+    times = StepTimes(progress, "start")
+    target = TableTarget(table, job.device)
+    kept = job.kept_report()
+    if kept is None:
+        fitted = job.fit(times.tell)
+        report, device = fitted.report, fitted.device(str(job.device_file))
+    else:
+        report, device = kept, Device.read(job.device_file)
+    doubts = job.doubts_of(report)
+    applied = Applied(target, device, report, doubts, bool(doubts) and not despite_doubts)
+    if not applied.is_refused and not target.is_in_place(device):
+        try:
+            target.put_in_place(device, times.tell, None if despite_doubts else verify)
+            applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
+        except PromiseError as refused:
+            applied = replace(applied, doubts=[*doubts, str(refused)], is_refused=True)
+    times.tell("report", 1.0)
+    if kept is None:  # after the table: the report's picture takes as long as the fit
+        job.write(fitted)
     return applied
-
-
-@contextmanager
-def _waiting_pool() -> Iterator[WorkerPool]:
-    """Processes for the entries, one core left to this one; they import while this one reads and fits."""
-    with WorkerPool(available_cores() - 1) as pool:
-        pool.prepare(prepare_entries)
-        yield pool

@@ -38,5 +38,5 @@ class StepTimes:
 
 
 def times_text(seconds: dict[str, float]) -> str:
-    """The times in words, such as "fit 0.7 s, entries 5.9 s"; steps of no time are left out."""
+    """The times in words, such as "fit 0.7 s, sweep 0.9 s"; steps of no time are left out."""
     return ", ".join(f"{step} {value:.2g} s" for step, value in seconds.items() if value >= 0.01)

@@ -1,6 +1,5 @@
 """Commands `bench ...`: each runs one benchmark, and prints its page or its JSON."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +11,9 @@ from tactable.cli.options import (
     AsJson,
     DeviceArgument,
     DeviceOption,
-    Level,
     OptionalTable,
     PositionTolerance,
-    TableArgument,
     Workers,
-    read_level,
     read_option,
 )
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
@@ -31,104 +27,6 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
     show(run_sweep_bench(find_device(device_name)), as_json, print_sweep_bench)
-
-
-def states(device_name: DeviceOption = "reference-a", as_json: AsJson = False) -> None:
-    """Time the entries of every state, beside a general-purpose solver.
-
-    The solver is SLSQP from random starts on the same problems.
-    """
-    from tactable.bench.entries import print_states_bench, run_states_bench
-
-    show(run_states_bench(find_device(device_name)), as_json, print_states_bench)
-
-
-def contrast(
-    table_path: TableArgument,
-    level: Level = "20",
-    as_json: AsJson = False,
-) -> None:
-    """Compare the paper's objective with ours, SIMULATED.
-
-    Every state of one felt and one quiet finger is computed in frequency and simulated in time.
-    """
-    from engine.table import Table
-    from tactable.bench.entries import print_contrast_bench, run_contrast_bench
-
-    level_db = read_level(level)
-    with Table.open(table_path) as table:
-        show(run_contrast_bench(table, level_db), as_json, print_contrast_bench)
-
-
-def steady(
-    device_name: DeviceArgument = "reference-a",
-    states: Annotated[int, typer.Option(min=1, help="States that the tabulated search solves too.")] = 40,
-    placements: Annotated[int, typer.Option(min=1, help="Random placements for each number of fingers.")] = 100,
-    seed: Annotated[int, typer.Option(help="Of states and placements.")] = 0,
-    as_json: AsJson = False,
-) -> None:
-    """Time steady drives for fingers at any positions.
-
-    They are compared with the tabulated search on the same states, in time and in what either reaches.
-    """
-    from tactable.bench.steady import print_steady_bench, run_steady_bench
-
-    show(run_steady_bench(find_device(device_name), states, placements, seed), as_json, print_steady_bench)
-
-
-def clicks(
-    device_names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[DEVICE]...", help="A shipped name or a file; with --solver several."),
-    ] = None,
-    solver: Annotated[
-        bool, typer.Option("--solver", help="Time the solver beside HiGHS on state-space plants instead.")
-    ] = False,
-    states: Annotated[int, typer.Option(min=2, help="With --solver: states of each device that both solve.")] = 45,
-    placements: Annotated[
-        int, typer.Option(min=1, help="With --solver: random placements of two fingers; of five a fifth of that.")
-    ] = 200,
-    scenarios: Annotated[
-        int | None, typer.Option(min=1, max=1000, help="Plants that clicks are optimised over; default as for build.")
-    ] = None,
-    judged: Annotated[
-        int | None,
-        typer.Option(
-            min=20, max=100_000, help="Sampled plants that clicks are evaluated on; default 1000, 200 with --solver."
-        ),
-    ] = None,
-    workers: Workers = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compute the clicks of every pair of zones.
-
-    Steady drives that are switched on and off are evaluated beside them, on the same plants. With --solver: processor
-    time of the solver and of the one before it, interleaved on the same states of all shipped devices or of some.
-    """
-    from precompute.clicks import DEFAULT_OPTIONS
-    from precompute.parallel.pool import available_cores
-    from tactable.bench.click_solver import print_solver_bench, run_solver_bench
-    from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
-
-    options = replace(
-        DEFAULT_OPTIONS,
-        scenarios=scenarios or DEFAULT_OPTIONS.scenarios,
-        judged=judged or (DEFAULT_OPTIONS.judged if solver else 1000),
-    )
-    if solver:
-        devices = [find_device(name) for name in device_names or ("reference-a", "reference-d", "reference-t")]
-        with shown_progress(as_json) as progress:
-            solved = run_solver_bench(devices, options, states, placements, progress)
-        show(solved, as_json, print_solver_bench)
-        return
-    device_name, *others = device_names or ["reference-a"]
-    if others:
-        raise typer.BadParameter("several devices are compared with --solver only; give one", param_hint="DEVICE")
-    with shown_progress(as_json) as progress:
-        result = run_clicks_bench(
-            find_device(device_name), options, workers or available_cores(), partial(progress, "pairs")
-        )
-    show(result, as_json, print_clicks_bench)
 
 
 def anywhere(

@@ -15,14 +15,12 @@ from engine.plain import to_plain
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
 from firmware_link.protocol.errors import TactableError
-from precompute.entries.prediction import MadeFor
 from tactable.cli.console import print_error, print_json, remark, say, shown_progress
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
     AsJson,
     ClicksUpTo,
     DeviceArgument,
-    Objective,
     Pitch,
     SensorMass,
     TableArgument,
@@ -44,14 +42,6 @@ LOOK_S = 0.5
 def build(
     device_name: DeviceArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
-    objective: Objective = "contrast",
-    made_for: Annotated[
-        MadeFor,
-        typer.Option(
-            help="What level and contrast of an entry hold for: the mean, or all but the worst 5 % of the cases "
-            "that calibration and fingers leave possible. The latter takes half as long again."
-        ),
-    ] = MadeFor.MEAN,
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = "3 mm",
     threshold: ThresholdCurve = None,
@@ -59,7 +49,7 @@ def build(
         bool,
         typer.Option(
             "--coarse",
-            help="Stop at the table with coarse clicks and no entries, which else comes before the complete one.",
+            help="Stop at the table with coarse clicks, which else comes before the complete one.",
         ),
     ] = False,
     workers: Workers = None,
@@ -84,8 +74,6 @@ def build(
     """
     wanted = WantedTable(
         output=output,
-        objective=objective,
-        made_for=made_for,
         clicks_up_to=clicks_up_to,
         pitch_m=read_pitch(pitch),
         is_coarse=coarse,
@@ -108,8 +96,6 @@ class WantedTable:
     """The table that the command line asks for, of any device; None: not given."""
 
     output: Path | None
-    objective: str
-    made_for: MadeFor
     clicks_up_to: int | None
     pitch_m: float
     is_coarse: bool
@@ -143,8 +129,6 @@ class WantedTable:
                 device,
                 path,
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
-                objective=self.objective,
-                made_for=self.made_for,
                 clicks_up_to=fingers if self.clicks_up_to is None else self.clicks_up_to,
                 click_options=ClickOptions(pitch_m=self.pitch_m),
                 coarse=Coarse.ONLY if self.is_coarse else Coarse.FIRST,
@@ -184,7 +168,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "table": str(path),
             "device": device.name,
             "fingerprint": device.fingerprint,
-            "entries": len(table.entries),
+            "best_rows": len(table.best_rows),
             "clicks": len(table.clicks),
             "click_pitch_m": table.places.pitch_m,
             "clicks_are_coarse": table.is_coarse,
@@ -192,7 +176,6 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "source": str(table.attributes["source"]),
             "processor_s": cost.processor_s,
             "solved": {
-                "states": cost.states,
                 "coarse_clicks": cost.coarse_clicks,
                 "clicks": cost.clicks,
                 **to_plain(cost.effort),
@@ -205,7 +188,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     if as_json:
         print_json(summary)
         return
-    counts = f"{summary['entries']} entries, {summary['clicks']} {_clicks_text(summary)}"
+    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} {_clicks_text(summary)}"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
     say(_cost_text(cost))
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
@@ -225,8 +208,7 @@ def _cost_text(cost: "BuildCost") -> str:
     times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
     effort = cost.effort
     clicks = f"{cost.clicks + cost.coarse_clicks} clicks from {effort.plants} plants, {effort.programs} programs"
-    solved = f"{cost.states} states; {clicks}"
-    return f"processor time: {times}; solved {solved}, {effort.pivots} pivots, {effort.fallbacks} fallbacks"
+    return f"processor time: {times}; solved {clicks}, {effort.pivots} pivots, {effort.fallbacks} fallbacks"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

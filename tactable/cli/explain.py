@@ -8,11 +8,10 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.effects import Drives
-from engine.files import remove_all_partials
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
-from engine.table.entry import DEFAULT_LEVEL_DB, played_at
-from engine.touch import Placement, ZoneState
+from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.touch import Placement
 from firmware_link.protocol.errors import TactableError
 from tactable.cli.console import OUT, print_error, print_json, shown_work
 from tactable.cli.options import (
@@ -25,17 +24,13 @@ from tactable.cli.options import (
     QuietFingers,
     TableArgument,
     ThresholdCurve,
-    has_positions,
-    names_in,
     read_drives_of,
     read_level,
     read_option,
     read_placement,
-    read_zones,
     with_threshold,
 )
 from tactable.explain.diff import diff_json, print_diff
-from tactable.shipped import cache_folder
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
@@ -48,58 +43,33 @@ def explain(
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
     tolerance: PositionTolerance = "1 mm",
     threshold: ThresholdCurve = None,
-    alternatives: Annotated[bool, typer.Option(help="Also compute the alternatives that lost, and why.")] = True,
+    alternatives: Annotated[bool, typer.Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
     drives: DrivesOf = None,
     as_json: AsJson = False,
 ) -> None:
     """Explain what is played for some fingers, and why others lost.
 
-    It says what is played, what every finger feels, and how that varies over sampled bars and fingers. --drives zones:
-    the row of the sweep. Zones without --drives and --click: the entry of this state, which was searched when the table
-    was built. With --threshold a steady drive for positions is solved for a person of that curve; clicks, rows and
-    entries need a table that is built for it.
+    It says what is played, what every finger feels, and how that varies over sampled bars and fingers. A zone's name
+    means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person of
+    that curve; clicks and rows need a table that is built for it.
     """
-    felt_zones, level_db = read_zones("--felt", felt), read_level(level)
-    tolerance_m = read_option("--tolerance", tolerance, "m")
+    level_db, tolerance_m = read_level(level), read_option("--tolerance", tolerance, "m")
+    by_zones = drives is not None and read_drives_of(drives) is Drives.ZONES
+    if threshold is not None and (click or by_zones):
+        raise OptionError(
+            f"--threshold {threshold}: rows and clicks are made for the curve of their table; leave --click and "
+            f"--drives out, or build a table with `tactable build DEVICE --threshold {threshold}`"
+        )
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
-        by_positions = has_positions(table.device, felt, quiet)
-        if drives is not None:
-            by_positions = read_drives_of(drives) is Drives.POSITIONS
-        if threshold is not None and (click or not by_positions):
-            raise OptionError(
-                f"--threshold {threshold}: entries, rows and clicks are made for the curve of their table; give "
-                f"positions, as --felt 35mm, or build a table with `tactable build DEVICE --threshold {threshold}`"
-            )
+        placement = read_placement(table.device, felt, quiet)
         if click:
-            placement = read_placement(table.device, felt, quiet)
             _explain_click(table, placement, level_db, tolerance_m, alternatives, as_json)
-        elif by_positions:
-            device = with_threshold(table.device, threshold)
-            _explain_drive(table, device, read_placement(device, felt, quiet), level_db, tolerance_m, as_json)
-        elif drives is not None:
-            _explain_row(table, read_placement(table.device, felt, quiet), level_db, as_json)
+        elif by_zones:
+            _explain_row(table, placement, level_db, as_json)
         else:
-            _explain_entry(table, table.states_of(felt_zones, names_in(quiet)), level_db, alternatives, as_json)
-
-
-def _explain_entry(
-    table: Table, states: tuple[ZoneState, ...], level_db: float, alternatives: bool, as_json: bool
-) -> None:
-    from precompute.builder.measured_responses import plant_of
-    from precompute.builder.on_demand import entries_on_demand
-    from precompute.entries.alternatives import solve_alternatives
-    from tactable.explain.entry import entry_json, print_entry
-
-    kept = cache_folder() / "states"
-    remove_all_partials(kept)
-    tabulated = entries_on_demand(table, states, kept)
-    entry = played_at(tabulated, level_db, table.device.limits.amplitude)
-    rivals = solve_alternatives(plant_of(table), states, entry) if alternatives else []
-    if as_json:
-        print_json(entry_json(table, entry, rivals))
-    else:
-        print_entry(OUT, table, entry, rivals)
+            device = with_threshold(table.device, threshold)
+            _explain_drive(table, device, placement, level_db, tolerance_m, as_json)
 
 
 def _explain_row(table: Table, placement: Placement, level_db: float, as_json: bool) -> None:
@@ -150,7 +120,7 @@ def diff(
     ] = DEFAULT_LIMIT_DB,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two tables, as a whole and state by state.
+    """Compare two tables, as a whole, row by row and click by click.
 
     Exit status 0: no difference, 1: they differ, 2: an error.
     """

@@ -17,7 +17,6 @@ from tactable.cli.options import (
     ClicksUpTo,
     Fit,
     Loss,
-    Objective,
     OptionError,
     Pitch,
     SensorMass,
@@ -44,7 +43,6 @@ def fleet(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,
-    objective: Objective = "contrast",
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = "3 mm",
     loss: Loss = "robust",
@@ -66,7 +64,6 @@ def fleet(
     if scheduler is not None and workers is not None:
         raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
     options = FleetOptions(
-        objective=objective,
         clicks_up_to=MOST_TABULATED if clicks_up_to is None else clicks_up_to,
         pitch_m=read_pitch(pitch),
         loss=loss,

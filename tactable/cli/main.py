@@ -60,7 +60,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         },
         "Understand": {
             "explain": Entry("explain:explain", "Explain what is played for some fingers, and why others lost."),
-            "diff": Entry("explain:diff", "Compare two tables, as a whole and state by state."),
+            "diff": Entry("explain:diff", "Compare two tables, as a whole, row by row and click by click."),
             "plot": Entry("", "Draw what a table or a bar does: PNG, SVG or PDF, and the data as CSV."),
             "study": Entry("", "Search and compare bars that are not built yet: pictures and data."),
         },
@@ -82,9 +82,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "plot": {
         "Pictures of a table": {
             "state": Entry("plot:state", "Draw the acceleration along the bar under some fingers."),
-            "pareto": Entry("plot:pareto", "Draw the contrast of one state over the felt level."),
-            "contrast-map": Entry("plot:contrast_map", "Draw the contrast of all states of two fingers."),
-            "rise": Entry("plot:rise", "Draw the rise times of all states, or the time course under some fingers."),
+            "rise": Entry("plot:rise", "Draw the time course of a drive from rest under some fingers."),
             "factor": Entry("plot:factor", "Draw the localized factor over the frequencies of two actuators."),
             "click": Entry("plot:click", "Draw one click: its waveform and what each finger feels."),
             "click-map": Entry("plot:click_map", "Draw the clicks of one felt and one quiet finger in mid-zone."),
@@ -115,13 +113,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "bench": {
         "Benchmarks": {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
-            "states": Entry("bench:states", "Time the entries of every state, beside a general-purpose solver."),
-            "contrast": Entry("bench:contrast", "Compare the paper's objective with ours, SIMULATED."),
-            "clicks": Entry("bench:clicks", "Compute the clicks of every pair of zones."),
             "anywhere": Entry(
                 "bench:anywhere", "Compute clicks and drives for fingers anywhere on the bar, SIMULATED."
             ),
-            "steady": Entry("bench:steady", "Time steady drives for fingers at any positions."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),

@@ -67,10 +67,6 @@ ControlOsc = Annotated[
 SensorMass = Annotated[
     str, typer.Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
 ]
-Objective = Annotated[
-    str,
-    typer.Option(help="What entries maximise: contrast, standard contrast, localized factor, fair share or paper."),
-]
 ClicksUpTo = Annotated[
     int | None,
     typer.Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
@@ -141,12 +137,6 @@ def read_drives_of(text: str | None) -> "Drives":
     from engine.effects import Drives
 
     return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
-
-
-def has_positions(device: "Device", felt: str, quiet: str) -> bool:
-    """Whether one of the fingers is named by its position, not by its zone."""
-    others = {*names_in(felt), *names_in(quiet)} - {zone.name for zone in device.zones}
-    return any(name[0] in "+-.0123456789" for name in others)
 
 
 def with_threshold(device: "Device", curve: str | None) -> "Device":

@@ -18,26 +18,23 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.cli.console import Progress, print_json, say, shown_progress
 from tactable.cli.options import (
     AsJson,
     Change,
     CsvPath,
     DeviceArgument,
-    Felt,
     FeltFingers,
     Frequencies,
     Level,
     OptionError,
     Output,
     PositionTolerance,
-    Quiet,
     QuietFingers,
     SensorMass,
     TableArgument,
     Workers,
-    has_positions,
     names_in,
     read_changes,
     read_counts,
@@ -104,7 +101,7 @@ def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: boo
 
 @contextmanager
 def _opened_table(path: Path) -> Iterator[Table]:
-    """The table, refused where other code built it: its entries and what is computed now would not fit together."""
+    """The table, refused where other code built it: what it holds and what is computed now would not fit together."""
     from precompute.builder.code_fingerprint import code_fingerprint
 
     with Table.open(path, code_fingerprint=code_fingerprint()) as table:
@@ -112,12 +109,10 @@ def _opened_table(path: Path) -> Iterator[Table]:
 
 
 def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "PlayedDrive":
-    """The drive that a run solves where positions are named, else the entry of the zones."""
-    from tactable.figures.played_drive import entry_drive, solved_drive
+    """The drive that a run solves for these fingers."""
+    from tactable.figures.played_drive import solved_drive
 
-    if has_positions(table.device, felt, quiet):
-        return solved_drive(table, read_placement(table.device, felt, quiet), level_db)
-    return entry_drive(table, table.entry_for(read_zones("--felt", felt), names_in(quiet), level_db))
+    return solved_drive(table, read_placement(table.device, felt, quiet), level_db)
 
 
 # ---- pictures of a table -----------------------------------------------------------------------------------------
@@ -129,8 +124,8 @@ def state(
 ) -> Picture:
     """Draw the acceleration along the bar under some fingers.
 
-    The figure shows it under the fingers that the drive may meet, against the detection threshold. Positions get the
-    drive that a run solves for them, zones the entry of their state.
+    The figure shows the drive that a run solves for these fingers, under the fingers that it may meet, against the
+    detection threshold.
     """
     with _opened_table(table_path) as table:
         from tactable.figures.state import plot_state
@@ -139,52 +134,17 @@ def state(
 
 
 @picture_command
-def pareto(table_path: TableArgument, felt: Felt, quiet: Quiet) -> Picture:
-    """Draw the contrast of one state over the felt level.
-
-    Every level that can be reached has a point; the paper's objective is drawn beside them.
-    """
-    with _opened_table(table_path) as table:
-        from tactable.figures.pareto import plot_pareto
-
-        return plot_pareto(table, table.states_of(read_zones("--felt", felt), read_zones("--quiet", quiet)))
-
-
-@picture_command
-def contrast_map(table_path: TableArgument, level: Level = _DEFAULT_LEVEL) -> Picture:
-    """Draw the contrast of all states of two fingers.
-
-    It is the level of the felt finger above that of the quiet one.
-    """
-    with _opened_table(table_path) as table:
-        from tactable.figures.contrast_map import plot_contrast_map
-
-        return plot_contrast_map(table, read_level(level))
-
-
-@picture_command
 def rise(
-    table_path: TableArgument,
-    felt: Annotated[
-        str, typer.Option(help="Felt fingers, positions or zones, whose time course is drawn; default: all states.")
-    ] = "",
-    quiet: QuietFingers = "",
-    level: Level = _DEFAULT_LEVEL,
+    table_path: TableArgument, felt: FeltFingers, quiet: QuietFingers = "", level: Level = _DEFAULT_LEVEL
 ) -> Picture:
-    """Draw the rise times of all states, or the time course under some fingers.
+    """Draw the time course of a drive from rest under some fingers.
 
-    A rise time lasts from rest until every felt finger has 90 % of its predicted vibration.
+    The rise time lasts until every felt finger has 90 % of its predicted vibration.
     """
-    if quiet and not felt:
-        raise OptionError(f"--quiet {quiet} belongs to felt fingers; name them too, such as --felt I")
     with _opened_table(table_path) as table:
         from tactable.figures.course import plot_course
-        from tactable.figures.rise import plot_rise
 
-        level_db = read_level(level)
-        if not felt:
-            return plot_rise(table, level_db)
-        return plot_course(_played_drive(table, felt, quiet, level_db))
+        return plot_course(_played_drive(table, felt, quiet, read_level(level)))
 
 
 @picture_command

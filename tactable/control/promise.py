@@ -2,8 +2,7 @@
 
 - A **click** of the table has its promise there, over sampled bars and fingers.
 - A **steady drive** is what the device was sent, so its levels are computed from these bytes and the receptances of the
-  table, over sampled fingers (engine.steady.given_drive). A shipped table has no receptances; there it is the entry of
-  the fingers' zones, with the spread that the table states.
+  table, over sampled fingers (engine.steady.given_drive).
 - A click that was solved beside the run has none: its spread would take a second.
 
 All of it is computed in the process of the control channel, when a record is read.
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from engine.loop import Record
 from engine.render.board_fit import scales_for
 from engine.steady.given_drive import CASES, compute_levels
-from engine.table import ClickEntry, Entry, Table
+from engine.table import ClickEntry, Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive
 
@@ -52,9 +51,6 @@ def _figures_of(table: Table, record: Record, board: Board | None) -> dict[str, 
     if placement is None or level_db is None:
         return None
     if record.drive:
-        if table.is_shipped:
-            entry = table.entry_at(placement.state_on(table.device), level_db)
-            return None if entry is None else _of_entry(entry, str(table.attributes["spread_over"]))
         return None if board is None else _of_drive(table, record.drive, board, placement, level_db)
     click = table.click_at(placement, level_db) if record.is_click and not record.is_provisional else None
     return None if click is None else _of_click(click)
@@ -66,19 +62,6 @@ def _of_click(click: ClickEntry) -> dict[str, Any]:
         for spread in (click.felt, click.quiet)
     )
     return _promise(felt, quiet, click.achieved, "sampled bars and fingers")
-
-
-def _of_entry(entry: Entry, over: str) -> dict[str, Any] | None:
-    if entry.spread is None:
-        return None
-    felt, quiet = entry.spread.felt, entry.spread.quiet
-    strongest_db = None if entry.contrast_db is None else entry.level_db - entry.contrast_db
-    return _promise(
-        _levels(entry.level_db, felt.low_db, felt.middle_db, felt.high_db),
-        quiet and _levels(strongest_db, quiet.low_db, quiet.middle_db, quiet.high_db),
-        entry.achieved,
-        over,
-    )
 
 
 def _of_drive(table: Table, drive: bytes, board: Board, placement: Placement, level_db: float) -> dict[str, Any]:

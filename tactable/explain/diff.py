@@ -25,7 +25,7 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
             **{key: getattr(found, key) for key in ("differs", "notes", "response_percent", "arrays")},
             **{key: [{**asdict(each), "percent": each.percent} for each in part] for key, part in changes.items()},
             "limit": {"level_db": tolerance.level_db, "percent": 100 * tolerance.ratio},
-            "entries": _part_json(found.entries),
+            "best_rows": _part_json(found.best_rows),
             "clicks": _part_json(found.clicks),
         }
     )
@@ -35,7 +35,7 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
 def short_diff_json(found: TableDiff) -> dict[str, Any]:
     """The comparison with the number of changed states in place of the states."""
     whole = diff_json(found)
-    return whole | {part: whole[part] | {"changed": len(whole[part]["changed"])} for part in ("entries", "clicks")}
+    return whole | {part: whole[part] | {"changed": len(whole[part]["changed"])} for part in ("best_rows", "clicks")}
 
 
 def _part_json(part: PartDiff) -> dict[str, Any]:
@@ -75,16 +75,16 @@ def print_diff(out: Console, found: TableDiff) -> None:
         _line(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
     if found.arrays:
         _line(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
-    for title, part in (("entries", found.entries), ("clicks", found.clicks)):
+    for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         _print_part(out, title, part, limit)
 
 
 def print_short_diff(out: Console, found: TableDiff) -> None:
-    """Print what changed in the device, and for each figure of entries and clicks where it changed most."""
+    """Print what changed in the device, and for each figure of best rows and clicks where it changed most."""
     for change in found.device:
         if not change.key.startswith(_UNCERTAINTY):
             _line(out, f"device: {_change_text(change)}")
-    for title, part in (("entries", found.entries), ("clicks", found.clicks)):
+    for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         if part.compared:
             _line(out, f"{title}: {len(part.changed)} of {part.compared} changed")
             _print_largest(out, part)

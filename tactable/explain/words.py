@@ -6,9 +6,9 @@ from typing import Any
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.entry import LONGEST_RISE_S
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
+from precompute.predict.rise_time import LONGEST_RISE_S
 
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
@@ -50,11 +50,6 @@ def rise_text(t90_s: float) -> str:
     return f"longer than {LONGEST_RISE_S:g} s" if t90_s >= LONGEST_RISE_S else f"{1e3 * t90_s:.0f} ms"
 
 
-def rise_ms(t90_s: float) -> str:
-    """The same for a column in milliseconds: "83", or ">10000"."""
-    return f"{'>' * (t90_s >= LONGEST_RISE_S)}{1e3 * t90_s:.0f}"
-
-
 def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
     """Names of the zones in one state."""
     return [zone.name for zone, state in zip(device.zones, states, strict=True) if state is kind]
@@ -63,11 +58,6 @@ def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> 
 def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[str]]:
     """Names of the felt and of the quiet zones, for a summary."""
     return {kind.name.lower(): zone_names(device, states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
-
-
-def state_text(device: Device, states: Sequence[ZoneState]) -> str:
-    """States of the zones in words, such as "I felt, IV quiet"."""
-    return ", ".join(f"{', '.join(names)} {kind}" for kind, names in zone_lists(device, states).items() if names)
 
 
 def model_figures(table: Table) -> dict[str, int | float]:

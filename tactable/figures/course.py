@@ -13,13 +13,14 @@ from precompute.predict.rise_time import compute_rise_model
 from tactable.explain.words import finger_names, placement_json, rise_text, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import PlayedDrive
-from tactable.figures.rise import PROMPT_MS
 from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, Array, finish_picture, level_text
 
+PROMPT_MS = (5.0, 50.0)
+"""When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""
 _STEP_S = 5e-4
 _LONGER, _SHORTEST_S = 2.5, 0.3
 """The time axis ends after this many rise times, but not before the shortest time."""
-_LOWEST_DB = 40.0
+_LOWEST_DB = 50.0
 """How far the axis reaches below the greatest level."""
 _STYLES = ("-", "--", "-.", ":")
 _TINY = 1e-12
@@ -65,7 +66,7 @@ def plot_course(played: PlayedDrive) -> Picture:
 
 
 def compute_rising(played: PlayedDrive) -> Rising:
-    """Levels of tones of different frequencies add as powers, as in the entry."""
+    """Levels of tones of different frequencies add as powers."""
     position_m = np.array(played.placement.position_m)
     model = compute_rise_model(compute_basis(assemble(played.device)), [played.cases[0]], position_m[None])
     time_s = np.arange(_STEP_S, max(_SHORTEST_S, _LONGER * played.t90_s), _STEP_S)

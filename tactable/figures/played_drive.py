@@ -1,4 +1,4 @@
-"""A steady drive and its fingers, as pictures take them: an entry of a table, or a drive solved for positions."""
+"""A steady drive that is solved for fingers, and what they feel of it, as pictures take them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Finger
 from engine.steady.cases import cases_at, sample_deviations
-from engine.table import Entry, Table
+from engine.table import Table
 from engine.touch import Placement, ZoneState
-from precompute.entries.prediction import touched_zones
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.sampling.fingers import SAMPLES, sample_fingers
+from precompute.sampling.fingers import SAMPLES
 from tactable.explain.placed_drive import designer_of
-from tactable.explain.words import placement_text, state_text
+from tactable.explain.words import placement_text
 
 Array = NDArray[np.float64]
 Load = Sequence[tuple[float, Finger]]
@@ -37,15 +36,13 @@ class PlayedFinger:
 class PlayedDrive:
     """A steady drive with the fingers that it is for; contrasts are None where nothing is quiet.
 
-    who: the fingers in words. cases: the standard fingers, then the sampled ones. zone_states: of an entry, whose
-    fingers stand for their zones; None for fingers at positions. worst_*: over the sampled fingers.
+    who: the fingers in words. cases: the standard fingers, then the sampled ones. worst_contrast_db: over the sampled
+    fingers.
     """
 
     device: Device
     who: str
-    kind: str
     placement: Placement
-    zone_states: tuple[ZoneState, ...] | None
     frequencies_hz: tuple[float, ...]
     amplitudes: tuple[float, ...]
     phases_rad: tuple[float, ...]
@@ -56,7 +53,6 @@ class PlayedDrive:
     expected_contrast_db: float | None
     worst_contrast_db: float | None
     localized_factor: float
-    worst_localized_factor: float | None
     t90_s: float
     fingers: tuple[PlayedFinger, ...]
     cases: tuple[Load, ...]
@@ -71,43 +67,6 @@ class PlayedDrive:
         """Shape (actuator,): fractions of full scale."""
         amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
         return amplitudes
-
-
-def entry_drive(table: Table, entry: Entry) -> PlayedDrive:
-    """The drive of an entry, its fingers in the middles of their zones and, where sampled, anywhere in them."""
-    device, touched = table.device, touched_zones(entry.states)
-    placement = Placement.in_zones(device, entry.states)
-    sampled, fingers = sample_fingers(device), list[PlayedFinger]()
-    for zone, at_m, is_felt in zip(touched, placement.position_m, placement.is_felt, strict=True):
-        promise = entry.zones[zone]
-        at_finger, level_db, ends_db = (
-            promise.acceleration_at_finger_m_per_s2,
-            promise.sensation_level_db,
-            promise.sensation_level_range_db,
-        )
-        assert at_finger is not None and level_db is not None and ends_db is not None  # a finger touches there
-        fingers.append(PlayedFinger(at_m, is_felt, at_finger, level_db, ends_db))
-    return PlayedDrive(
-        device=device,
-        who=state_text(device, entry.states),
-        kind=entry.family,
-        placement=placement,
-        zone_states=entry.states,
-        frequencies_hz=entry.frequencies_hz,
-        amplitudes=entry.amplitudes,
-        phases_rad=entry.phases_rad,
-        wanted_level_db=entry.wanted_level_db,
-        level_db=entry.level_db,
-        achieved=entry.achieved,
-        contrast_db=entry.contrast_db,
-        expected_contrast_db=entry.expected_contrast_db,
-        worst_contrast_db=entry.worst_case.contrast_db,
-        localized_factor=entry.localized_factor,
-        worst_localized_factor=entry.worst_case.localized_factor,
-        t90_s=entry.t90_s,
-        fingers=tuple(fingers),
-        cases=tuple(sampled.fingers(case, touched) for case in range(len(sampled.place))),
-    )
 
 
 def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedDrive:
@@ -126,9 +85,7 @@ def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedD
     return PlayedDrive(
         device=device,
         who=placement_text(device, placement),
-        kind="coherent, solved for these positions",
         placement=placement,
-        zone_states=None,
         frequencies_hz=drive.frequencies_hz,
         amplitudes=drive.amplitudes,
         phases_rad=drive.phases_rad,
@@ -139,7 +96,6 @@ def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedD
         expected_contrast_db=figures.expected_contrast_db,
         worst_contrast_db=float((weakest - strongest).min()) if placement.quiet else None,
         localized_factor=float(share[felt_zones].sum()),
-        worst_localized_factor=None,
         t90_s=figures.t90_s,
         fingers=tuple(
             PlayedFinger(at_m, is_felt, threshold_m_per_s2 * 10 ** (level / 20), level, (low, high))

@@ -75,7 +75,7 @@ def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
     axes.plot(1e3 * touched.position_m, touched.level_db, color=VERMILLION, ls="-.", lw=1.6)
     for level_db in device.levels_db:
         axes.axhline(level_db, color=GREY, lw=0.8, ls=":")
-        text, beside = f"entries at {level_db:g} dB", axes.get_yaxis_transform()
+        text, beside = f"rows at {level_db:g} dB", axes.get_yaxis_transform()
         axes.text(0.995, level_db, text, fontsize="x-small", color="dimgrey", va="bottom", ha="right", transform=beside)
     axes.set(
         xlabel="along the bar (mm)",

@@ -19,7 +19,6 @@ from tactable.figures.style import (
     Array,
     draw_actuators,
     draw_zone_names,
-    draw_zones,
     finish_picture,
     level_text,
 )
@@ -43,7 +42,7 @@ class Envelope:
 
 
 def plot_state(played: PlayedDrive) -> Picture:
-    """Picture of an entry of a table, or of a drive solved for positions."""
+    """Picture of a drive that is solved for fingers."""
     device, tones_hz = played.device, played.tones_hz
     envelope = compute_envelope(played)
     threshold = device.threshold.peak_m_per_s2(tones_hz)
@@ -83,10 +82,7 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
 
 
 def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
-    if played.zone_states is None:
-        draw_zone_names(axes, played.device)
-    else:
-        draw_zones(axes, played.device, played.zone_states)
+    draw_zone_names(axes, played.device)
     place_mm = 1e3 * envelope.position_m
     label = f"least to greatest of {len(played.cases) - 1} other touches"
     axes.fill_between(place_mm, envelope.least, envelope.greatest, color=BLUE, alpha=0.15, lw=0, label=label)
@@ -107,7 +103,7 @@ def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
     for finger in played.fingers:
         place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
         axes.plot(place_mm, height, "o", ms=9, mec="white", color=ROLE_COLOUR[finger.is_felt], zorder=4)
-        role = "" if played.zone_states is not None else "felt " if finger.is_felt else "quiet "
+        role = "felt " if finger.is_felt else "quiet "
         axes.annotate(
             f"{role}{finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})",
             (place_mm, height),
@@ -156,16 +152,13 @@ def _drive_text(played: PlayedDrive) -> str:
         )
     ]
     common = f" at {tones_hz[0]:g} Hz" if is_common else ""
-    return textwrap.fill(f"{played.kind}{common}: {'; '.join(parts)}", _TITLE_LETTERS)
+    return textwrap.fill(f"solved for these positions{common}: {'; '.join(parts)}", _TITLE_LETTERS)
 
 
 def _promise_text(played: PlayedDrive) -> str:
     reached = "" if played.achieved else f"NOT ACHIEVED, {played.level_db:.1f} dB at most; "
     if played.contrast_db is None or played.expected_contrast_db is None or played.worst_contrast_db is None:
-        worst = played.worst_localized_factor
-        return (
-            f"{reached}localized factor {played.localized_factor:.3f}{'' if worst is None else f' (worst {worst:.3f})'}"
-        )
+        return f"{reached}localized factor {played.localized_factor:.3f}"
     contrasts = f"expected {played.expected_contrast_db:z.1f}, worst {played.worst_contrast_db:z.1f}"
     return f"{reached}contrast {played.contrast_db:z.1f} dB ({contrasts})"
 

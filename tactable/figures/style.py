@@ -11,7 +11,6 @@ from engine.device import Device
 from engine.plain import to_plain
 from engine.touch import ZoneState
 from tactable.explain.words import level_text as level_text
-from tactable.explain.words import state_text as state_text
 from tactable.explain.words import zone_lists as zone_lists
 from tactable.explain.words import zone_names as zone_names
 from tactable.figures.file import Picture
@@ -45,16 +44,6 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _NOTE_LETTERS_PER_INCH = 16
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
-
-
-def draw_zones(axes: "Axes", device: Device, states: Sequence[ZoneState]) -> None:
-    """Draw zones as bands over the bar (mm), coloured by state, with their names above."""
-    for zone, state in zip(device.zones, states, strict=True):
-        if state is not ZoneState.FREE:
-            axes.axvspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=STATE_COLOUR[state], alpha=0.16, lw=0)
-    draw_zone_names(
-        axes, device, [f"{zone.name}\n{state.name.lower()}" for zone, state in zip(device.zones, states, strict=True)]
-    )
 
 
 def draw_zone_names(axes: "Axes", device: Device, names: Sequence[str] | None = None) -> None:

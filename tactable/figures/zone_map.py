@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
-from engine.table import Entry, Table, TableError
+from engine.table import Table, TableError
 
 SINGLE_CELL = "0.92"
 """Ground of a cell without a value."""
@@ -28,11 +28,6 @@ def two_zone_names(table: Table) -> list[str]:
     if len(names) < 2:
         raise TableError(f"{table.path}: two fingers need two zones, {table.device.name} has one")
     return names
-
-
-def pair_entries(table: Table, names: Sequence[str], level_db: float) -> list[list[Entry]]:
-    """Entries (felt zone, quiet zone) at one level."""
-    return [[table.entry_for([felt], [quiet] if quiet != felt else [], level_db) for quiet in names] for felt in names]
 
 
 def pair_columns(names: Sequence[str]) -> dict[str, Sequence[object]]:

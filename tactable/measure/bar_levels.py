@@ -27,7 +27,7 @@ class BarLevels:
 def simulate_levels(device: Device, asked: AskedDrive, position_m: Array | None = None) -> BarLevels:
     """The bar under a held drive; tones of one frequency add as phasors, others as magnitudes (paper eq. (8)).
 
-    The level is that of the summed powers over the threshold at each tone, as for entries.
+    The level is that of the summed powers over the threshold at each tone.
     """
     places_m = np.linspace(0.0, device.bar.length_m, POINTS) if position_m is None else position_m
     phasors, hz = asked.phasors, np.array(asked.frequencies_hz)

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from engine.table import Table as TableFile
 from engine.table import TableError
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from tactable.research.played import Click, Drive
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
 
 class Table(TableFile):
@@ -45,12 +44,6 @@ class Table(TableFile):
         """
         return Drive.of(super().drive_for(felt, quiet, level_db), self, Placement.named(self.device, felt, quiet))
 
-    def plot(self, level_db: float = DEFAULT_LEVEL_DB) -> "Figure":
-        """Picture of the contrast of two fingers by their zones. Raises TableError for a coarse table."""
-        from tactable.figures.contrast_map import plot_contrast_map
-
-        return plot_contrast_map(self, level_db).figure
-
     def to_xarray(self, group: str = "responses") -> "xarray.Dataset":
         """One group of the file (tables/FORMAT.md), on demand. Raises TableError for a group that is not there.
 
@@ -68,7 +61,7 @@ class Table(TableFile):
 
     def _summary(self) -> str:
         clicks = f"{len(self.clicks)} clicks at places {1e3 * self.places.pitch_m:.3g} mm apart"
-        return f"{self.device.name}, {clicks}, {len(self.entries)} entries"
+        return f"{self.device.name}, {clicks}, best rows of {len(self.best_rows)} zone combinations"
 
     def __repr__(self) -> str:
         return f"<Table {self.path}: {self._summary()}>"

@@ -2,8 +2,8 @@
 
 A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
 need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
-page plays one's own device while the kernels are compiled and the table is built. Such a table has no entries and no
-sweeps, and goes with its run. Once kernels are compiled it has the best rows of a sweep that is not kept.
+page plays one's own device while the kernels are compiled and the table is built. Such a table has no sweeps, and goes
+with its run. Once kernels are compiled it has the best rows of a sweep that is not kept.
 
 It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
 hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
@@ -17,10 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from engine.device import Device
-from engine.steady.receptances import Receptances
 from engine.table import Table
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
@@ -29,16 +26,13 @@ from engine.table.file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
 from precompute.model.assembly import assemble
-from precompute.model.frequencies import add_resonances
-from precompute.model.modal import Basis, compute_basis, compute_modal_model
-from precompute.model.transfers import transfers_at
+from precompute.model.modal import compute_basis
+from precompute.sampling.places import modal_receptances
 
 IS_FIRST = "is_first"
 """Attribute of a table of receptances alone."""
 MODES = 24
 """Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
-_PITCH_M = 5e-3
-_FEWEST_PLACES = 5
 
 
 def open_first_table(device: Device, path: Path, *, has_rows: bool = False) -> Table:
@@ -86,7 +80,7 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "code_fingerprint": "",  # it goes with the run
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
-                "clicks_are_coarse": 1,  # it has no entries either
+                "clicks_are_coarse": 1,
                 IS_FIRST: 1,
                 "modes": MODES,
                 **_click_attributes(clicks, receptances.pitch_m),
@@ -116,31 +110,3 @@ def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:
         "click_tolerance_m": clicks.tolerance_m,
         "click_options": json.dumps(asdict(DEFAULT_OPTIONS.coarse)),
     }
-
-
-def modal_receptances(basis: Basis) -> Receptances:
-    """Receptances of the untouched bar at even places, from sums of its modes."""
-    plant = basis.plant
-    device, count = plant.device, len(basis.square_omega)
-    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    loads = [[], [(at_m, device.finger) for at_m in middles_m], *([(at_m, device.finger)] for at_m in middles_m)]
-    models = [compute_modal_model(basis, load) for load in loads]
-    frequency_hz = add_resonances(device, device.sweep.frequency_hz, np.concatenate([each.pole for each in models]))
-    places = max(int(np.ceil(device.bar.length_m / _PITCH_M - 1e-9)) + 1, _FEWEST_PLACES)
-    place_m = np.linspace(0.0, device.bar.length_m, places)
-    shape = basis.at(place_m)
-    s = 2j * np.pi * frequency_hz[:, None, None]
-    inverse = np.linalg.inv(np.diag(basis.square_omega) + s**2 * np.eye(count) + s * basis.damping)
-    spread = shape @ inverse  # (frequency, place, mode)
-    push, transfers = models[0].push, transfers_at(device.actuators, s[:, 0, 0])
-    force = push[:, 0] + s * push[:, 1]
-    if transfers is not None:
-        force = force * transfers[:, None]
-    row, column = np.triu_indices(places)
-    return Receptances(
-        frequency_hz=frequency_hz,
-        threshold_m_per_s2=device.threshold.peak_m_per_s2(frequency_hz),
-        place_m=place_m,
-        drive=np.ascontiguousarray((spread @ force).transpose(1, 2, 0), dtype=np.complex64),
-        point=np.ascontiguousarray((spread @ shape.T)[:, row, column].T, dtype=np.complex64),
-    )

@@ -26,9 +26,6 @@ SWEEP = ("precompute.model.gram", "precompute.sweep.kernels")
 """What the rows of a sweep take, which zones play."""
 BUILDS = (
     "precompute.sampling.bars",
-    "precompute.predict.forms",
-    "precompute.entries.bfgs",
-    "precompute.entries.scan",
     "precompute.predict.performance",
     "precompute.predict.rise_time",
 )

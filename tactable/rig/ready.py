@@ -1,7 +1,8 @@
 """Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
 
-A shipped table holds the best rows, entries and coarse clicks of a shipped device, compressed: what a page needs that
-plays clicks and the drives of zones. Responses, receptances and sweeps are left out, since they are large. The page
+A shipped table holds the best rows and coarse clicks of a shipped device, compressed. Responses, receptances and sweeps
+are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's modes
+when such a table is opened. The page
 builds the table on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes
 over.
 
@@ -29,9 +30,13 @@ from engine.table.file import TableWriter
 from engine.table.schema import IS_SHIPPED
 from firmware_link.work_folder import work_folder
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.sampling.places import modal_receptances
+from tactable.rig.first_table import MODES
 from tactable.shipped import find_device, ready_folder, shipped_names
 
-_GROUPS = ("best_rows", "entries", "clicks")
+_GROUPS = ("best_rows", "clicks")
 REMAKE = "python -m tactable.rig.ready"
 
 
@@ -65,14 +70,20 @@ def open_shipped(device: Device, path: Path) -> Table | None:
     content = packed.read_bytes()
     unpacked = path.with_name(f"{path.stem}-shipped-{zlib.crc32(content):08x}{path.suffix}")
     with contextlib.suppress(TableError):
-        return Table.open(unpacked, device=device, verify=False)
+        return _with_receptances(Table.open(unpacked, device=device, verify=False))
     unpacked.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(unpacked) as partial:
         partial.write_bytes(lzma.decompress(content))
     with contextlib.suppress(TableError):
-        return Table.open(unpacked, device=device)
+        return _with_receptances(Table.open(unpacked, device=device))
     unpacked.unlink(missing_ok=True)  # the page and its build look at the same time
     return None
+
+
+def _with_receptances(table: Table) -> Table:
+    """The table with receptances from modes, as the first table of a device has them."""
+    table.supply_receptances(modal_receptances(compute_basis(assemble(table.device), MODES)))
+    return table
 
 
 def is_outdated(table: Table) -> bool:
@@ -92,7 +103,6 @@ class Comparison:
     worst: the largest difference in words, "" where nothing differs by more than a tenth of a decibel.
     """
 
-    entries: int
     clicks: int
     changed: int
     worst: str
@@ -100,10 +110,9 @@ class Comparison:
     @property
     def text(self) -> str:
         """What was found, in a sentence."""
-        compared = " and ".join([*([f"{self.entries} entries"] if self.entries else []), f"{self.clicks} clicks"])
         if not self.changed:
-            return f"all {compared} are as shipped, within 0.1 dB"
-        return f"{self.changed} of {compared} differ from the shipped ones, most {self.worst}"
+            return f"all {self.clicks} clicks are as shipped, within 0.1 dB"
+        return f"{self.changed} of {self.clicks} clicks differ from the shipped ones, most {self.worst}"
 
     def as_json(self) -> dict[str, Any]:
         """The counts, and the sentence."""
@@ -111,17 +120,15 @@ class Comparison:
 
 
 def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
-    """Compare click by click, and entry by entry where the table has entries: the first one of a build has none."""
-    diff = compare_tables(shipped, built)
-    parts = (diff.entries, diff.clicks) if built.entries else (diff.clicks,)
-    changed = [state for part in parts for state in part.changed]
-    alone = [name for part in parts for name in (*part.vanished, *part.appeared)]
+    """Compare click by click."""
+    found = compare_tables(shipped, built).clicks
+    alone = (*found.vanished, *found.appeared)
     worst = "; ".join(alone[:1])
-    if changed:
-        state = max(changed, key=lambda each: each.severity)
-        figure = max(state.figures, key=lambda each: each.size)
+    if found.changed:
+        click = max(found.changed, key=lambda each: each.severity)
+        figure = max(click.figures, key=lambda each: each.size)
         worst = f"{figure.figure} by {figure.size:.2g} {figure.unit}"
-    return Comparison(diff.entries.compared, diff.clicks.compared, len(changed) + len(alone), worst)
+    return Comparison(found.compared, len(found.changed) + len(alone), worst)
 
 
 def pack(built: Table, path: Path) -> None:

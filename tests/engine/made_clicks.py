@@ -12,7 +12,7 @@ from engine.table.click import ClickFinger, LevelSpread
 from engine.touch import Placement
 from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.made_entries import states_of
+from tests.engine.made_states import states_of
 
 PITCH_M, TOLERANCE_M = 28e-3, 15e-3
 """On the published bar the middle of every zone is one of these places."""

@@ -5,7 +5,7 @@ from itertools import chain, combinations
 
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 
 
 def row_of(device: Device, zones: Sequence[int], level_db: float = LEVEL_DB, *, achieved: bool = True) -> BestRow:
@@ -20,7 +20,7 @@ def row_of(device: Device, zones: Sequence[int], level_db: float = LEVEL_DB, *, 
         frequencies_hz=(hz, 150.0 + 2 * min(level_db, 60.0)),
         amplitudes=(0.5, 0.25),
         phases_rad=(0.0, 0.0),
-        level_db=level_db if achieved else level_db - 5,
+        level_db=min(level_db, 40.0) if achieved else level_db - 5,
         achieved=achieved,
         localized_factor=0.5,
         limited_by="",

@@ -1,4 +1,4 @@
-"""A table file made by hand: entries and clicks as they are given, responses and receptances of one number."""
+"""A table file made by hand: clicks and rows as they are given, responses and receptances of one number."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,15 +7,14 @@ import numpy as np
 
 from engine.device import Device
 from engine.steady.receptances import Receptances
-from engine.table import ClickEntry, Clicks, Entry
+from engine.table import ClickEntry, Clicks
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
-from engine.table.columns import write_entries
 from engine.table.file import TableWriter, Variable
 from engine.table.receptance_columns import write_receptances
 from tests.engine.made_clicks import TOLERANCE_M, made_clicks
 
-PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1", "objective": "contrast"}
+PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1"}
 
 
 def receptances_of(device: Device, response: float = 1.0) -> Receptances:
@@ -39,7 +38,6 @@ def receptances_of(device: Device, response: float = 1.0) -> Receptances:
 def write_table(
     path: Path,
     device: Device,
-    entries: Sequence[Entry],
     clicks: Clicks | Sequence[ClickEntry] = (),
     *,
     response: float = 1.0,
@@ -62,7 +60,6 @@ def write_table(
             writer.write("responses", Variable(name, dimensions, "1", "made by hand"), values)
         writer.write("responses", Variable.names("actuator"), [actuator.name for actuator in device.actuators])
         write_receptances(writer, receptances_of(device, response), device)
-        write_entries(writer, entries, device)
         if rows is not None:
             write_best_rows(writer, rows, device)
         for group, number in (others or {}).items():

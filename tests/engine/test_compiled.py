@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -103,7 +104,8 @@ def test_kept_code_that_others_can_write_is_neither_read_nor_made(
 
 
 def test_kernels_of_other_packages_are_left_to_numba() -> None:
-    assert not hasattr(numba.njit(cache=True)(lambda x: x)._cache._impl.locator, "contents")
+    kernel: Any = numba.njit(cache=True)(lambda x: x)
+    assert not hasattr(kernel._cache._impl.locator, "contents")
 
 
 def test_every_kernel_is_made_here() -> None:

@@ -28,7 +28,7 @@ from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 
 DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")

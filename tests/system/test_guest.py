@@ -19,7 +19,7 @@ from engine.touch.sources.playback import Playback
 from firmware_link.emulator import Cause, DriveEvent, Outcome
 from firmware_link.emulator.process import EmulatorLog, run_emulator
 from firmware_link.host.serial_port import SerialPort
-from tests.engine.made_entries import states_of
+from tests.engine.made_states import states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.system.chain import BIT_RATE_HZ, DEVICE, ChainRun, driven_hz, is_silent, run_chain
 from tests.system.guest import DEMO, HELD, SWEPT, TAP

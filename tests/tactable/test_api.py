@@ -20,7 +20,7 @@ from tests.tactable.click_table import CHEAP
 
 DRIFTED = Path(__file__).parents[2] / "tables" / "measurements" / "reference-a-drifted.csv"
 EXAMPLES = (
-    *(Device.read, Device.with_values, build_table, Table.open, Table.entry_for, calibrate),
+    *(Device.read, Device.with_values, build_table, Table.open, Table.best_row, calibrate),
     *(tactable.placement, tactable.modes, tactable.response, Table.click_for, Table.drive_for, Table.to_xarray),
 )
 
@@ -76,10 +76,10 @@ def test_a_table_belongs_to_the_device_it_was_built_from(folder: Path) -> None:
 def test_zones_in_one_text_are_refused_rather_than_read_letter_by_letter(folder: Path) -> None:
     with Table.open(folder / "my-bar.nc") as table:
         with pytest.raises(TableError, match=r"zones 'III': is one text; give a list of names, such as \['III'\]"):
-            table.entry_for("III")
+            table.best_row("III")
         with pytest.raises(TableError, match="is one text"):
             table.localized_factor("II")
-        assert table.entry_for(["III"], level_db=math.inf).zones[2].state.name == "FELT"
+        assert table.best_row(["III"], level_db=math.inf).zones == (2,)
 
 
 def test_a_device_changed_in_memory_is_built_with_a_text_that_states_it(folder: Path, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from engine.loop.realtime import Step
 from engine.plain import to_plain
 from engine.render import WhenNotAchieved
 from engine.table import Table
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.child import Parent
 from firmware_link.host.clock import OffsetBounds
 from firmware_link.host.serial_port import SerialPort

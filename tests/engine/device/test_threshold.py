@@ -12,7 +12,7 @@ from engine.device import Device, DeviceError, Threshold
 from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
 from tactable.shipped import device_folder, find_device
 from tests.precompute.devices import unhurried
-from tests.precompute.predict.dense_state import THRESHOLD_DB, threshold
+from tests.precompute.sampled import THRESHOLD_DB, threshold
 
 OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")
 GRAVITY_M_PER_S2 = 9.80665

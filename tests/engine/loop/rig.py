@@ -44,7 +44,7 @@ from firmware_link.emulator import DriveEvent
 from firmware_link.host.reopening import ReopeningPort
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
-from tests.engine.made_entries import LEVEL_DB, states_of
+from tests.engine.made_states import LEVEL_DB, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 from tests.tools.virtual import VirtualLine

@@ -12,7 +12,7 @@ from engine.touch import Placement
 from engine.touch.places import Places
 from firmware_link.host.link_values import Capabilities
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
 
 DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")

@@ -19,6 +19,7 @@ from engine.render import SILENCE, Renderer, Rendering, link_configuration
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
 from engine.render.clicks import RenderedClicks
+from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.sources.recording import Recording
@@ -26,7 +27,7 @@ from tests.engine.loop.fast import scripts
 from tests.engine.loop.fast.scripts import random_frames, random_rules, varied_clicks
 from tests.engine.loop.rig import DEVICE, HELD, Rig, held, recording_of, report
 from tests.engine.loop.test_table_swap import Later
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
 from tests.quick import first_quick
 from tests.tools.virtual import MS, VirtualLine
@@ -81,16 +82,19 @@ class Story:
 
     pipeline: Pipeline
     time_ns: int = 0
+    reported_ns: int = 0
     places: dict[int, float] = field(default_factory=dict)
 
     def take(self, kind: str, value: object) -> None:
         self.time_ns += 15 * MS
         for _ in self.pipeline.advance(self.time_ns):
             self.look()
+        if self.time_ns - self.reported_ns >= RELEASE_AFTER_NS:  # a digitizer that is silent has lost its fingers
+            self.places = {}
         if kind == "fingers":
             assert isinstance(value, dict)
             gone = [contact for contact in self.places if contact not in value]
-            self.places = value
+            self.places, self.reported_ns = value, self.time_ns
             self.pipeline.step(report(*value.items(), lifted=gone[: 2 - len(value)]), self.time_ns)
         elif kind == "bar":
             assert isinstance(value, Device)

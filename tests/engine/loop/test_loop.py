@@ -18,7 +18,7 @@ from firmware_link.emulator import Cause
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.messages import DeviceState
 from tests.engine.loop.rig import BURSTS, DEVICE, Rig, held, index_of, recording_of, report
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS, VirtualLine
 

@@ -5,7 +5,7 @@ from engine.effects.rules import click
 from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent
 from tests.engine.loop.rig import DEVICE, Rig, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.tools.virtual import MS, VirtualLine
 
 RUNS_BOTH_WAYS = True

@@ -9,7 +9,7 @@ from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import burst
 from engine.loop import Record, RingReader, RingWriter
 from tests.engine.loop.rig import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 
 RUNS_BOTH_WAYS = True
 BURST = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))

@@ -16,7 +16,7 @@ from engine.touch import Placement
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.loop.rig import BURSTS, DEVICE, HELD, Rig, held, recording_of, report
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS
 

@@ -21,7 +21,7 @@ from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Session
 from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, held, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
 from tests.tools.virtual import MS, VirtualLine
 

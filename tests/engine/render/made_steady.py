@@ -12,7 +12,7 @@ from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
 from tests.engine.made_clicks import made_clicks
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 
 RESOLUTION_HZ = 0.01
 

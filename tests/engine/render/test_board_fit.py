@@ -17,7 +17,7 @@ from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
 from firmware_link.protocol.messages import LINEARISES, Play, decode_body, decode_drive, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.engine.render.boards import board
 from tests.precompute.devices import shipped
@@ -45,7 +45,7 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     made = click_of(device, PLACEMENT, level_db=LEVEL_DB)
     click = replace(made, basis=basis, weights=np.array([9_000, -8_000], np.int16), fraction_bits=14)
     path = tmp_path_factory.mktemp("fit") / "bar.nc"
-    return Table.open(write_table(path, device, [entry_of(device, felt_states(device)[0])], [click]))
+    return Table.open(write_table(path, device, [click]))
 
 
 def steady_m(rendering: Rendering, full_scales_m: Sequence[float]) -> list[float]:

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from engine.device import Device
 from engine.render import LimitError, clamp, link_configuration
-from engine.table import Entry
-from tests.engine import made_entries
+from engine.table.best_rows import BestRow
+from tests.engine.made_rows import row_of
 from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")
@@ -25,10 +25,9 @@ limits = st.floats(1e-3, 1)
 COLUMNS = ("frequencies_hz", "amplitudes", "phases_rad")
 
 
-def entry_of(frequencies_hz: tuple[float, ...], amplitudes: tuple[float, ...], *phases_rad: float) -> Entry:
-    entry = made_entries.entry_of(REFERENCE, made_entries.states_of(REFERENCE, [0]))
+def drive_of(frequencies_hz: tuple[float, ...], amplitudes: tuple[float, ...], *phases_rad: float) -> BestRow:
     phases_rad = phases_rad or (0.0,) * len(frequencies_hz)
-    return replace(entry, frequencies_hz=frequencies_hz, amplitudes=amplitudes, phases_rad=phases_rad)
+    return replace(row_of(REFERENCE, [0]), frequencies_hz=frequencies_hz, amplitudes=amplitudes, phases_rad=phases_rad)
 
 
 def limited_to(amplitude: float) -> Device:
@@ -36,10 +35,10 @@ def limited_to(amplitude: float) -> Device:
 
 
 @given(st.tuples(frequencies, frequencies), st.tuples(amplitudes, amplitudes), st.tuples(phases, phases), limits)
-def test_a_drive_is_the_entry_with_amplitudes_scaled_together(
+def test_a_drive_is_the_solved_one_with_amplitudes_scaled_together(
     frequencies_hz: tuple[float, float], wanted: tuple[float, float], phases_rad: tuple[float, float], limit: float
 ) -> None:
-    drive = clamp(entry_of(frequencies_hz, wanted, *phases_rad), limited_to(limit))
+    drive = clamp(drive_of(frequencies_hz, wanted, *phases_rad), limited_to(limit))
     given_out = tuple(channel.amplitude for channel in drive.channels)
     assert tuple(channel.frequency_hz for channel in drive.channels) == frequencies_hz
     assert tuple(channel.phase_rad for channel in drive.channels) == phases_rad
@@ -53,7 +52,7 @@ def test_a_drive_is_the_entry_with_amplitudes_scaled_together(
 
 @given(st.floats(-1e6, 1e6))
 def test_a_silent_actuator_gets_a_legal_frequency(frequency_hz: float) -> None:
-    silent, _ = clamp(entry_of((frequency_hz, 100.0), (0.0, 1.0)), REFERENCE).channels
+    silent, _ = clamp(drive_of((frequency_hz, 100.0), (0.0, 1.0)), REFERENCE).channels
     assert silent.amplitude == 0
     assert LOW_HZ <= silent.frequency_hz <= HIGH_HZ
 
@@ -61,7 +60,7 @@ def test_a_silent_actuator_gets_a_legal_frequency(frequency_hz: float) -> None:
 @given(st.floats().filter(lambda hz: not LOW_HZ <= hz <= HIGH_HZ))
 def test_a_frequency_outside_the_band_is_never_moved_but_refused(frequency_hz: float) -> None:
     with pytest.raises(LimitError, match="build"):
-        clamp(entry_of((100.0, frequency_hz), (0.5, 0.5)), REFERENCE)
+        clamp(drive_of((100.0, frequency_hz), (0.5, 0.5)), REFERENCE)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -71,7 +70,7 @@ def test_what_is_not_finite_is_refused_even_on_a_silent_actuator(bad: float, pla
     values[place] = bad
     frequency_hz, amplitude, phase_rad = values
     with pytest.raises(LimitError, match="finite"):
-        clamp(entry_of((frequency_hz, 100.0), (amplitude, 0.0), phase_rad, 0.0), REFERENCE)
+        clamp(drive_of((frequency_hz, 100.0), (amplitude, 0.0), phase_rad, 0.0), REFERENCE)
 
 
 def test_the_link_arms_the_firmware_with_the_limits_of_the_device() -> None:
@@ -99,7 +98,7 @@ def test_the_link_never_arms_with_more_than_the_device_allows(slew_per_s: float,
 )
 def test_a_drive_that_is_none_of_this_device_is_refused_by_name(changes: dict[str, Any], names: str) -> None:
     with pytest.raises(LimitError, match=names):
-        clamp(replace(entry_of((150.0, 150.0), (0.1, 0.1)), **changes), REFERENCE)
+        clamp(replace(drive_of((150.0, 150.0), (0.1, 0.1)), **changes), REFERENCE)
 
 
 def test_a_slew_that_the_firmware_cannot_count_is_refused() -> None:

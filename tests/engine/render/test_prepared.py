@@ -11,8 +11,8 @@ from engine.render import SILENCE, DriveCommand, PlayCommand, RendererError, ren
 from engine.table import Table
 from firmware_link.protocol.messages import Features, decode_drive
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_entries import LEVEL_DB, entry_of, felt_states
 from tests.engine.made_rows import row_of, rows_of
+from tests.engine.made_states import LEVEL_DB, felt_states
 from tests.engine.made_table import write_table
 from tests.engine.render.boards import board
 from tests.precompute.devices import shipped
@@ -29,7 +29,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     """Clicks of two placements, the second softer."""
     path = tmp_path_factory.mktemp("rendering") / "bar.nc"
     clicks = [click_of(REFERENCE, at, level_db=level) for at, level in zip(PLACEMENTS, (26.0, 14.0), strict=True)]
-    return Table.open(write_table(path, REFERENCE, [entry_of(REFERENCE, STATES[0])], clicks))
+    return Table.open(write_table(path, REFERENCE, clicks))
 
 
 def test_a_placement_of_the_table_gets_its_click_and_another_has_none_yet(table: Table) -> None:
@@ -56,7 +56,7 @@ def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None
 
 
 def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], others={"bursts": 1.0})
+    path = write_table(tmp_path / "bar.nc", REFERENCE, others={"bursts": 1.0})
     with Table.open(path, device=REFERENCE) as table:
         rendering = render_table(table, DEFAULT_EFFECTS, board(features=Features(0)))
         assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE
@@ -65,9 +65,7 @@ def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -
 def test_zones_play_the_rows_of_the_sweep_and_no_clicks(tmp_path: Path) -> None:
     in_zones_mode = replace(DEFAULT_EFFECTS, drives=Drives.ZONES)
     clicks, rows = [click_of(REFERENCE, PLACEMENTS[0])], rows_of(REFERENCE)
-    with Table.open(
-        write_table(tmp_path / "bar.nc", REFERENCE, [entry_of(REFERENCE, STATES[0])], clicks, rows=rows)
-    ) as table:
+    with Table.open(write_table(tmp_path / "bar.nc", REFERENCE, clicks, rows=rows)) as table:
         assert table.best_rows == rows
         rendering = render_table(table, in_zones_mode, board(features=Features.WAVEFORMS))
         assert rendering.basis is None

@@ -12,7 +12,7 @@ from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.protocol.messages import Play, decode_body, encode_play_body
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks, number_of, places_of
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.boards import plain_board
 from tests.engine.render.made_steady import MadeSteady
 from tests.precompute.devices import shipped

@@ -1,6 +1,5 @@
-"""Laws of drives at positions: as good as the tabulated search, true in a dense model, within limits."""
+"""Laws of drives at positions: near a proved bound, true in a dense model, within limits."""
 
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,51 +12,51 @@ from engine.device import Device, Finger
 from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.solver import FOLLOWED_HZ, SteadyError
-from engine.touch import ZoneState
 from engine.touch.placement import MOST_FINGERS
-from precompute.entries.prediction import objective_value, touched_zones
-from precompute.entries.solver import tabulated_states
-from precompute.predict.at_positions import cases_in_zones
-from tests.engine.steady.solvers import DEVICES, designer_of, tabulated
+from tests.engine.steady.bound import bound_db, mean_forms
+from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED, shipped
-from tests.precompute.predict.dense_state import threshold
+from tests.precompute.sampled import threshold
 from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 
-STATES = int(os.environ.get("TACTABLE_STEADY_STATES", "6"))
-"""States of each device that are compared with the tabulated search: 40 in the long run, 2 minutes."""
 TOLERANCE_DB = 0.05
-KNOWN_DB = 0.03
-"""A tabulated drive this near to its bound is the optimum."""
+INTERPOLATED_DB = 0.25
+"""By this much receptances between places may be off under a finger far below the strongest one."""
 any_device = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if name[-2:] in ("-d", "-t") else ()) for name in DEVICES]
 )
 
 
-@any_device
-def test_a_drive_is_as_good_as_the_tabulated_one_where_that_is_the_optimum(name: str) -> None:
-    device = DEVICES[name]
-    search, solver = tabulated(device)
-    states, known = tabulated_states(device), 0
-    for number in np.random.default_rng(7).choice(len(states), min(STATES, len(states)), replace=False):
-        state = states[number]
-        zones = touched_zones(state)
-        felt = tuple(state[zone] is ZoneState.FELT for zone in zones)
-        for entry in search.solve(state):
-            drive = solver.solve_cases(cases_in_zones(search.sampled, zones), felt, entry.wanted_level_db)
-            value, optimum = drive.value, objective_value(entry)
-            assert optimum is not None
-            if drive.objective == "localized factor":
-                value, optimum = (float(10 * np.log10(share)) for share in (value, optimum))
-            bound = optimum + entry.optimality_gap_db
-            assert drive.objective != entry.objective or value <= bound + TOLERANCE_DB
-            if entry.optimality_gap_db <= KNOWN_DB and entry.family in ("coherent", "single tone"):
-                known += 1
-                assert drive.objective == entry.objective and drive.achieved == entry.achieved
-                assert value >= optimum - TOLERANCE_DB
-    assert known > STATES // 2
+@pytest.mark.parametrize("placements", [pytest.param(50, marks=pytest.mark.long), 5])
+@pytest.mark.parametrize("name", DEVICES)
+def test_no_drive_passes_its_bound_and_most_meet_it(name: str, placements: int) -> None:
+    """Where no level is missed: an optimum that misses its bound is no fault, since a bound may have a gap."""
+    device, random = DEVICES[name], np.random.default_rng(7)
+    solver, gaps_db = designer_of(device).solver, list[float]()
+    band_hz = [actuator.band_hz for actuator in device.actuators]
+    for _ in range(placements):
+        fingers = int(random.integers(2, 4))
+        position_m = np.sort(random.uniform(0, device.bar.length_m, fingers))
+        while np.diff(position_m).min() < 0.025:
+            position_m = np.sort(random.uniform(0, device.bar.length_m, fingers))
+        felt = np.arange(fingers) == random.integers(fingers)
+        cases = cases_at(position_m, sample_deviations(fingers, 8), device.finger, device.bar.length_m)
+        drive = solver.solve(position_m.tolist(), felt.tolist(), -20.0)
+        hz = np.union1d(np.arange(device.sweep.start_hz, device.sweep.stop_hz, 2.0), drive.frequency_hz)
+        usable = np.stack([(hz >= low) & (hz <= high) for low, high in band_hz], axis=1)
+        bound = bound_db(mean_forms(device, _sampled(cases), hz), felt, usable)
+        assert drive.objective == "contrast" and drive.achieved
+        assert drive.value <= bound + INTERPOLATED_DB
+        gaps_db.append(bound - drive.value)
+    assert np.median(gaps_db) < TOLERANCE_DB
+
+
+def _sampled(cases: FingerCases) -> FingerCases:
+    """The sampled cases, without the standard one."""
+    return FingerCases(cases.position_m[1:], cases.impedance[1:])
 
 
 @any_device

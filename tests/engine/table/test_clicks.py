@@ -13,13 +13,11 @@ from engine.table.clicks import NO_ROW
 from engine.touch import Placement, PlacementError
 from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.made_clicks import click_of, every_click, in_zones, made_clicks, places_of
-from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
 PLACES = places_of(DEVICE)
-ENTRIES = [entry_of(DEVICE, states_of(DEVICE, [0]))]
 PLACEMENTS = [
     in_zones(DEVICE, [2]),
     in_zones(DEVICE, [0], [3]),
@@ -57,7 +55,7 @@ def varied_clicks() -> list[ClickEntry]:
 
 def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
     clicks = varied_clicks()
-    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, ENTRIES, clicks)) as table:
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, clicks)) as table:
         assert all(same(one, other) for one, other in zip(table.clicks, clicks, strict=True))
         assert table.places == PLACES and table.clicks.tolerance_m == clicks[0].tolerance_m
     found = table.click_for(["I"], ["IV"], 20.0)
@@ -71,7 +69,7 @@ def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
 
 
 def test_a_table_without_clicks_has_places_all_the_same(tmp_path: Path) -> None:
-    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, ENTRIES)) as table:
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE)) as table:
         assert not table.clicks and list(table.clicks) == [] and table.clicks.basis is None
         assert table.places == PLACES and table.click_at(PLACEMENTS[0], 20.0) is None
         assert (table.clicks.pair == NO_ROW).all()
@@ -95,7 +93,7 @@ def test_three_fingers_are_found_too() -> None:
     assert clicks.row_of(tuple(code ^ 1 for code in key)) is None
 
 
-def test_what_the_renderer_reads_is_that_of_the_entries() -> None:
+def test_what_the_renderer_reads_is_that_of_the_clicks() -> None:
     clicks = made_clicks(DEVICE, varied_clicks())
     for row, click in enumerate(clicks):
         own = len(click.weights)
@@ -104,7 +102,7 @@ def test_what_the_renderer_reads_is_that_of_the_entries() -> None:
         assert clicks.felt_low_db[row] == click.level_db and clicks.achieved[row] == click.achieved
 
 
-def test_a_slice_is_a_list_of_entries() -> None:
+def test_a_slice_is_a_list_of_clicks() -> None:
     clicks = made_clicks(DEVICE, varied_clicks())
     assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
     with pytest.raises(IndexError):
@@ -121,7 +119,7 @@ def test_clicks_travel_to_another_process_as_arrays() -> None:
 
 
 def test_a_drive_is_solved_for_the_positions(tmp_path: Path) -> None:
-    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, ENTRIES)) as table:
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE)) as table:
         drive = table.drive_for(["35 mm"], ["IV"], 14.0)
     assert drive.felt == (True, False) and drive.wanted_level_db == 14.0
     assert drive.level_db[0] > drive.level_db[1]

@@ -11,26 +11,28 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from engine.table import ClickEntry, Clicks, Entry, Table
-from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, entry_figures
-from engine.table.entry import shifted
+from engine.table import ClickEntry, Clicks, Table
+from engine.table.best_rows import BestRow, BestRows
+from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, row_figures
+from engine.table.levels import shifted
 from engine.touch.places import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
-from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_rows import row_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE, TEXT
 
 LEVELS_DB = (20.0, math.inf)
 STATES = (((0,), ()), ((0,), (3,)), ((1, 2), (4,)))
-"""Felt and quiet zones."""
+"""Felt and quiet zones of the clicks."""
+ZONES = ((0,), (3,), (1, 2))
 
 
-def entries_of(device: Device) -> list[Entry]:
-    return [
-        entry_of(device, states_of(device, felt, quiet), wanted_level_db=level_db)
-        for level_db in LEVELS_DB
-        for felt, quiet in STATES
-    ]
+def rows_of(device: Device) -> list[BestRow]:
+    return [row_of(device, zones, level_db) for level_db in LEVELS_DB for zones in ZONES]
+
+
+def held(rows: Sequence[BestRow]) -> BestRows:
+    return BestRows(rows, DEVICE.limits.amplitude)
 
 
 def clicks_of(device: Device) -> list[ClickEntry]:
@@ -38,41 +40,41 @@ def clicks_of(device: Device) -> list[ClickEntry]:
     return [replace(click_of(device, in_zones(device, felt, quiet)), basis=basis) for felt, quiet in STATES]
 
 
-ENTRIES, CLICKS = entries_of(DEVICE), clicks_of(DEVICE)
+ROWS, CLICKS = rows_of(DEVICE), clicks_of(DEVICE)
 Compare = Callable[..., TableDiff]
 
 
 @pytest.fixture(scope="module")
 def before(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
-    path = write_table(tmp_path_factory.mktemp("before") / "before.nc", DEVICE, ENTRIES, CLICKS)
+    path = write_table(tmp_path_factory.mktemp("before") / "before.nc", DEVICE, CLICKS, rows=held(ROWS))
     with Table.open(path) as table:
         yield table
 
 
 @pytest.fixture
 def compare(tmp_path: Path, before: Table) -> Compare:
-    """A table of ENTRIES and CLICKS against another, which has a file only where more than those differ."""
+    """A table of ROWS and CLICKS against another, which has a file only where more than those differ."""
 
     def compared(
-        entries: Sequence[Entry] = ENTRIES,
+        rows: Sequence[BestRow] = ROWS,
         clicks: Clicks | Sequence[ClickEntry] = CLICKS,
         device: Device = DEVICE,
         tolerance: Tolerance | None = None,
         **others: Any,
     ) -> TableDiff:
         if others or device is not DEVICE:
-            with Table.open(write_table(tmp_path / "after.nc", device, entries, clicks, **others)) as after:
+            with Table.open(write_table(tmp_path / "after.nc", device, clicks, rows=held(rows), **others)) as after:
                 return compare_tables(before, after, tolerance)
-        held = copy(before)
-        held.entries = tuple(entries)
-        held.clicks = clicks if isinstance(clicks, Clicks) else made_clicks(DEVICE, clicks)
-        return compare_tables(before, held, tolerance)
+        after = copy(before)
+        after.best_rows = held(rows)
+        after.clicks = clicks if isinstance(clicks, Clicks) else made_clicks(DEVICE, clicks)
+        return compare_tables(before, after, tolerance)
 
     return compared
 
 
-def with_entry(index: int, **changes: Any) -> list[Entry]:
-    return [replace(entry, **changes) if i == index else entry for i, entry in enumerate(ENTRIES)]
+def with_row(index: int, **changes: Any) -> list[BestRow]:
+    return [replace(row, **changes) if i == index else row for i, row in enumerate(ROWS)]
 
 
 def only(found: tuple[StateChange, ...]) -> StateChange:
@@ -83,7 +85,7 @@ def only(found: tuple[StateChange, ...]) -> StateChange:
 def test_a_table_does_not_differ_from_itself(compare: Compare) -> None:
     found = compare()
     assert not found.differs
-    assert (found.entries.compared, found.clicks.compared) == (6, 3)
+    assert (found.best_rows.compared, found.clicks.compared) == (6, 3)
     assert not any((found.device, found.options, found.provenance, found.response_percent, found.notes))
 
 
@@ -94,10 +96,10 @@ def test_who_made_it_when_is_told_but_is_no_difference(compare: Compare) -> None
 
 
 def test_options_are_compared_one_by_one(compare: Compare) -> None:
-    found = compare(objective="paper", click_options='{"quiet_db": 3.0}')
+    found = compare(source="measured", click_options='{"quiet_db": 3.0}')
     assert found.differs
     assert [(change.key, change.after) for change in found.options] == [
-        ("objective", "paper"),
+        ("source", "measured"),
         ("click_options.quiet_db", 3.0),
     ]
 
@@ -109,68 +111,64 @@ def test_a_value_of_the_device_is_named_with_its_change(compare: Compare) -> Non
     assert (change.key, change.before, change.after) == ("actuator[1].stiffness_n_per_m", 18900.0, 18711.0)
     assert change.percent == pytest.approx(-1.0)
     assert found.differs
-    assert not found.entries.differs
+    assert not found.best_rows.differs
 
 
 @pytest.mark.parametrize(
     ("changes", "figure", "size"),
     [
         ({"level_db": 20.5}, "level_db", 0.5),
-        ({"contrast_db": 11.0}, "contrast_db", 1.0),
-        ({"contrast_db": None}, "contrast_db", math.inf),
-        ({"expected_contrast_db": 13.0}, "expected_contrast_db", 2.0),
-        ({"worst_case": replace(ENTRIES[1].worst_case, contrast_db=5.0)}, "worst_contrast_db", 3.0),
         ({"localized_factor": 0.6}, "localized_factor", 20.0),
-        ({"t90_s": 0.05}, "t90_s", 50.0),
         ({"achieved": False}, "achieved", 1.0),
-        ({"frequencies_hz": (100.0, 61.5)}, "frequency_hz", 0.25),
-        ({"amplitudes": (0.9, 0.25)}, "amplitude", 10.0),
+        ({"frequencies_hz": (108.0, 190.25)}, "frequency_hz", 0.25),
+        ({"amplitudes": (0.45, 0.25)}, "amplitude", 10.0),
     ],
 )
 def test_a_change_of_a_figure_is_found_where_it_was_made(
     compare: Compare, changes: dict[str, Any], figure: str, size: float
 ) -> None:
-    found = compare(with_entry(1, **changes))
-    state = only(found.entries.changed)
-    assert (state.felt, state.quiet, state.level_db) == (("I",), ("IV",), 20.0)
+    found = compare(with_row(1, **changes))
+    state = only(found.best_rows.changed)
+    assert (state.felt, state.quiet, state.level_db) == (("IV",), (), 20.0)
     assert [change.figure for change in state.figures] == [figure]
     assert state.figures[0].size == pytest.approx(size)
     assert found.differs
-    count, where, change = found.entries.largest()[0]
+    count, where, change = found.best_rows.largest()[0]
     assert (count, where, change.figure) == (1, state, figure)
 
 
 def test_only_the_phase_between_actuators_of_one_tone_is_felt() -> None:
-    before = replace(ENTRIES[0], frequencies_hz=(100.0, 100.0), phases_rad=(3.0, -3.0))
+    before = replace(ROWS[0], frequencies_hz=(100.0, 100.0), phases_rad=(3.0, -3.0))
     for phases_rad, size in (((2.0, 2.0 - 6.0), 0.0), ((3.0, -2.5), 0.5), ((-3.0, 3.0), 4 * (math.pi - 3))):
         after = replace(before, phases_rad=phases_rad)
-        figures = {figure: size for figure, _, _, size in entry_figures(before, after, same_actuators=True)}
+        figures = {figure: size for figure, _, _, size in row_figures(before, after, same_actuators=True)}
         assert figures["phase_rad"] == pytest.approx(size, abs=1e-9)
-    two_tones = replace(ENTRIES[0], phases_rad=(1.0, -1.0))
-    figures = {figure: size for figure, _, _, size in entry_figures(ENTRIES[0], two_tones, same_actuators=True)}
+    two_tones = replace(ROWS[0], phases_rad=(1.0, -1.0))
+    figures = {figure: size for figure, _, _, size in row_figures(ROWS[0], two_tones, same_actuators=True)}
     assert figures["phase_rad"] == 0.0
 
 
 def test_a_silent_actuators_frequency_is_no_change(compare: Compare) -> None:
-    alone = [replace(entry, amplitudes=(1.0, 0.0)) for entry in ENTRIES]
-    moved = [replace(entry, frequencies_hz=(100.0, 250.0)) for entry in alone]
+    moved = [replace(row, amplitudes=(0.5, 0.0), frequencies_hz=(row.frequencies_hz[0], 250.0)) for row in ROWS]
     found = compare(moved)
-    assert {f.figure for state in found.entries.changed for f in state.figures} == {"amplitude"}
+    assert {f.figure for state in found.best_rows.changed for f in state.figures} == {"amplitude"}
 
 
 def test_changes_within_the_limit_count_as_none(compare: Compare) -> None:
-    changed = with_entry(0, level_db=20.4, t90_s=0.103, frequencies_hz=(100.01, 61.25))
+    changed = with_row(0, level_db=20.4, localized_factor=0.51, frequencies_hz=(101.01, 190.0))
     assert compare(changed, tolerance=Tolerance(0.1)).differs
     assert not compare(changed, tolerance=Tolerance(0.5)).differs
 
 
 def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare) -> None:
-    entries = [*ENTRIES]
-    entries[0] = replace(entries[0], contrast_db=6.0)
-    entries[1] = replace(entries[1], achieved=False)
-    entries[2] = replace(entries[2], contrast_db=9.0)
-    changed = compare(entries).entries.changed
-    assert [state.felt + state.quiet for state in changed] == [("I", "IV"), ("I",), ("II", "III", "V")]
+    rows = [
+        replace(ROWS[0], level_db=14.0),
+        replace(ROWS[1], achieved=False),
+        replace(ROWS[2], level_db=17.0),
+        *ROWS[3:],
+    ]
+    changed = compare(rows).best_rows.changed
+    assert [state.felt for state in changed] == [("IV",), ("I",), ("II", "III")]
 
 
 @pytest.mark.parametrize(
@@ -190,15 +188,14 @@ def test_a_change_of_a_click_is_found_where_it_was_made(
     state = only(found.clicks.changed)
     assert (state.felt, state.quiet, state.level_db) == (("27.9 mm",), ("195.6 mm",), None)
     assert {f.figure: f.size for f in state.figures} == {figure: pytest.approx(size, rel=1e-3)}
-    assert not found.entries.differs
+    assert not found.best_rows.differs
 
 
 def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
-    more = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=20.0)
-    full = entry_of(DEVICE, states_of(DEVICE, (4,)), wanted_level_db=math.inf)
-    found = compare([*ENTRIES[1:3], more, *ENTRIES[4:6], full], clicks=())
-    assert found.entries.vanished == ("felt I at 20 dB", "felt I at full scale")
-    assert found.entries.appeared == ("felt V at 20 dB", "felt V at full scale")
+    more = [row_of(DEVICE, (4,), level_db) for level_db in LEVELS_DB]
+    found = compare([*ROWS[1:3], more[0], *ROWS[4:6], more[1]], clicks=())
+    assert found.best_rows.vanished == ("felt I at 20 dB", "felt I at full scale")
+    assert found.best_rows.appeared == ("felt V at 20 dB", "felt V at full scale")
     assert found.clicks.vanished == (
         "felt 27.9 mm",
         "felt 27.9 mm, quiet 195.6 mm",
@@ -221,26 +218,19 @@ def test_arrays_of_other_groups_are_compared_by_their_bytes(compare: Compare) ->
 
 def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:
     four = Device.parse(TEXT.replace("count = 5", "count = 4"), "four")
-    kept = [(felt, quiet) for felt, quiet in STATES if max(felt + quiet) < 4]
-    entries = [
-        entry_of(four, states_of(four, felt, quiet), wanted_level_db=level)
-        for level in LEVELS_DB
-        for felt, quiet in kept
-    ]
-    found = compare(entries, [click_of(four, in_zones(four, *kept[0]))], four)
+    rows = [row_of(four, zones, level_db) for level_db in LEVELS_DB for zones in ZONES]
+    found = compare(rows, [click_of(four, in_zones(four, *STATES[0]))], four)
     assert any("zones were I, II, III, IV, V and are I, II, III, IV:" in note for note in found.notes)
     assert any("responses" in note for note in found.notes)
-    assert found.entries.compared == 4
-    assert not found.entries.changed
-    assert len(found.entries.vanished) == 2
+    assert found.best_rows.compared == 6
 
 
 def test_drives_of_other_actuators_are_not_compared_and_it_is_said(compare: Compare) -> None:
     renamed = Device.parse(TEXT.replace('name = "left"', 'name = "first"'), "renamed")
-    entries = [replace(entry, frequencies_hz=(70.0, 70.0)) for entry in entries_of(renamed)]
-    found = compare(entries, [replace(c, weights=c.weights * 0) for c in clicks_of(renamed)], renamed)
+    rows = [replace(row, frequencies_hz=(70.0, 70.0)) for row in rows_of(renamed)]
+    found = compare(rows, [replace(c, weights=c.weights * 0) for c in clicks_of(renamed)], renamed)
     assert any("actuators were left, right and are first, right" in note for note in found.notes)
-    assert not found.entries.changed
+    assert not found.best_rows.changed
     assert not found.clicks.changed
 
 

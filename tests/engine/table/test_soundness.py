@@ -12,11 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
-from engine.table import Table, TableError, click_columns, columns, receptance_columns
+from engine.table import Table, TableError, best_rows, click_columns, receptance_columns
 from engine.table.file import Variable
 from engine.table.schema import SCHEMA
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import changed, replace_array
 from tests.engine.table.test_table import DEVICE
@@ -26,10 +26,10 @@ Change = Callable[[h5py.File, Path], object]
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    states = [states_of(DEVICE, [0]), states_of(DEVICE, [1], [3])]
-    entries = [entry_of(DEVICE, each, wanted_level_db=level) for level in (20.0, math.inf) for each in states]
     clicks = [click_of(DEVICE, in_zones(DEVICE, [0])), click_of(DEVICE, in_zones(DEVICE, [1], [3]))]
-    return write_table(tmp_path_factory.mktemp("sound") / "whole.nc", DEVICE, entries, clicks)
+    return write_table(
+        tmp_path_factory.mktemp("sound") / "whole.nc", DEVICE, clicks, rows=rows_of(DEVICE, (20.0, math.inf))
+    )
 
 
 def refusal(path: Path) -> str:
@@ -40,7 +40,7 @@ def refusal(path: Path) -> str:
 
 def test_a_resealed_table_that_was_not_changed_opens(whole: Path, tmp_path: Path) -> None:
     with Table.open(changed(whole, tmp_path / "same.nc", lambda _file: None)) as table, Table.open(whole) as before:
-        assert table.entries == before.entries
+        assert table.best_rows == before.best_rows
 
 
 def linked(link: Callable[[Path], object], name: str = "responses") -> Change:
@@ -54,40 +54,40 @@ def linked(link: Callable[[Path], object], name: str = "responses") -> Change:
 
 def _move_out(file: h5py.File, folder: Path) -> None:
     (folder / "secret.bin").write_bytes(bytes(64))
-    del file["entries/drive_amplitude"]
+    del file["best_rows/drive_amplitude"]
     outside = [(str(folder / "secret.bin"), 0, h5py.h5f.UNLIMITED)]
-    file["entries"].create_dataset("drive_amplitude", (2, 2, 2), "f8", external=outside)
+    file["best_rows"].create_dataset("drive_amplitude", (2, 31, 2), "f8", external=outside)
 
 
 def _make_virtual(file: h5py.File, folder: Path) -> None:
     layout = h5py.VirtualLayout((2, 2, 2), "f8")
     layout[...] = h5py.VirtualSource(str(folder / "other.h5"), "values", (2, 2, 2))
-    del file["entries/drive_amplitude"]
-    file["entries"].create_virtual_dataset("drive_amplitude", layout)
+    del file["best_rows/drive_amplitude"]
+    file["best_rows"].create_virtual_dataset("drive_amplitude", layout)
 
 
 def _hide(file: h5py.File, _: Path) -> None:
     """NetCDF marks so what stands for a dimension alone, which has no values to check."""
-    file["entries/drive_amplitude"][...] = math.inf
+    file["best_rows/drive_amplitude"][...] = math.inf
     name = b"This is a netCDF dimension but not a netCDF variable         2"
-    file["entries/drive_amplitude"].attrs["NAME"] = np.bytes_(name)
+    file["best_rows/drive_amplitude"].attrs["NAME"] = np.bytes_(name)
 
 
 def _rename(file: h5py.File, _: Path) -> None:
-    file["entries/zone"][0] = "elsewhere"
+    file["best_rows/zone"][0] = "elsewhere"
 
 
 STRUCTURES: dict[str, tuple[Change, str]] = {
     # A reader that followed the first to a pipe would wait for ever.
     "an external link": (linked(lambda folder: h5py.ExternalLink(str(folder / "pipe"), "/")), "responses: is a link"),
-    "a soft link": (linked(lambda _: h5py.SoftLink("/entries"), "entries/again"), "is a link"),
-    "a group in a group": (lambda file, _: file.copy("entries", "entries/again"), "a dataset"),
+    "a soft link": (linked(lambda _: h5py.SoftLink("/best_rows"), "best_rows/again"), "is a link"),
+    "a group in a group": (lambda file, _: file.copy("best_rows", "best_rows/again"), "a dataset"),
     "values in another file": (_move_out, "drive_amplitude: its values are in another file"),
     "a virtual dataset": (_make_virtual, "drive_amplitude: its values are in another file"),
     # HDF5 gives it no room until it is written.
     "a huge array": (lambda file, _: file["responses"].create_dataset("huge", (1 << 40,), "f8"), "more than the file"),
-    "an array that says it is none": (_hide, "entries/drive_amplitude: is marked as a dimension"),
-    "names of another device": (_rename, "entries/zone"),
+    "an array that says it is none": (_hide, "best_rows/drive_amplitude: is marked as a dimension"),
+    "names of another device": (_rename, "best_rows/zone"),
 }
 
 
@@ -101,14 +101,14 @@ def test_a_file_of_another_structure_is_refused_by_name(whole: Path, tmp_path: P
 @pytest.mark.parametrize(
     ("name", "values", "says"),
     [
-        ("entries/drive_amplitude", np.ones((2, 2, 3)), "has shape"),
-        ("entries/drive_amplitude", np.ones((2, 2, 2), dtype="S3"), "numbers or text"),
-        ("entries/drive_amplitude", np.ones((2, 2, 2), dtype=np.int64), "real values"),
-        ("entries/drive_amplitude", np.full((2, 2, 2), math.nan), "finite values"),
-        ("entries/drive_amplitude", np.full((2, 2, 2), -0.1), "below 0"),
-        ("entries/zone_state", np.full((2, 2, 5), 7.0), "above 2"),
-        ("entries/level", np.array([20.0, 20.0]), "rising levels"),
-        ("entries/family", np.ones((2, 2)), "text values"),
+        ("best_rows/drive_amplitude", np.ones((2, 31, 3)), "has shape"),
+        ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype="S3"), "numbers or text"),
+        ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype=np.int64), "real values"),
+        ("best_rows/drive_amplitude", np.full((2, 31, 2), math.nan), "finite values"),
+        ("best_rows/drive_amplitude", np.full((2, 31, 2), -0.1), "below 0"),
+        ("best_rows/achieved", np.full((2, 31), 7), "above 1"),
+        ("best_rows/level", np.array([20.0, 20.0]), "rising levels"),
+        ("best_rows/group", np.ones((2, 31)), "text values"),
         ("clicks/weight", np.ones((2, 3)), "whole values"),
         ("clicks/fraction_bits", np.array([0, 99]), "above 31"),
         ("clicks/basis_set", np.array([0, -1]), "below 0"),
@@ -130,7 +130,7 @@ def test_a_file_of_another_structure_is_refused_by_name(whole: Path, tmp_path: P
         ("clicks/set_samples", 10_000, "more than the functions of the basis have"),
         ("clicks/function_actuator", 2, "an actuator that the device does not have"),
         ("clicks/sample", 0.0, "two rising times"),
-        ("entries/zone_state", 3.0, "above 2"),
+        ("best_rows/achieved", 3, "above 1"),
     ],
 )
 def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
@@ -163,7 +163,7 @@ def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, ch
 
 
 @pytest.mark.parametrize(
-    ("group", "written"), [("entries", columns), ("clicks", click_columns), ("receptances", receptance_columns)]
+    ("group", "written"), [("best_rows", best_rows), ("clicks", click_columns), ("receptances", receptance_columns)]
 )
 def test_every_array_that_is_written_is_declared(group: str, written: ModuleType) -> None:
     """The declaration and the writers agree on names, dimensions and what is text."""

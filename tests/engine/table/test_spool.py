@@ -13,7 +13,7 @@ import pytest
 from engine.table.error import TableError
 from engine.table.file import TableWriter, Variable
 from engine.table.spool import SpoolFile
-from tests.engine.table.test_table import DEVICE, ENTRIES
+from tests.engine.table.test_table import DEVICE, ROWS
 
 # In a process of its own: HDF5 ended it by a segmentation fault, and the limit on file sizes holds for all of it.
 WRITE = """
@@ -28,14 +28,14 @@ here.write(Path(sys.argv[1]))
 def write(path: Path) -> None:
     import numpy as np
 
-    from engine.table.columns import write_entries
+    from engine.table.best_rows import write_best_rows
 
     try:
         with TableWriter(path) as writer:
             writer.describe({"device_description": DEVICE.text})
             axes = ("frequency", "actuator", "zone", "point", "part")
             writer.write("responses", Variable("acceleration", axes, "1", "large"), np.ones((100, 2, 5, 32, 2)))
-            write_entries(writer, ENTRIES, DEVICE)
+            write_best_rows(writer, ROWS, DEVICE)
     except TableError as error:
         print(error)  # noqa: T201
         sys.exit(1)

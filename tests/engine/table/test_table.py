@@ -2,26 +2,23 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import h5netcdf
 import h5py
 import numpy as np
 import pytest
 
-from engine.device import Device, DeviceError
-from engine.table import Entry, Table, TableError
-from engine.table.columns import write_entries
-from engine.table.entry import WorstCase, ZonePrediction, played_at
+from engine.device import Device
+from engine.table import Table, TableError
+from engine.table.best_rows import write_best_rows
 from engine.table.file import TableWriter, Variable
 from engine.table.receptance_columns import write_receptances
-from engine.touch import state_index
-from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_rows import rows_of
 from tests.engine.made_table import receptances_of
 
 TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
@@ -32,55 +29,7 @@ SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency
 SHAPE = (2, 4, 3, 3, 5, 4)
 
 
-LEVELS_DB = (10.0, 20.0, math.inf)
-STATES = ([(0,), ()], [(1,), (4,)], [(4,), ()])
-"""Felt and quiet zones."""
-
-
-def make_entry(felt: Sequence[int], quiet: Sequence[int], wanted_level_db: float) -> Entry:
-    """Every figure another one; absent where the state has no such figure."""
-    random = np.random.default_rng([felt[0], int(min(wanted_level_db, 99))])
-    figures = iter(random.random(200).tolist())
-    entry = entry_of(DEVICE, states_of(DEVICE, felt, quiet), wanted_level_db=wanted_level_db)
-    two = (next(figures), next(figures))
-    return replace(
-        entry,
-        frequencies_hz=(100.01, 207.33),
-        amplitudes=two,
-        phases_rad=two[::-1],
-        zones=tuple(_numbered(zone, figures) for zone in entry.zones),
-        level_db=next(figures),
-        achieved=felt != (1,),
-        contrast_db=next(figures) if quiet else None,
-        expected_contrast_db=next(figures) if quiet else None,
-        localized_factor=next(figures),
-        objective="contrast" if quiet else "localized factor",
-        upper_bound=next(figures),
-        optimality_gap_db=next(figures),
-        t90_s=next(figures),
-        limited_by="full scale of left, Größe µ" if felt == (4,) else "",
-        worst_case=WorstCase(
-            next(figures),
-            next(figures) if quiet else None,
-            next(figures) if quiet else None,
-            next(figures),
-            next(figures),
-        ),
-    )
-
-
-def _numbered(zone: ZonePrediction, figures: Iterator[float]) -> ZonePrediction:
-    """The same fields, present where they were, each with a figure of its own."""
-
-    def other(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return next(figures), next(figures)
-        return next(figures) if type(value) is float else value
-
-    return replace(zone, **{name: other(value) for name, value in vars(zone).items()})
-
-
-ENTRIES = tuple(make_entry(felt, quiet, level_db) for level_db in LEVELS_DB for felt, quiet in STATES)
+ROWS = rows_of(DEVICE, (10.0, 20.0, math.inf))
 
 
 def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -93,7 +42,7 @@ def fill(writer: TableWriter, device: Device = DEVICE, code: str = CODE) -> None
     for name in ("localized_factor", "peak_acceleration", "dead_spot"):
         writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
     write_receptances(writer, RECEPTANCES, device)
-    write_entries(writer, ENTRIES, device)
+    write_best_rows(writer, ROWS, device)
 
 
 def make_table(path: Path, device: Device = DEVICE, code: str = CODE) -> Path:
@@ -125,65 +74,8 @@ def refusal(path: Path, device: Device | None = None, code: str | None = None) -
     return str(error.value)
 
 
-def test_entries_are_read_back_as_written(table: Table) -> None:
-    assert table.entries == ENTRIES
-
-
-def test_an_entry_is_found_by_its_zones_in_any_order_and_its_level(table: Table) -> None:
-    assert table.levels_db == LEVELS_DB
-    assert table.entry_for(["V"], level_db=10.0) == ENTRIES[2]
-    assert table.entry_for(["V"]) == ENTRIES[5]
-    assert table.entry_for(["II"], ["V"], math.inf) == ENTRIES[7]
-    assert table.entry_at(ENTRIES[7].index, math.inf) == ENTRIES[7]
-
-
-def test_what_the_table_does_not_hold_is_refused_by_name(table: Table) -> None:
-    with pytest.raises(TableError, match="no entry for felt zones 'II, I' and quiet 'V'"):
-        table.entry_for(["II", "I"], ["V"])
-    with pytest.raises(DeviceError, match="no zone 'VI'"):
-        table.entry_for(["VI"])
-    with pytest.raises(TableError, match="zone II can't be felt and quiet"):
-        table.entry_for(["I", "II"], ["II"])
-    assert table.entry_at(state_index(table.states_of(["II"], [])), 10.0) is None
-
-
-@pytest.mark.parametrize("level_db", LEVELS_DB)
-def test_the_entries_of_a_level_are_all_of_it(table: Table, level_db: float) -> None:
-    expected = tuple(entry for entry in ENTRIES if entry.wanted_level_db == level_db)
-    assert table.entries_of(level_db) == table.entries_at(level_db) == expected
-
-
-def loud_table(path: Path) -> Path:
-    """Each entry reaches its level, full scale 40 dB."""
-    states = [states_of(DEVICE, *state) for state in STATES]
-    entries = [entry_of(DEVICE, each, wanted_level_db=level_db) for level_db in LEVELS_DB for each in states]
-    with TableWriter(path) as writer:
-        writer.describe({"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint, "click_pitch_m": 3e-3})
-        write_receptances(writer, RECEPTANCES, DEVICE)
-        write_entries(writer, entries, DEVICE)
-    return path
-
-
-@pytest.mark.parametrize(("level_db", "above_db"), [(9.0, 10.0), (14.0, 20.0), (37.0, 40.0), (40.0, 40.0)])
-def test_between_levels_the_next_higher_one_is_played_softer(tmp_path: Path, level_db: float, above_db: float) -> None:
-    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
-        softer = table.entry_for(["II"], ["V"], level_db)
-        above = table.entry_for(["II"], ["V"], math.inf if above_db == 40 else above_db)
-    scale = 10 ** ((level_db - above_db) / 20)
-    assert softer.level_db == softer.wanted_level_db == pytest.approx(level_db)
-    assert softer.achieved
-    assert softer.amplitudes == pytest.approx([scale * amplitude for amplitude in above.amplitudes])
-    assert (softer.contrast_db, softer.t90_s, softer.frequencies_hz) == (above.contrast_db, 0.1, above.frequencies_hz)
-    for quiet, loud in zip(softer.zones, above.zones, strict=True):
-        assert quiet.peak_acceleration_m_per_s2 == pytest.approx(scale * loud.peak_acceleration_m_per_s2)
-        assert quiet.share == loud.share
-
-
-def test_a_level_beyond_full_scale_is_full_scale_and_not_achieved(tmp_path: Path) -> None:
-    with Table.open(loud_table(tmp_path / "loud.nc")) as table:
-        entry, full = table.entry_for(["I"], level_db=60.0), table.entry_for(["I"], level_db=math.inf)
-    assert (entry.amplitudes, entry.level_db, entry.achieved) == (full.amplitudes, 40.0, False)
-    assert full.achieved
+def test_best_rows_are_read_back_as_written(table: Table) -> None:
+    assert table.best_rows == ROWS
 
 
 @pytest.mark.parametrize("pair", [0, 1])
@@ -224,7 +116,7 @@ def content_of(path: Path) -> str:
     with Table.open(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
         variables = [v for group in file.groups.values() for v in group.variables.values()]
         seen = [(v.name, v.dimensions, dict(v.attrs), np.asarray(v[...]).tolist()) for v in variables]
-        return repr((table.entries, table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
+        return repr((dict(table.best_rows), table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
 
 
 def verdict(path: Path, seen: str) -> str:
@@ -260,13 +152,13 @@ def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_
 
 
 CHANGED: dict[str, tuple[Callable[[h5py.File], object], str]] = {
-    "a newer format": (lambda file: file.attrs.update(format_revision=7), "revision 7.*reads 6; update"),
-    "an older format": (lambda file: file.attrs.update(format_revision=5), "revision 5.*reads 6; build it again"),
+    "a newer format": (lambda file: file.attrs.update(format_revision=8), "revision 8.*reads 7; update"),
+    "an older format": (lambda file: file.attrs.update(format_revision=6), "revision 6.*reads 7; build it again"),
     "another attribute": (lambda file: file.attrs.update(device_name="other"), "corrupted"),
     "another description": (lambda file: file.attrs.update(device_description=f"{TEXT} "), "corrupted"),
-    "another unit": (lambda file: file["entries/drive_frequency"].attrs.update(units="kHz"), "corrupted"),
+    "another unit": (lambda file: file["best_rows/drive_frequency"].attrs.update(units="kHz"), "corrupted"),
     "a group is missing": (lambda file: file.pop("sweep"), "corrupted"),
-    "an array is missing": (lambda file: file["entries"].pop("rise_time"), "corrupted"),
+    "an array is missing": (lambda file: file["best_rows"].pop("share"), "corrupted"),
 }
 
 
@@ -307,7 +199,7 @@ def test_the_table_of_another_device_state_or_code_is_refused_and_names_it(whole
 
 def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
     with Table.open(whole, device=replace(DEVICE, description="something else", text="")) as table:
-        assert table.entries == ENTRIES
+        assert table.best_rows == ROWS
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -349,25 +241,5 @@ def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
 def test_a_table_is_usable_after_closing(whole: Path) -> None:
     with Table.open(whole) as table:
         pass
-    assert table.entry_for(["I"], level_db=10.0) == ENTRIES[0]
+    assert table.best_row(["I"], level_db=10.0) == ROWS[1][0]
     assert table.device == DEVICE
-
-
-def test_between_levels_the_lower_drive_is_played_louder_while_full_scale_allows_it() -> None:
-    lower, higher = (
-        entry_of(
-            DEVICE,
-            states_of(DEVICE, (0,), ()),
-            wanted_level_db=level_db,
-            frequencies_hz=(hz, hz),
-            amplitudes=(0.2, 0.1),
-        )
-        for level_db, hz in ((10.0, 100.0), (20.0, 200.0))
-    )
-    reachable, beyond = lower.level_db + 3.0, lower.level_db + 9.0
-    limit = max(lower.amplitudes) * 10 ** (5 / 20)
-    assert played_at([lower, higher], reachable, limit).frequencies_hz == lower.frequencies_hz
-    assert played_at([lower, higher], reachable, limit).level_db == pytest.approx(reachable)
-    assert played_at([lower, higher], beyond, limit).frequencies_hz == higher.frequencies_hz
-    assert played_at([lower, higher], beyond, limit).level_db == pytest.approx(beyond)
-    assert played_at([lower, higher], 20.0, limit) == higher

@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.entry import DEFAULT_LEVEL_DB
-from engine.touch import ZoneState
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.size import table_bytes
-from precompute.entries.solver import solve_entries
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
@@ -48,7 +45,7 @@ DEVICES = {
     "three": Device.parse(ONE_LEVEL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
     "one": Device.parse(ONE_LEVEL[: ONE_LEVEL.rindex("[[actuator]]")] + ONE_LEVEL[ONE_LEVEL.index("[zones]") :], "one"),
 }
-GROUPS = {"responses", "sweep", "coherent_sweep", "best_rows", "entries"}
+GROUPS = {"responses", "sweep", "coherent_sweep", "best_rows"}
 
 
 @pytest.mark.parametrize(
@@ -202,20 +199,9 @@ def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, 
     assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
 
 
-@pytest.mark.parametrize("name", first_quick(["two", "three", "one"]))
-def test_entries_are_read_back_as_they_were_solved(folder: Path, name: str) -> None:
-    device = DEVICES[name]
-    solved = sorted((entries for entries, _ in solve_entries(assemble(device))), key=lambda entries: entries[0].index)
-    with opened(folder, name) as table:
-        assert table.entries == tuple(entry for level in zip(*solved, strict=True) for entry in level)
-        found = table.entry_for(["III", "I"], ["II"])
-        assert found.states == (ZoneState.FELT, ZoneState.QUIET, ZoneState.FELT)
-        assert found.wanted_level_db == DEFAULT_LEVEL_DB
-
-
 def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None:
     with opened(folder, "one") as table:
-        assert table.entry_for(["I"]).family == "single tone"
+        assert table.drive_for(["I"]).achieved
         with pytest.raises(TableError, match="pair"):
             table.localized_factor(["I"])
 

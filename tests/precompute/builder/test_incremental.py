@@ -29,7 +29,7 @@ pytestmark = pytest.mark.long
 CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
 TEXT = small_text()
 DEVICE = Device.parse(TEXT, "bar")
-AS_BEFORE = {part: f"{part} as before" for part in ("responses", "entries", "clicks")}
+AS_BEFORE = {part: f"{part} as before" for part in ("responses", "clicks")}
 
 
 def build(device: Device, path: Path, **options: object) -> set[str]:
@@ -95,7 +95,6 @@ def test_a_part_is_computed_again_only_if_what_it_rests_on_has_changed(path: Pat
     told = build(device, path)
     assert {part for part, step in AS_BEFORE.items() if step in told} == kept
     assert ("sweep" in told) == ("responses" not in kept)
-    assert ("entries" in told) == ("entries" not in kept)
     assert ("clicks" in told) == ("clicks" not in kept)
     Table.open(path, device=device).close()
 
@@ -132,7 +131,6 @@ def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
 
 
 def test_other_wishes_are_computed(path: Path) -> None:
-    assert AS_BEFORE["entries"] not in build(DEVICE, path, objective="localized factor")
     assert AS_BEFORE["clicks"] not in build(DEVICE, path, clicks_up_to=2)
 
 
@@ -152,7 +150,7 @@ def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: P
             table, DEVICE, BuildOptions.of(table)
         )
     told = build(device, path, completes=True)
-    assert "clicks" in told and {AS_BEFORE["responses"], AS_BEFORE["entries"]} <= told
+    assert "clicks" in told and AS_BEFORE["responses"] in told
     with Table.open(path, device=device) as table:
         assert not outdated_parts(table)
     assert clicks_of(path) != before
@@ -175,13 +173,6 @@ def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
 
 
 def test_a_table_says_what_it_was_built_by(path: Path) -> None:
-    build(DEVICE, path, objective="fair share", clicks_up_to=0)
+    build(DEVICE, path, clicks_up_to=0)
     with Table.open(path) as table:
-        assert BuildOptions.of(table) == BuildOptions(code_fingerprint(), "fair share", 0, CHEAP)
-
-
-@pytest.mark.machine
-def test_entries_are_the_same_however_many_processes_solve_them(path: Path, tmp_path: Path) -> None:
-    build(DEVICE, tmp_path / "scratch.nc", workers=2, clicks_up_to=0)
-    with Table.open(path) as own, Table.open(tmp_path / "scratch.nc") as other:
-        assert own.entries == other.entries
+        assert BuildOptions.of(table) == BuildOptions(code_fingerprint(), 0, CHEAP)

@@ -3,7 +3,6 @@
 from engine.device import Device
 from engine.touch import Placement, ZoneState
 from precompute.clicks.options import ClickOptions
-from precompute.entries.prediction import States
 
 CHEAP = ClickOptions(lengths_s=(0.02,), quiet_db=0.0, crowding=1.0, scenarios=6, trimmed=20, judged=20)
 """Few plants: enough for laws, not for figures."""
@@ -11,7 +10,7 @@ CHEAP = ClickOptions(lengths_s=(0.02,), quiet_db=0.0, crowding=1.0, scenarios=6,
 _KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}
 
 
-def states(letters: str) -> States:
+def states(letters: str) -> tuple[ZoneState, ...]:
     """One letter a zone: F felt, q quiet, - free."""
     return tuple(_KINDS[letter] for letter in letters)
 

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from engine.device import Device
+from engine.steady import SteadyDrive
+from engine.touch import Placement
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, solve_baseline
 from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.solver import PEAK, ClickSolver
-from precompute.entries.solver import EntrySolver
-from precompute.model.assembly import assemble
-from tests.precompute.clicks.click_cases import CHEAP, placed, states
+from precompute.predict.at_positions import SteadyDesigner
+from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.devices import shipped
 from tests.quick import first_quick
 
@@ -24,12 +26,17 @@ def solver() -> ClickSolver:
     return ClickSolver(replace(device, sweep=replace(device.sweep, step_hz=4.0)), CHEAP)
 
 
+def drives_of(device: Device, placement: Placement) -> list[SteadyDrive]:
+    solver = SteadyDesigner(device).solver
+    return [solver.solve(placement.position_m, placement.is_felt, level_db) for level_db in (*device.levels_db, np.inf)]
+
+
 @any_baseline
 @pytest.mark.parametrize("letters", first_quick(["F--q-", "-q--F"]))
 def test_a_baseline_keeps_to_the_limits_and_loses_to_the_program(solver: ClickSolver, name: str, letters: str) -> None:
     placement = placed(solver.device, letters)
-    entries = EntrySolver(assemble(solver.device)).solve(states(letters))
-    click, own = solve_baseline(solver, placement, entries, name, 0.02), solver.solve(placement)
+    drives = drives_of(solver.device, placement)
+    click, own = solve_baseline(solver, placement, drives, name, 0.02), solver.solve(placement)
     assert click.objective == name and own.objective == PEAK
     assert abs(click.waveform).max() <= 1 and not click.waveform[:, [0, -1]].any()
     assert click.evaluation.quiet is not None and own.evaluation.quiet is not None
@@ -55,14 +62,14 @@ def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> Non
 
 
 def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
-    entry = EntrySolver(assemble(solver.device)).solve(states("F--q-"))[-1]
-    waveform = gate(entry, 0.02, slew_per_s=200.0)
+    drive = drives_of(solver.device, placed(solver.device, "F--q-"))[-1]
+    waveform = gate(drive, 0.02, slew_per_s=200.0)
     assert waveform.shape == (2, round(0.02 * SAMPLE_RATE_HZ) + 1)
     time_s = np.arange(waveform.shape[1]) / SAMPLE_RATE_HZ
     inside = (time_s > 0.005) & (time_s < 0.015)
-    tones = np.sin(2 * np.pi * np.outer(entry.frequencies_hz, time_s) + np.array(entry.phases_rad)[:, None])
-    assert waveform[:, inside] == pytest.approx((np.array(entry.amplitudes)[:, None] * tones)[:, inside])
-    assert waveform[:, 8] == pytest.approx(np.array(entry.amplitudes) * tones[:, 8] * 0.4)
+    tones = np.sin(2 * np.pi * np.outer(drive.frequencies_hz, time_s) + np.array(drive.phases_rad)[:, None])
+    assert waveform[:, inside] == pytest.approx((np.array(drive.amplitudes)[:, None] * tones)[:, inside])
+    assert waveform[:, 8] == pytest.approx(np.array(drive.amplitudes) * tones[:, 8] * 0.4)
 
 
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:

@@ -10,7 +10,7 @@ from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import shipped
-from tests.precompute.predict.dense_state import threshold
+from tests.precompute.sampled import threshold
 
 POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
 

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.predict.performance import DriveFigures, compute_figures
-from precompute.sampling.fingers import sample_fingers
 from tests.precompute.dense_model import DenseModel, Figures
 from tests.precompute.devices import every_device, on_each
-from tests.precompute.predict.dense_state import fingers_of, threshold
+from tests.precompute.sampled import fingers_of, sample_fingers, threshold
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -9,12 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device, Finger
-from engine.table.entry import LONGEST_RISE_S
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
 from precompute.predict.envelope import compute_envelopes
-from precompute.predict.rise_time import WITHIN, compute_rise_model, compute_rise_time
+from precompute.predict.rise_time import LONGEST_RISE_S, WITHIN, compute_rise_model, compute_rise_time
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import other_bars, shipped, with_bar
 from tests.quick import first_quick

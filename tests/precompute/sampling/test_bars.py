@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from engine.device import Device, FittedValue, Uncertainty
-from precompute.entries.prediction import touched_zones
-from precompute.entries.solver import EntrySolver, tabulated_states
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.predict.performance import compute_figures
-from precompute.sampling.bars import SampledBars, sample_bars, sampled_words
-from precompute.sampling.fingers import SAMPLES, sample_fingers
+from precompute.sampling.bars import SampledBars, sample_bars
+from precompute.sampling.fingers import SAMPLES
 from tests.precompute.builder.test_build import SMALL
+from tests.precompute.sampled import sample_fingers
 
 DEVICE = Device.parse(SMALL, "bar")
 TOUCHED = (0, 2)
@@ -68,25 +67,5 @@ def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:
     assert bars_of(device).powers(TOUCHED, HZ, AMPLITUDE) == pytest.approx(figures.power[1:], rel=1e-6)
 
 
-def test_without_a_calibration_there_are_no_other_bars_and_it_says_so() -> None:
+def test_without_a_calibration_there_are_no_other_bars() -> None:
     assert sample_bars(DEVICE, sample_fingers(DEVICE)) is None
-    assert "no calibration" in sampled_words(DEVICE, is_measured=False)
-    assert "another bar" in sampled_words(calibrated(0.1), is_measured=False)
-
-
-def test_an_entry_states_what_its_drive_does_in_the_sampled_cases() -> None:
-    device = calibrated(0.05)
-    solver = EntrySolver(assemble(device))
-    state = next(s for s in tabulated_states(device) if len(touched_zones(s)) == 2 and 1 in s and 2 in s)
-    entry = solver.solve(state)[-1]
-    amplitude = np.array(entry.amplitudes) * np.exp(1j * np.array(entry.phases_rad))
-    power = bars_of(device).powers(touched_zones(state), np.array(entry.frequencies_hz), amplitude)
-    felt, quiet = (10 * np.log10(power[:, k]) for k in np.argsort([-z for z in state if z]))
-    assert entry.spread is not None and entry.spread.quiet is not None and entry.spread.contrast is not None
-    for said, cases in (
-        (entry.spread.felt, felt),
-        (entry.spread.quiet, quiet),
-        (entry.spread.contrast, felt - quiet),
-    ):
-        found = (said.low_db, said.middle_db, said.high_db)
-        assert found == pytest.approx(np.percentile(cases, (5, 50, 95)), abs=1e-6)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.sampling.fingers import sample_fingers
 from precompute.studies.placement import (
     APART,
     MARGIN,
@@ -61,9 +60,9 @@ def test_the_grid_holds_as_many_placements_as_allowed_and_they_can_be_built(coun
 def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(found: PlacementSearch) -> None:
     device = small()
     best = next(placement for placement in found.evaluated if placement.name == "found")
-    again = screen_two_fingers(with_actuators_at(device, best.position_m), sample_fingers(device), 20.0, 2.0)
+    again = screen_two_fingers(with_actuators_at(device, best.position_m), 20.0, 2.0)
     on_the_grid = [
-        screen_two_fingers(with_actuators_at(device, at), sample_fingers(device), 20.0, 2.0).rank
+        screen_two_fingers(with_actuators_at(device, at), 20.0, 2.0).rank
         for at in found.screened_m[np.argsort(-np.nan_to_num(found.screened_db, nan=-99.0))[:2]].tolist()
     ]
     assert again.rank >= max(on_the_grid)

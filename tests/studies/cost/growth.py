@@ -1,9 +1,8 @@
-"""Processor time and memory of entries and clicks as zones, fingers, actuators, sampled plants or the length grow.
+"""Processor time and memory of clicks as fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth entries|clicks [--device NAME] [--figure FILE]` shows how the time of all
-states, or of one click, grows with each of them alone, and that memory stays bounded. Where a case has many states only
-some of them are solved, evenly chosen, and the time for all is extrapolated. Clicks are those of random placements; a
-table takes as many times longer as it has placements.
+`python -m tests.studies.cost.growth clicks [--device NAME] [--figure FILE]` shows how the time of one click grows with
+each of them alone, and that memory stays bounded. Clicks are those of random placements; a table takes as many times
+longer as it has placements.
 
 `growth workers` shares the clicks of a grid of placements of a bar with eight actuators among one and two Dask workers.
 """
@@ -20,20 +19,14 @@ from typing import Any
 
 import matplotlib.figure
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from engine.device import Device, Zone
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
-from precompute.entries.prediction import States, touched_zones
-from precompute.entries.solver import tabulated_states
 from precompute.parallel.pool import solve_in_processes
 from precompute.studies.anywhere import Anywhere, random_placements
-from tactable.bench.entries import STEP_HZ, time_entries
 from tactable.shipped import find_device
-from tests.precompute.devices import with_zones
 from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
 
-ENTRY_ZONES, ENTRY_ACTUATORS, MOST_ENTRY_STATES = (3, 4, 5, 6, 7, 8), (2, 3, 4), 65
 CLICK_CASES = (
     *[("fingers", count) for count in (1, 2, 3, 5, 8)],
     *[("actuators", count) for count in (2, 3, 4, 8)],
@@ -44,18 +37,6 @@ CLICK_CASES = (
 CLICKS = 12
 WORKER_ACTUATORS, WORKER_PLACEMENTS, SOLVED_PLACEMENTS = 8, 2000, 60
 Case = tuple[str, int]
-
-
-def measure_entries(device: Device, zones: Sequence[int], actuators: Sequence[int]) -> list[dict[str, Any]]:
-    """One row for each number of actuators and of zones: states, seconds for all of them, memory."""
-    rows = []
-    with threadpool_limits(1, "blas"):
-        for count in actuators:
-            for zone_count in zones:
-                varied = _with_actuators(with_zones(device, zone_count), count)
-                row = time_entries(varied, _chosen(varied, MOST_ENTRY_STATES))
-                rows.append({"series": f"{count} actuators", "value": zone_count, **row})
-    return rows
 
 
 def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case], clicks: int) -> list[dict[str, Any]]:
@@ -94,17 +75,10 @@ def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) 
     return {
         "series": varied,
         "value": value,
-        "states": clicks,
-        "solved": clicks,
         "click_s": float(np.mean(times_s)),
         "device_s": first_s,
         "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
-
-
-def _chosen(device: Device, most: int) -> list[States]:
-    states = sorted(tabulated_states(device), key=touched_zones)
-    return states[:: -(-len(states) // most)]
 
 
 def _with_actuators(device: Device, count: int) -> Device:
@@ -130,37 +104,27 @@ def _with_length(device: Device, length_m: float) -> Device:
 
 
 def exponents_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Slope of log time over log of what varies, by series: over the number of states where that differs."""
+    """Slope of log time over log of what varies, by series."""
     found = {}
     for series in dict.fromkeys(row["series"] for row in rows):
         own = [row for row in rows if row["series"] == series]
-        key = "states" if len({row["states"] for row in own}) > 1 else "value"
         if len(own) > 1:
-            x, y = (np.log([row[name] for row in own]) for name in (key, _seconds_key(own[0])))
+            x, y = (np.log([row[name] for row in own]) for name in ("value", "click_s"))
             found[series] = float(np.polyfit(x, y, 1)[0])
     return found
 
 
-def _seconds_key(row: dict[str, Any]) -> str:
-    return "click_s" if "click_s" in row else "all_states_s"
-
-
 def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
-    """Seconds for all states, or for one click, and memory, a panel for each series."""
-    key = _seconds_key(rows[0])
-    label = "seconds of a click" if key == "click_s" else "seconds for all states"
+    """Seconds for one click, and memory, a panel for each series."""
     names = list(dict.fromkeys(row["series"] for row in rows))
     figure = matplotlib.figure.Figure(figsize=(3 * len(names), 3.2), layout="constrained")
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(names))), names, strict=True):
         own = [row for row in rows if row["series"] == name]
         value = [row["value"] for row in own]
-        axes.plot(value, [row[key] for row in own], "o-", color="C0")
-        if key == "all_states_s":
-            axes.set_yscale("log")
-        else:
-            axes.set_ylim(bottom=0)
-        axes.set_xlabel(f"zones ({name})" if key == "all_states_s" else name)
-        axes.set_ylabel(label, color="C0")
+        axes.plot(value, [row["click_s"] for row in own], "o-", color="C0")
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel(name)
+        axes.set_ylabel("seconds of a click", color="C0")
         memory = axes.twinx()
         memory.plot(value, [row["memory_mib"] for row in own], "s--", color="C1")
         memory.set_ylabel("memory in MiB", color="C1")
@@ -172,7 +136,7 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
 def main() -> None:
     """Print a row for each case, then the exponents."""
     parser = argparse.ArgumentParser(prog="tests.studies.cost.growth", description=__doc__)
-    parser.add_argument("what", choices=("entries", "clicks", "workers"))
+    parser.add_argument("what", choices=("clicks", "workers"))
     parser.add_argument("--device", default="reference-a")
     parser.add_argument("--solved", type=int, default=SOLVED_PLACEMENTS, help="placements that the workers solve")
     parser.add_argument("--figure", type=Path)
@@ -185,21 +149,12 @@ def main() -> None:
         rows = measure_workers(_with_actuators(device, WORKER_ACTUATORS), DEFAULT_OPTIONS, chosen, (1, 2))
         print(json.dumps({"machine": machine, "grid": len(grid), "rows": rows}, indent=2))
         return
-    if asked.what == "entries":
-        coarse = replace(device, sweep=replace(device.sweep, step_hz=STEP_HZ))
-        rows = measure_entries(coarse, ENTRY_ZONES, ENTRY_ACTUATORS)
-    else:
-        rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
+    rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
     if asked.figure is not None:
         draw(rows, machine, asked.figure)
     print(machine)
     for row in rows:
-        solved = "" if row["solved"] == row["states"] else f" (from {row['solved']})"
-        what = f"{row['states']:5d} states" if asked.what == "entries" else "a click"
-        print(
-            f"{row['series']:>12} {row['value']:4d}: {what} {row[_seconds_key(row)]:8.3f} s{solved}, "
-            f"{row['memory_mib']:.0f} MiB"
-        )
+        print(f"{row['series']:>12} {row['value']:4d}: a click {row['click_s']:8.3f} s, {row['memory_mib']:.0f} MiB")
     for series, exponent in exponents_of(rows).items():
         print(f"{series}: time grows with exponent {exponent:.2f}")
 

@@ -27,7 +27,7 @@ from firmware_link.emulator import Cause, DeviceCounters
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tactable.shipped import DEMO_RECORDING
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import RECORDINGS
 from tests.tools.virtual import VirtualLine

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.render.limits import clamp
-from engine.steady.solver import FOLLOWED_HZ, SteadySolver
+from engine.steady.solver import FOLLOWED_HZ
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
-from precompute.entries.solver import EntrySolver
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
-from precompute.sampling.places import solve_place_receptances
+from precompute.predict.at_positions import SteadyDesigner
 from tactable.shipped import find_device
 
 Array = NDArray[np.float64]
@@ -101,8 +100,8 @@ class Following:
     def __init__(self, device: Device) -> None:
         self.device = device
         plant = assemble(device)
-        self._basis, solver = compute_basis(plant), EntrySolver(plant)
-        self._solver = SteadySolver(device, solve_place_receptances(solver.plant, solver.frequency_hz))
+        self._basis = compute_basis(plant)
+        self._solver = SteadyDesigner(device, plant).solver
         self._taps = threshold_filter(device.threshold, RATE_HZ)[:, None]
 
     def drives(self, run: Run, *, keeps: bool) -> list[DriveEvent]:

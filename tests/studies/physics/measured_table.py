@@ -21,7 +21,7 @@ SENSOR_MASS_KG = 2e-3
 
 
 def main() -> None:
-    """Print how many figures of reference-a's entries are off by more than 0.1 dB, and the greatest."""
+    """Print how many figures of reference-a's best rows are off by more than 0.1 dB, and the greatest."""
     step_hz, places = float(sys.argv[1]), int(sys.argv[2])
     device = shipped("reference-a")
     sweep = device.sweep
@@ -34,9 +34,9 @@ def main() -> None:
         build_table(device, modelled, created="", clicks_up_to=0)
         build_table(device, measured, created="", clicks_up_to=0, responses=read_responses(file, device))
         with Table.open(modelled) as own, Table.open(measured) as other:
-            entries = compare_tables(own, other, Tolerance(0.1)).entries
-    print(f"{places} places, every {step_hz:g} Hz: {len(entries.changed)} of {entries.compared} entries differ")
-    for count, _, figure in entries.largest():
+            found = compare_tables(own, other, Tolerance(0.1)).best_rows
+    print(f"{places} places, every {step_hz:g} Hz: {len(found.changed)} of {found.compared} best rows differ")
+    for count, _, figure in found.largest():
         print(f"{figure.figure}: {count} beyond the tolerance, up to {figure.size:.2f} {figure.unit}")
 
 

@@ -24,7 +24,6 @@ from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import run_emulator
 from tactable.control.client import Client, ClientError, connect
 from tactable.shipped import find_device, named_effects
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -97,7 +96,7 @@ def run(changes: int, seed: int, pause_s: float = 0.01) -> dict[str, object]:
     recording = make_recording(strokes)
     with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
         folder = Path(name)
-        write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+        write_table(folder / "bar.nc", DEVICE, response=0.05)
         write_recording(recording, folder / "taps.hid")
         path = folder / "control.sock"
         words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", "--json"]

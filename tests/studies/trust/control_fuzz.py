@@ -26,7 +26,6 @@ from firmware_link.emulator.process import run_emulator
 from tactable.control.client import connect
 from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.shipped import find_device
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram, hostile_line
 from tests.tactable.rig.strokes import Stroke, make_recording
@@ -100,7 +99,7 @@ def fuzz(messages: int, seed: int, *, is_osc: bool = False) -> dict[str, object]
     random_ = random.Random(seed)
     with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
         folder = Path(name)
-        write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+        write_table(folder / "bar.nc", DEVICE, response=0.05)
         strokes = tuple(Stroke(0.2 * tap, 0.2 * tap + 0.1, 0.1 + 0.2 * (tap % 5), 0.1) for tap in range(TAPS))
         write_recording(make_recording(strokes), folder / "taps.hid")
         path = folder / "control.sock"

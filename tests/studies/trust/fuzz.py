@@ -38,7 +38,7 @@ from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
 from tactable.page.messages import PageMessageError, decode_message, encode_choice, encode_listen, encode_touches
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_entries import entry_of, states_of
+from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
 from tests.precompute.measurements.test_netcdf import READ, dataset
@@ -138,17 +138,17 @@ def _play_table(rng: random.Random, folder: Path) -> None:
     """Sealed again after the edits, as somebody would who wants it to be taken; then all of it is read."""
     whole = folder / "whole.nc"
     if not whole.exists():
-        states = [states_of(DEVICE, [0]), states_of(DEVICE, [1], [3])]
-        entries = [entry_of(DEVICE, each, wanted_level_db=level) for level in (20.0, math.inf) for each in states]
         clicks = [click_of(DEVICE, in_zones(DEVICE, [0])), click_of(DEVICE, in_zones(DEVICE, [1], [3]))]
-        write_table(whole, DEVICE, entries, clicks)
+        write_table(whole, DEVICE, clicks, rows=rows_of(DEVICE, (20.0, math.inf)))
     path, content = folder / "case.nc", bytearray(whole.read_bytes())
     for _ in range(rng.choice((1, 1, 2, 4))):
         at = rng.randrange(len(content) - 64)
         content[at] = content[at] ^ 1 << rng.randrange(8) if rng.random() < 0.7 else rng.choice(_BYTES)
     path.write_bytes(content)
     with Table.open(reseal(path)) as table:
-        assert table.device.fingerprint and all(math.isfinite(sum(entry.amplitudes)) for entry in table.entries)
+        assert table.device.fingerprint and all(
+            math.isfinite(sum(row.amplitudes)) for rows in table.best_rows.values() for row in rows
+        )
         for placement in (in_zones(table.device, [0]), in_zones(table.device, [1], [3])):
             table.click_at(placement, 20.0)
         assert table.receptances is None or np.isfinite(table.receptances.drive).all()

@@ -57,9 +57,9 @@ class Work(Protocol):
 
 
 def whole_table(path: Path) -> Table:
-    """Verified; closed, its entries stay usable."""
+    """Verified; closed, its best rows stay usable."""
     with Table.open(path) as table:
-        assert table.entries
+        assert table.best_rows
     return table
 
 
@@ -133,7 +133,7 @@ app(words.split(), standalone_mode=False)
             assert sorted(path.name for path in fitted.iterdir()) == sorted(self.files)
             json.loads((fitted / "report.json").read_text(encoding="utf-8"))
             assert table.fingerprint == Device.read(fitted / "reference-a.toml").fingerprint
-        return "clicks made" if is_new and not outdated_parts(table) else "new entries" if is_new else "old table"
+        return "clicks made" if is_new and not outdated_parts(table) else "new rows" if is_new else "old table"
 
     def check_end(self, folder: Path) -> None:
         """The folder, the new table with clicks of its own, the old one kept."""

@@ -11,7 +11,6 @@ from engine.table import Table
 from tactable.bench.control import print_control_bench, run_control_bench
 from tactable.shipped import find_device
 from tests.engine.made_clicks import every_click
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 
 ROUNDS = 10
@@ -20,8 +19,7 @@ DEVICE = find_device("reference-a")
 
 @pytest.mark.machine
 def test_each_round_times_a_touch_and_a_message_in_the_same_run(tmp_path: Path) -> None:
-    entries = [entry_of(DEVICE, state) for state in felt_states(DEVICE)]
-    path = write_table(tmp_path / "bar.nc", DEVICE, entries, every_click(DEVICE))
+    path = write_table(tmp_path / "bar.nc", DEVICE, every_click(DEVICE))
     with Table.open(path, verify=False) as table:
         result = run_control_bench(table, ROUNDS)
     json.dumps(result, allow_nan=False)

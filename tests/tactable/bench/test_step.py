@@ -14,7 +14,6 @@ from engine.table import Table
 from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
 from tactable.shipped import device_folder, find_device
 from tests.engine.made_clicks import every_click
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
@@ -26,13 +25,8 @@ RECORDING = make_recording((Stroke(0.0, 0.4, 0.1, 0.9), Stroke(0.1, 0.3, 0.5, 0.
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    states = felt_states(DEVICE)
     rules = {**RULES, "slider": read_effects(device_folder().parent / "effects" / "slider.toml", DEVICE)}
-    levels_db = {level_db for effects in rules.values() for level_db in effects.levels_db}
-    entries = [entry_of(DEVICE, state, wanted_level_db=level_db) for level_db in sorted(levels_db) for state in states]
-    path = write_table(
-        tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, entries, every_click(DEVICE), rows=rows_of(DEVICE)
-    )
+    path = write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, every_click(DEVICE), rows=rows_of(DEVICE))
     recordings = {"strokes": RECORDING, "none": replace(RECORDING, reports=())}
     with Table.open(path, verify=False) as table:
         return run_step_bench(table, recordings, rules, ROUNDS)

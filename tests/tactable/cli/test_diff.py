@@ -8,17 +8,23 @@ from typer.testing import CliRunner
 
 from tactable.cli.main import app
 from tests.engine.made_table import write_table
-from tests.engine.table.test_diff import CLICKS, ENTRIES
+from tests.engine.table.test_diff import CLICKS, held, rows_of
 from tests.engine.table.test_table import DEVICE
 
-_louder = replace(ENTRIES[1], contrast_db=10.5, worst_case=replace(ENTRIES[1].worst_case, contrast_db=7.0))
+ROWS = rows_of(DEVICE)
 
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     folder = tmp_path_factory.mktemp("tables")
-    before = write_table(folder / "before.nc", DEVICE, ENTRIES, CLICKS)
-    after = write_table(folder / "after.nc", DEVICE, [ENTRIES[0], _louder, *ENTRIES[2:]], CLICKS[:2], objective="paper")
+    before = write_table(folder / "before.nc", DEVICE, CLICKS, rows=held(ROWS))
+    after = write_table(
+        folder / "after.nc",
+        DEVICE,
+        CLICKS[:2],
+        rows=held([ROWS[0], replace(ROWS[1], level_db=18.5), *ROWS[2:]]),
+        source="measured",
+    )
     return str(before), str(after)
 
 
@@ -46,9 +52,9 @@ def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
     out = diff(*tables)[1]
     for part in (
         "the tables differ",
-        "option: objective: contrast -> paper",
-        "entries: 1 of 6 changed beyond 0.1 dB",
-        "felt I, quiet IV at 20 dB: contrast 12 -> 10.5 dB, worst contrast 8 -> 7 dB",
+        "option: source: measured appeared",
+        "best rows: 1 of 6 changed beyond 0.1 dB",
+        "felt IV at 20 dB: level 20 -> 18.5 dB",
         "clicks: 1 vanished: felt 83.8 mm 139.7 mm, quiet 251.5 mm",
         "clicks: none of 2 changed",
     ):
@@ -58,7 +64,7 @@ def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
 def test_the_same_is_said_in_one_line_a_part(tables: tuple[str, str]) -> None:
     out = diff(tables[0], tables[0])[1]
     assert "the tables are the same" in out
-    assert "entries: none of 6 changed" in out
+    assert "best rows: none of 6 changed" in out
 
 
 def test_json_holds_all_of_it(tables: tuple[str, str]) -> None:
@@ -66,25 +72,22 @@ def test_json_holds_all_of_it(tables: tuple[str, str]) -> None:
     found = json.loads(out)
     assert status == 1
     assert found["differs"] is True
-    assert found["options"] == [{"key": "objective", "before": "contrast", "after": "paper", "percent": None}]
-    changed = found["entries"]["changed"]
+    assert found["options"] == [{"key": "source", "before": None, "after": "measured", "percent": None}]
+    changed = found["best_rows"]["changed"]
     assert changed == [
         {
-            "felt": ["I"],
-            "quiet": ["IV"],
+            "felt": ["IV"],
+            "quiet": [],
             "level_db": 20.0,
-            "figures": [
-                {"figure": "contrast_db", "before": 12.0, "after": 10.5, "size": 1.5, "unit": "dB"},
-                {"figure": "worst_contrast_db", "before": 8.0, "after": 7.0, "size": 1.0, "unit": "dB"},
-            ],
+            "figures": [{"figure": "level_db", "before": 20.0, "after": 18.5, "size": 1.5, "unit": "dB"}],
         }
     ]
     assert found["clicks"]["vanished"] == ["felt 83.8 mm 139.7 mm, quiet 251.5 mm"]
-    assert [row["figure"] for row in found["entries"]["largest"]] == ["contrast_db", "worst_contrast_db"]
+    assert [row["figure"] for row in found["best_rows"]["largest"]] == ["level_db"]
     assert json.loads(diff(tables[0], tables[0], "--json")[1])["differs"] is False
 
 
 def test_the_limit_is_the_users(tables: tuple[str, str]) -> None:
     out = diff(*tables, "--limit", "1.2")[1]
-    assert "felt I, quiet IV at 20 dB: contrast 12 -> 10.5 dB" in out
-    assert "worst contrast" not in out
+    assert "felt IV at 20 dB: level 20 -> 18.5 dB" in out
+    assert "best rows: none of 6 changed" in diff(*tables, "--limit", "1.6")[1]

@@ -102,8 +102,8 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, run
     assert "dB above threshold android" in words and "Oh and Choi" not in words
 
 
-@pytest.mark.parametrize("words", [(*WORDS, "--click"), ("explain", "bar.nc", "--felt", "I")])
-def test_clicks_and_entries_for_a_person_need_a_table_of_that_curve(run: Any, words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("words", [(*WORDS, "--click"), (*WORDS, "--drives", "zones")])
+def test_clicks_and_rows_for_a_person_need_a_table_of_that_curve(run: Any, words: tuple[str, ...]) -> None:
     status, _, said = run(*words, "--threshold", "android")
     assert status != 0 and "build a table with `tactable build DEVICE --threshold android`" in " ".join(said.split())
 

@@ -58,7 +58,6 @@ def test_again_it_keeps_what_is_done_and_json_says_so(folder: Path) -> None:
     [
         (("nowhere", "-o", "out"), "nowhere"),
         (("bars", "-o", "bars"), "choose another folder"),
-        (("bars", "-o", "out", "--objective", "paperr"), "'paperr'"),
         (("bars", "-o", "out", "--loss", "l2"), "'l2'"),
         (("bars", "-o", "out", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
         (("bars", "-o", "out", "--sensor-mass", "2"), "--sensor-mass"),

@@ -26,7 +26,6 @@ from tactable.cli.main import app
 from tactable.cli.options import read_rules
 from tactable.doctor.touch import Machine
 from tactable.shipped import find_device
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
@@ -51,9 +50,7 @@ effect = "held"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A table of a bar that does not reach 20 dB, rules, and a finger in zone I, then one in III."""
     folder = tmp_path_factory.mktemp("run")
-    write_table(
-        folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05, rows=rows_of(DEVICE)
-    )
+    write_table(folder / "bar.nc", DEVICE, response=0.05, rows=rows_of(DEVICE))
     (folder / "held.toml").write_text(HELD, encoding="utf-8")
     (folder / "wrong.toml").write_text(HELD.replace("on =", 'zones = ["VI"]\non ='), encoding="utf-8")
     strokes = (Stroke(0.0, 0.2, 0.1, 0.1), Stroke(0.3, 0.5, 0.5, 0.5))

@@ -27,7 +27,6 @@ from tactable.control.client import AsyncClient, ClientError, connect_async
 from tactable.control.osc_codec import Value, decode_osc, encode_osc
 from tactable.control.process import serve
 from tactable.control.slot import ControlOf, ControlProcess
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram
 from tests.tactable.control.virtual import BASE, DEVICE, FINGER, run_virtual, settle
@@ -105,7 +104,7 @@ def player_of(slot: ControlProcess) -> EffectPlayer:
 
 
 def write(path: Path, device: Device = DEVICE) -> Path:
-    write_table(path, device, [entry_of(device, felt_states(device)[0])], response=0.05)
+    write_table(path, device, response=0.05)
     return path
 
 

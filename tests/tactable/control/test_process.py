@@ -21,7 +21,6 @@ from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.control.client import Client, ClientError
 from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.shipped import find_device
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -37,7 +36,7 @@ NO_RULES = '[[effect]]\nname = "none"\nenvelope = [["held", "quiet"]]\n[[rule]]\
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A table, a rule file by which nothing is felt, and a finger that rests at 20 % of the bar for ten minutes."""
     folder = tmp_path_factory.mktemp("control")
-    write_table(folder / "bar.nc", DEVICE, [entry_of(DEVICE, felt_states(DEVICE)[0])], response=0.05)
+    write_table(folder / "bar.nc", DEVICE, response=0.05)
     (folder / "none.toml").write_text(NO_RULES, encoding="utf-8")
     write_recording(make_recording((Stroke(0.0, 600.0, 0.2, 0.2),)), folder / "rests.hid")
     return folder
@@ -126,7 +125,7 @@ def test_a_program_triggers_an_effect_and_hears_what_was_played(running: Running
 
 
 def test_the_example_of_two_buttons_sees_the_finger_on_one_of_them(running: Running) -> None:
-    command = [sys.executable, ROOT / "examples" / "program_with_buttons.py", running.socket]
+    command = [sys.executable, str(ROOT / "examples" / "program_with_buttons.py"), str(running.socket)]
     with subprocess.Popen(command, text=True, stdout=subprocess.PIPE) as program:
         assert program.stdout is not None
         assert program.stdout.readline() == "touched: OK\n"
@@ -169,7 +168,7 @@ def test_after_a_change_of_table_programs_meet_the_new_device(folder: Path, tmp_
         with running.connect() as client:
             client.subscribe("touches")
             client.set_region("kept", ["100 mm", "140 mm"], touch="press", stays=True)
-        write_table(tmp_path / "new.nc", longer, [entry_of(longer, felt_states(longer)[0])], response=0.05)
+        write_table(tmp_path / "new.nc", longer, response=0.05)
         (tmp_path / "new.nc").replace(tmp_path / "bar.nc")
         until_s = time.monotonic() + 60.0
         while True:

@@ -1,6 +1,5 @@
 """Laws of promises in events: those of the table for clicks, those of the drive that was sent for steady drives."""
 
-import lzma
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,7 +15,6 @@ from firmware_link.protocol.messages import decode_drive, encode_drive
 from tactable.control.events import Events
 from tactable.control.promise import Board, promise_of
 from tactable.explain.placed_drive import designer_of
-from tactable.rig.ready import pack
 from tests.tactable.control.test_server import SAID
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
@@ -88,20 +86,6 @@ def test_in_place_of_a_click_that_is_not_solved_the_drive_promises(table: Table)
     board = board_of(table)
     instead = promise_of(table, record_of(table, FINGERS, AT_NS, is_click=True, is_provisional=True), board)
     assert instead == promise_of(table, record_of(table, FINGERS, AT_NS), board)
-
-
-def test_a_shipped_table_promises_its_entry_of_the_zones(table: Table, tmp_path: Path) -> None:
-    record = record_of(table, FINGERS, AT_NS)
-    entry = table.entry_at(FINGERS.state_on(table.device), 20.0)
-    assert entry is not None and entry.spread is not None and entry.spread.quiet is not None
-    pack(table, tmp_path / "packed")
-    (tmp_path / "shipped.nc").write_bytes(lzma.decompress((tmp_path / "packed").read_bytes()))
-    with Table.open(tmp_path / "shipped.nc") as shipped:
-        promise = promise_of(shipped, record, board_of(table))
-    assert promise is not None
-    assert promise["felt_at_least_db"] == pytest.approx(entry.spread.felt.low_db, abs=1e-6)
-    assert promise["quiet_at_most_db"] == pytest.approx(entry.spread.quiet.high_db, abs=1e-6)
-    assert promise["felt_db"]["nominal"] == pytest.approx(entry.level_db, abs=1e-6)
 
 
 def test_of_drives_that_are_read_at_once_the_last_has_a_promise_and_nobody_waits_for_one_unasked(table: Table) -> None:

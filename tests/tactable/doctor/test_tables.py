@@ -8,7 +8,6 @@ import pytest
 from precompute.builder.code_fingerprint import code_fingerprint
 from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
 from tactable.shipped import find_device
-from tests.engine.made_entries import entry_of, felt_states
 from tests.engine.made_table import write_table
 from tests.tools.guard import allowed
 
@@ -16,9 +15,8 @@ DEVICE = find_device("reference-a")
 
 
 def test_fresh_stale_and_broken_tables_are_told_apart(tmp_path: Path) -> None:
-    entries = [entry_of(DEVICE, felt_states(DEVICE)[0])]
-    fresh = write_table(tmp_path / "fresh.nc", DEVICE, entries, code_fingerprint=code_fingerprint())
-    stale = write_table(tmp_path / "stale.nc", DEVICE, entries, code_fingerprint="another")
+    fresh = write_table(tmp_path / "fresh.nc", DEVICE, code_fingerprint=code_fingerprint())
+    stale = write_table(tmp_path / "stale.nc", DEVICE, code_fingerprint="another")
     broken = tmp_path / "broken.nc"
     broken.write_bytes(fresh.read_bytes()[:-100])
     checks = check_tables([fresh, stale, broken])

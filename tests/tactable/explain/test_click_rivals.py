@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.table import ClickEntry
-from engine.table.entry import shifted
+from engine.table.levels import shifted
 from engine.touch import Placement
 from precompute.clicks.baselines import BASELINES
 from tactable.explain.click_rivals import solve_rivals

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from engine.loop.ring import Record, RingCounters
 from engine.render import clamp
 from engine.table import Table
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import DriveEvent

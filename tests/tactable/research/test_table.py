@@ -45,7 +45,7 @@ def test_a_click_is_the_waveform_as_played_with_its_promise(table: Table) -> Non
 
 def test_pictures_are_those_of_the_command(table: Table) -> None:
     drive, click = table.drive_for(["35 mm"], ["0.2 m"]), table.click_for(["35 mm"], ["0.2 m"])
-    for figure in (drive.plot(), click.plot(), table.plot(10)):
+    for figure in (drive.plot(), click.plot()):
         assert all(axes.has_data() for axes in figure.axes)
 
 
@@ -62,7 +62,7 @@ def test_groups_are_datasets_and_a_missing_one_is_named(table: Table) -> None:
     assert table.to_xarray("clicks").basis_function.dims == ("function", "sample")
     with pytest.raises(TableError, match=r"has no group 'click'; its groups are .*clicks, coherent_sweep"):
         table.to_xarray("click")
-    assert repr(table).startswith(f"<Table {table.path}: ") and "entries" in table._repr_html_()
+    assert repr(table).startswith(f"<Table {table.path}: ") and "best rows" in table._repr_html_()
 
 
 def test_names_from_a_file_cannot_become_markup(tmp_path: Path, click_table: Path) -> None:

@@ -16,7 +16,7 @@ from engine.effects import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segme
 from engine.effects.rules import burst
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRows
-from engine.table.entry import DEFAULT_LEVEL_DB
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, read_recording

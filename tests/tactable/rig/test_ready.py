@@ -6,14 +6,12 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
-from engine.table import Table, TableError
-from engine.table.diff import Tolerance, click_figures, entry_figures
+from engine.table import Table
+from engine.table.diff import Tolerance, click_figures
 from precompute.builder.build import build_table
 from precompute.builder.incremental import BuildOptions
 from precompute.clicks import DEFAULT_OPTIONS
 from precompute.clicks.tabulated import tabulate_clicks
-from precompute.entries.solver import EntrySolver
-from precompute.model.assembly import assemble
 from tactable.rig import ready
 from tactable.rig.ready import (
     REMAKE,
@@ -47,14 +45,14 @@ def shipped(built: Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     return tmp_path / "cache" / "bar.nc"
 
 
-def test_a_shipped_table_plays_what_it_was_made_of_and_says_what_it_lacks(built: Table, shipped: Path) -> None:
+def test_a_shipped_table_plays_what_it_was_made_of(built: Table, shipped: Path) -> None:
     table = open_cached(built.device, shipped)
     assert table is not None and table.is_shipped and table.path != shipped
     found = compare_with_shipped(table, built)
-    assert (found.entries, found.clicks, found.changed) == (len(built.entries), len(built.clicks), 0)
+    assert (found.clicks, found.changed) == (len(built.clicks), 0)
     assert "as shipped" in found.text
-    with pytest.raises(TableError, match=r"no receptances.*build it"):
-        _ = table.receptances
+    drives = [each.drive_for(["35 mm"], ["120 mm"]) for each in (table, built)]
+    assert drives[0].expected_contrast_db == pytest.approx(drives[1].expected_contrast_db, abs=0.5)  # from few modes
     table.close()
 
 
@@ -113,16 +111,12 @@ def test_samples_of_a_shipped_table_are_what_this_code_solves(name: str, tmp_pat
     remedy = f"{name}: numbers have changed: remake the shipped tables with `{REMAKE} {name}`, which takes minutes"
     with open_shipped(device, tmp_path / "table.nc") or pytest.fail(remedy) as table:
         options = BuildOptions.of(table)
-        own = [entry for entry in table.entries if entry.index == table.entries[7].index]
-        solver = EntrySolver(assemble(device), options.objective, options.made_for)
-        entries = zip(own, solver.solve(own[0].states), strict=True)
         click = table.clicks[len(table.clicks) // 2]
         places, key = table.places, table.places.key(click.placement)
         clicks = [
             (click, found) for found, _ in tabulate_clicks(device, options.click_options.coarse, places, [key], 1)
         ]
-    figures = [figure for pair in entries for figure in entry_figures(*pair, same_actuators=True)]
-    figures += [figure for pair in clicks for figure in click_figures(*pair, same_actuators=True)]
+    figures = [figure for pair in clicks for figure in click_figures(*pair, same_actuators=True)]
     assert not [figure for figure in figures if figure[3] > Tolerance().limit(figure[0])], remedy
 
 

@@ -25,7 +25,7 @@ from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unp
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
 from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
-from tests.engine.made_entries import LEVEL_DB, entry_of, states_of
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -49,7 +49,7 @@ def emulator() -> Iterator[RunningEmulator]:
 
 def write(path: Path, response: float, device: Device = DEVICE) -> None:
     """A table whose bar answers so much more than another: the drive for a level is so much weaker."""
-    write_table(path, device, [entry_of(device, states_of(device, [0]))], response=response)
+    write_table(path, device, response=response)
 
 
 Drive = tuple[float, float] | None

@@ -17,7 +17,7 @@ from engine.touch.sources.recording import Recording, Report
 from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.loop.rig import DEVICE
 from tests.engine.made_clicks import basis_of, click_of, made_clicks, places_of
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 from tests.tools.virtual import MS
 

@@ -31,8 +31,8 @@ from tests.engine.loop.fast.scripts import (
 )
 from tests.engine.loop.fast.test_fast_path import on_sockets
 from tests.engine.loop.rig import DEVICE, Rig
-from tests.engine.made_entries import LEVEL_DB
 from tests.engine.made_rows import rows_of
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.quick import first_quick
 from tests.tools.guard import allowed

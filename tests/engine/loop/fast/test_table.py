@@ -19,7 +19,7 @@ from firmware_link.protocol.messages import encode_play
 from tests.engine.loop.fast.scripts import LOUD_DB, varied_clicks
 from tests.engine.loop.rig import DEVICE, NO_CLICKS, Rig, recording_of, report
 from tests.engine.made_clicks import click_of, every_click, made_clicks, places_of
-from tests.engine.made_entries import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB
 
 LEVELS_DB = (LEVEL_DB, LOUD_DB, float("inf"))
 EFFECTS = Effects(tuple(Rule(Trigger.TOUCH, click(level_db)) for level_db in LEVELS_DB))

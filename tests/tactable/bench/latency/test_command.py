@@ -18,7 +18,6 @@ from tactable.cli.latency import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click
-from tests.engine.made_entries import entry_of, states_of
 from tests.engine.made_table import write_table
 from tests.tactable.cli.in_process import run_here
 
@@ -38,8 +37,7 @@ def few_reports_in_process() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    entries = [entry_of(DEVICE, states_of(DEVICE, [0]))]
-    return write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, entries, every_click(DEVICE))
+    return write_table(tmp_path_factory.mktemp("bench") / "bar.nc", DEVICE, every_click(DEVICE))
 
 
 def bench(folder: Path, *words: str) -> Result:

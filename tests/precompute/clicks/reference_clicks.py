@@ -25,7 +25,7 @@ from precompute.clicks.solver import FULL_SCALE
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.plants import sample_scenarios
-from tactable.bench.reference_plants import MODES, TimeDomainResponses, sample_response
+from tests.precompute.clicks.reference_plants import MODES, TimeDomainResponses, sample_response
 
 Array = NDArray[np.float64]
 

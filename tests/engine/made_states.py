@@ -1,0 +1,24 @@
+"""States of the zones by the indices of those that are touched, and the level that tests play at."""
+
+from collections.abc import Sequence
+from itertools import product
+
+from engine.device import Device
+from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.touch import ZoneState
+
+LEVEL_DB = DEFAULT_LEVEL_DB
+
+
+def states_of(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) -> tuple[ZoneState, ...]:
+    """State of every zone, from the indices of those that are not free."""
+    return tuple(
+        ZoneState.FELT if zone in felt else ZoneState.QUIET if zone in quiet else ZoneState.FREE
+        for zone in range(len(device.zones))
+    )
+
+
+def felt_states(device: Device) -> list[tuple[ZoneState, ...]]:
+    """Every state with a felt zone."""
+    states = product(ZoneState, repeat=len(device.zones))
+    return [state for state in states if ZoneState.FELT in state]

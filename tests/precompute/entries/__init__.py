@@ -1,1 +1,0 @@
-"""Tests: the same folders as the package."""
