@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from base.errors import TactableError as TactableError
     from engine.device import Device as Device
     from engine.device.quantity import quantity_text as quantity_text
     from engine.table.diff import compare_tables as compare_tables
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from firmware_link.host.link_values import LinkState as LinkState
     from firmware_link.host.serial_port import SerialPort as SerialPort
     from firmware_link.host.session import Session as Session
-    from firmware_link.protocol.errors import TactableError as TactableError
     from firmware_link.protocol.messages import ChannelDrive as ChannelDrive
     from firmware_link.protocol.messages import encode_drive as encode_drive
     from precompute.builder.build import build_table as build_table
@@ -45,7 +45,7 @@ _HOMES = {
     "SerialPort": "firmware_link.host.serial_port",
     "Session": "firmware_link.host.session",
     "Table": "tactable.research.table",
-    "TactableError": "firmware_link.protocol.errors",
+    "TactableError": "base.errors",
     "build_table": "precompute.builder.build",
     "calibrate": "precompute.calibration.calibrate",
     "calibrated_device": "precompute.calibration.device_text",

@@ -11,14 +11,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("engine", "precompute", "firmware_link", "tactable", "tests", "docs", "tables")
+ROOMS = ("base", "engine", "precompute", "firmware_link", "tactable", "tests", "docs", "tables")
 SOURCES = (".py", ".c", ".h", ".js", ".html", ".md", ".toml", ".ipynb", ".cpp")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "tables").glob("*.md"))]
 _CITED = re.compile(r"(?<![\w/.-])((?:[\w-]+/)*[A-Za-z][\w-]*\.md)(?:#([\w-]+))?")
 _NAMED = re.compile(r"\[`([\w.]+)`\]\(([^)#]+\.(?:py|c|h))\)")
 _MADE_BY_COMMANDS = {"report.md"}
-_MODULE = re.compile(r"(?<![\w./-])((?:engine|precompute|firmware_link|tactable|tests)(?:\.[A-Za-z_]\w*)+)")
-_PATH = re.compile(r"(?<![\w./-])((?:engine|precompute|firmware_link|tactable|tests|tables|docs)(?:/[\w.-]*\w)+)")
+_MODULE = re.compile(r"(?<![\w./-])((?:base|engine|precompute|firmware_link|tactable|tests)(?:\.[A-Za-z_]\w*)+)")
+_PATH = re.compile(
+    r"(?<![\w./-])((?:base|engine|precompute|firmware_link|tactable|tests|tables|docs|examples)(?:/[\w.-]*\w)+)"
+)
 
 
 def sources() -> Iterator[Path]:

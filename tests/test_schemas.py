@@ -11,11 +11,11 @@ import jsonschema
 import pytest
 import tomlkit
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.device.named_files import text_with_threshold
 from engine.device.toml_table import TomlTable
 from engine.effects.rule_file import parse_effects
-from firmware_link.protocol.errors import TactableError
 from tactable.shipped import device_folder, find_device, named_effects
 
 TABLES = Path(__file__).parent.parent / "tables"

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from base.errors import TactableError
 from engine.device.electrodes import Electrodes
 from engine.device.transfer import Transfer
-from firmware_link.protocol.errors import TactableError
 
 
 class DeviceError(TactableError, ValueError):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+from base.errors import TactableError
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
-from firmware_link.protocol.errors import TactableError
 
 FULL_SCALE_DB = math.inf
 """The level that stands for as much as full scale gives."""

@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
+from base.errors import TactableError
 from engine.loop.latency import Stamps
 from engine.loop.observer import CommandRecord, LoopCounters
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
-from firmware_link.protocol.errors import TactableError
 
 MAGIC = b"tactring"
 REVISION = 3

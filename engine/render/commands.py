@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
+from base.errors import TactableError
 from firmware_link.host.link import Link
 from firmware_link.protocol.basis import EncodedClick
-from firmware_link.protocol.errors import TactableError
 
 
 class RendererError(TactableError, ValueError):

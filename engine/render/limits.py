@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from base.errors import TactableError
 from engine.device import Actuator, Device, Limits
 from firmware_link.host.link_values import LinkConfiguration
-from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.messages import ChannelDrive
 
 # Quotients such as 1 / (5 ms) fall short of the whole number they stand for by a few units in the last place.

@@ -13,7 +13,7 @@ than any ratio can gain.
 import numpy as np
 from numba import types
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.steady.forms import DRIVE, REAL, ROWS, TINY, USABLE, fill_products, multiply, power_of
 
 PENALTY = 60.0

@@ -8,7 +8,7 @@ without branches. Products of the diagonal are the powers of the amplitudes them
 import numpy as np
 from numba import types
 
-from engine.compiled import njit
+from base.compiled import njit
 
 TINY = 1e-300
 

@@ -8,7 +8,7 @@ become vector instructions. Single precision is enough: the deepest minimum unde
 import numpy as np
 from numba import types
 
-from engine.compiled import njit
+from base.compiled import njit
 
 _BLOCK = types.Array(types.float32, 3, "C", readonly=True)
 _FIELD = types.Array(types.float32, 4, "C", readonly=True)

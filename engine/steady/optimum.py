@@ -23,7 +23,7 @@ holds the responses that the levels are the powers of.
 import numpy as np
 from numba import types
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.steady.forms import (
     DRIVE,
     REAL,

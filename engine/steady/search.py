@@ -9,7 +9,7 @@ actuators, each step of the refinement ends with the ascent of engine.steady.asc
 import numpy as np
 from numba import types
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.steady.ascent import SHARPEST, climb
 from engine.steady.forms import DRIVE, REAL, USABLE, copy_drive, fill_products, loudness_of, ratio_of
 from engine.steady.optimum import (

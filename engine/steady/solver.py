@@ -21,6 +21,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
 from engine.steady.drive import SteadyDrive
@@ -28,7 +29,6 @@ from engine.steady.loading import fill_energies, fill_loaded, fill_powers
 from engine.steady.receptances import Receptances
 from engine.steady.search import find_drive
 from engine.touch.placement import MOST_FINGERS
-from firmware_link.protocol.errors import TactableError
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

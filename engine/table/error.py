@@ -1,6 +1,6 @@
 """The error of tables, which names what is wrong and where."""
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 
 class TableError(TactableError):

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.files import partial_path, unwritable, written_path
+from base.files import partial_path, unwritable, written_path
 from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
 from engine.table.spool import SpoolFile

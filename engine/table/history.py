@@ -4,7 +4,7 @@ import os
 import shutil
 from pathlib import Path
 
-from engine.files import partial_path, remove_partials, rename_durably, written_path
+from base.files import partial_path, remove_partials, rename_durably, written_path
 from engine.table.error import TableError
 
 

@@ -20,10 +20,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from base.errors import TactableError
 from engine.touch.descriptor import Surface, SurfaceKind, read_surfaces
 from engine.touch.quirks import Key, QuirkClass, quirks_for, vendor_with_own_driver
 from engine.touch.report_plan import ReportPlan, build_plan, read
-from firmware_link.protocol.errors import TactableError
 
 # Frames of live digitizers come every 2..26 ms. A report of a frame that comes later than this belongs to another one.
 FRAME_SILENCE_NS = 30_000_000

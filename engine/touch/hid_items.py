@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 # Linux refuses longer descriptors and longer reports (HID_MAX_DESCRIPTOR_SIZE, HID_MAX_BUFFER_SIZE).
 MAXIMUM_DESCRIPTOR_BYTES = 4096

@@ -6,8 +6,8 @@ from itertools import pairwise
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from base.errors import TactableError
 from engine.touch.finger_tracker import ZoneEdges, ZoneState, state_index
-from firmware_link.protocol.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from firmware_link.child import START_TIMEOUT_S, Child, Parent
+from base.child import START_TIMEOUT_S, Child, Parent
+from base.work_folder import work_folder
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.drive_log import (
     DriveEvent,
@@ -23,7 +24,6 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
-from firmware_link.work_folder import work_folder
 
 _STOP_TIMEOUT_S = 10.0
 _LOG_WORD = "log"

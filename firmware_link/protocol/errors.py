@@ -1,11 +1,6 @@
-"""The root of the project's errors, and the errors of the link by whose fault they are."""
+"""The errors of the link, by whose fault they are."""
 
-
-class TactableError(Exception):
-    """Root of every error that a user can cause and mend; its text says what, where and the remedy.
-
-    It stands in the lowest room, which every other room may import, so that the command line catches one class.
-    """
+from base.errors import TactableError
 
 
 class LinkError(TactableError):

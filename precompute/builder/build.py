@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from base.files import written_path
 from engine.device import Device
 from engine.device.values import restated
-from engine.files import written_path
 from engine.table import Table, TableError
 from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks

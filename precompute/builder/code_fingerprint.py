@@ -16,11 +16,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-_ROOTS = ("precompute", "engine", "firmware_link")
+_ROOTS = ("precompute", "engine", "firmware_link", "base")
 _START = "precompute.builder.build"
 _WITHOUT_NUMBERS = (
     "precompute.parallel",  # which process solves, not what
-    "engine.compiled",  # which machine code is kept, not what it computes
+    "base.compiled",  # which machine code is kept, not what it computes
     "engine.touch.descriptor",  # how the live engine reads fingers; a table needs only the states of zones
     "engine.touch.digitizer",
     "firmware_link.host",  # what a port answers while it is open

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 from precompute.calibration.calibrate import Calibration
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel

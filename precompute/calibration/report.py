@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.plain import to_plain
 from engine.device.quantity import interval_text, quantity_text
-from engine.plain import to_plain
 from precompute.calibration.calibrate import Calibration, Estimate, Known
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.pairwise import Pairwise

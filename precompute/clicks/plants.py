@@ -25,7 +25,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines

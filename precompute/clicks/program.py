@@ -27,8 +27,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from engine.compiled import njit
-from firmware_link.protocol.errors import TactableError
+from base.compiled import njit
+from base.errors import TactableError
 from precompute.clicks.simplex import Outcome, maximise
 
 Array = NDArray[np.float64]

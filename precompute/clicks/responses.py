@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, Tones
 from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 

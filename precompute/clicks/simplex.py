@@ -25,7 +25,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.files import unwritable
+from base.files import unwritable
 from engine.table import ClickEntry
 from engine.table.click import ClickFinger, LevelSpread
 from engine.touch import Placement

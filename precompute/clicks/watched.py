@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from precompute.clicks.basis import Tones
 from precompute.clicks.responses import Responses
 

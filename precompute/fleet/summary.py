@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from base.plain import to_plain
 from engine.device.values import Value, number_of
-from engine.plain import to_plain
 from precompute.fleet.units import Outcome, Unit
 
 OUTLYING = 3.5

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from base.errors import TactableError
+from base.plain import to_plain
 from engine.device.values import Value
-from engine.plain import to_plain
-from firmware_link.protocol.errors import TactableError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.clicks import DEFAULT_OPTIONS

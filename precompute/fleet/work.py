@@ -12,13 +12,13 @@ from pathlib import Path
 import numba
 from threadpoolctl import threadpool_limits
 
+from base.errors import TactableError
+from base.files import remove_partials, replace_file, write_new_folder
 from engine.device import Device, DeviceError
 from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
-from engine.files import remove_partials, replace_file, write_new_folder
 from engine.table import Table
-from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.adequacy import adequacy_report

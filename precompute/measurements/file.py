@@ -3,9 +3,9 @@
 import stat
 from pathlib import Path
 
+from base.files import replace_file
 from engine.device import Device
 from engine.device.toml_table import read_text
-from engine.files import replace_file
 from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.types import MeasurementError, Measurements
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.child import Child, ChildError, Parent
+from base.child import Child, ChildError, Parent
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import MeasurementError
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.errors import TactableError
 from engine.device import Device
-from firmware_link.protocol.errors import TactableError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

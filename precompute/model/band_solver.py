@@ -3,7 +3,7 @@
 import numpy as np
 from numba import prange, types
 
-from engine.compiled import njit
+from base.compiled import njit
 from precompute.model.assembly import BANDWIDTH
 
 FIRST_SUPER = 2 * BANDWIDTH

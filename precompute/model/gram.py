@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange, types
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from precompute.model.response import Response
 
 Gram = NDArray[np.complex128]

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 import numba
 from threadpoolctl import threadpool_limits
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

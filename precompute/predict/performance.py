@@ -7,7 +7,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from precompute.model.assembly import Plant
 from precompute.model.response import solve_response
 from precompute.model.steady import SteadyState, steady_state_of

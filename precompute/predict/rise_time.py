@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.device import Actuator, Finger
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.transfers import moved_bases

@@ -7,7 +7,7 @@ import numpy as np
 from numba import prange, types
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 from engine.device import Device
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 from engine.table import Clicks
 from engine.touch import Placement, PlacementError, ZoneState
 from engine.touch.finger_tracker import ZoneEdges

@@ -13,7 +13,7 @@ import numpy as np
 from numba import prange, types
 from numpy.typing import NDArray
 
-from engine.compiled import njit
+from base.compiled import njit
 
 _F1 = types.Array(types.float32, 1, "C", readonly=True)
 _F2 = types.Array(types.float32, 2, "C", readonly=True)

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.c_library import CompileError, LibrarySource, compile_library
+from base.c_library import CompileError, LibrarySource, compile_library
 from firmware_link.emulator import BOARD_EMULATED, BOARD_SOUND_CARD, DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.protocol.messages import DeviceState

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from firmware_link.child import Parent
+from base.child import Parent
 from tactable.audio.board import AudioBoard, CardPace, Samples, core_library
 from tactable.audio.names import AudioError, AudioOutput, parse_output
 from tactable.audio.streams import open_output

@@ -2,7 +2,7 @@
 
 import socket
 
-from firmware_link.child import START_TIMEOUT_S, Child, ChildError
+from base.child import START_TIMEOUT_S, Child, ChildError
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.serial_port import SerialPort
 from tactable.audio.names import AudioError, is_audio, parse_output

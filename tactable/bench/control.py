@@ -18,8 +18,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.child import Child
 from engine.table import Table
-from firmware_link.child import Child
 from tactable.bench.control_scene import run_scene_bench
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.latency.stages import figures_of, us

@@ -5,12 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from base.child import Parent
+from base.plain import to_plain
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop import SystemClock
-from engine.plain import to_plain
 from engine.render import WhenNotAchieved
 from engine.table import Table
-from firmware_link.child import Parent
 from tactable.bench.latency.sockets import SocketPort, SocketSource
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.run.live import Live, LiveOptions, fast_library

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
+from base.work_folder import work_folder
 from engine.device import Device
-from firmware_link.work_folder import work_folder
 from precompute.builder.build import MEMORY_BUDGET_BYTES, build_table
 from precompute.model.assembly import Plant, assemble
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points

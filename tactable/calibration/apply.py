@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
-from firmware_link.protocol.errors import TactableError
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts

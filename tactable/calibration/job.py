@@ -12,8 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from base.files import check_new_folder, write_new_folder
 from engine.device import Device
-from engine.files import check_new_folder, write_new_folder
 from engine.render.board_fit import card_text, flash_text
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from base.errors import TactableError
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
-from firmware_link.protocol.errors import TactableError
 from tactable.cli.console import print_error, print_json, remark, say, shown_progress
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from engine.files import replace_file
+from base.files import replace_file
 from engine.table.history import previous_of
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say, show, shown_progress
 from tactable.cli.measure import (

@@ -17,7 +17,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
 from rich.segment import Segment
 
-from engine.printable import printable
+from base.printable import printable
 
 _WIDEST = 1000
 EXIT_DOUBTFUL = 3

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from engine.files import remove_all_partials
+from base.files import remove_all_partials
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
 from tactable.cli.options import (
     DEVICE_HELP,

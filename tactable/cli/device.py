@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.plain import to_plain
+from base.plain import to_plain
 from tactable.cli.console import print_json, say, show
 from tactable.cli.options import (
     AsJson,

@@ -6,13 +6,13 @@ from typing import Annotated
 import typer
 from threadpoolctl import threadpool_limits
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.effects import Drives
 from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
-from firmware_link.protocol.errors import TactableError
 from tactable.cli.console import OUT, print_error, print_json, shown_work
 from tactable.cli.options import (
     AsJson,

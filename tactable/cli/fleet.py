@@ -97,7 +97,7 @@ def _summary_paths(output: Path) -> tuple[Path, Path]:
 
 
 def _write_summary(summary: "Summary", output: Path) -> None:
-    from engine.files import replace_file
+    from base.files import replace_file
     from precompute.fleet.summary import summary_csv, summary_json
 
     texts = (summary_csv(summary), json.dumps(summary_json(summary), indent=1))

@@ -1,6 +1,6 @@
 """Places for what is compiled and kept: none that other users can write, and one for kernels wherever numba has none.
 
-Kept code runs as the user that loads it, so a stated folder that others can change is not used (`firmware_link.trust`).
+Kept code runs as the user that loads it, so a stated folder that others can change is not used (`base.trust`).
 
 numba keeps compiled kernels beside the sources, or else in the user's cache folder. In a read-only installation whose
 user has no writable home, every import of a kernel ends in "cannot cache function". Then a temporary folder stands in:
@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
-from firmware_link.trust import REMEDY, open_to_others
-from firmware_link.work_folder import work_folder
+from base.trust import REMEDY, open_to_others
+from base.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGE = Path(__file__).parents[2] / "precompute"

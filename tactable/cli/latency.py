@@ -58,7 +58,7 @@ def latency(
     than the report of --compare.
     """
     # It draws, and knows the demo: importing that takes longer than parsing the options.
-    from engine.plain import to_plain
+    from base.plain import to_plain
     from tactable.audio.names import is_audio
     from tactable.bench.latency.report import compare_with, measure, read_baseline, write_report
 

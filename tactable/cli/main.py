@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from tactable.cli.kernel_cache import provide_kernel_cache, refuse_open_caches
 
 EXIT_INTERRUPTED = 130

@@ -103,7 +103,7 @@ def measure(
     """
     from threadpoolctl import threadpool_limits
 
-    from engine.plain import to_plain
+    from base.plain import to_plain
     from precompute.measurements.file import check_ending
     from tactable.audio.names import is_audio
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
@@ -241,8 +241,8 @@ def write_transfers(
 
     Raises CalibrationError where they show none.
     """
+    from base.files import replace_file
     from engine.device import Device
-    from engine.files import replace_file
     from precompute.calibration.device_text import text_with_transfers
     from precompute.calibration.transfer import find_transfers
     from precompute.measurements import Kind

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from base.files import replace_file
 from engine.device import Device, DeviceError
 from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
-from engine.files import replace_file
 from tactable.cli.console import say
 from tactable.cli.options import OptionError, names_in, read_option
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device

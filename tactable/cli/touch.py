@@ -45,7 +45,7 @@ def record(
 
     The recording ends at Ctrl-C, after --seconds, or when the digitizer is unplugged.
     """
-    from engine.files import check_folder_of
+    from base.files import check_folder_of
     from engine.loop.loop import SystemClock
     from engine.touch.sources.recording import write_recording
     from tactable.digitizers.record import opened, record_source, stop_at_signal

@@ -20,7 +20,7 @@ from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from tactable.control.requests import DEFAULT_LEASE_S, VERSION
 
 _READ_BYTES = 1 << 16

@@ -13,8 +13,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from typing import Any
 
-from engine.printable import printable
-from firmware_link.child import ChildError
+from base.child import ChildError
+from base.printable import printable
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import VERSION
 from tactable.control.security import LOOPBACK

@@ -11,7 +11,7 @@ from pythonosc.osc_message import OscMessage, ParseError
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.parsing import osc_types
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from tactable.control.requests import MOST_BYTES
 
 MOST_MESSAGES = 64

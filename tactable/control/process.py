@@ -12,11 +12,11 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from base.child import Parent
+from base.printable import printable
 from engine.effects import Outcome
 from engine.loop import RingReader
-from engine.printable import printable
 from engine.table import Table, TableError
-from firmware_link.child import Parent
 from tactable.control.events import Events
 from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.effects import Effect, EffectError, Rule, SceneSettings
@@ -18,7 +19,6 @@ from engine.effects.files import FORMATS, Converted, decode_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
 from engine.effects.files.json_part import Part
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
-from firmware_link.protocol.errors import TactableError
 
 VERSION = 1
 """Version of the messages; `hello` states it."""

@@ -13,10 +13,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from base.child import Child
+from base.plain import to_plain
+from base.printable import printable
 from engine.effects import ControlStep, Outcome
-from engine.plain import to_plain
-from engine.printable import printable
-from firmware_link.child import Child
 from firmware_link.host.link_values import Capabilities
 from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
 from tactable.run.table_watch import Messages

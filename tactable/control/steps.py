@@ -20,8 +20,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from base.errors import TactableError
 from engine.effects import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
-from firmware_link.protocol.errors import TactableError
 from tactable.control.requests import Region
 from tactable.control.scene import Scene
 

@@ -7,7 +7,7 @@ import stat
 from collections.abc import Callable
 from pathlib import Path
 
-from firmware_link.child import ChildError
+from base.child import ChildError
 
 _OPTION = "choose another place with --control-socket"
 

@@ -14,7 +14,7 @@ from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from firmware_link.child import ChildError
+from base.child import ChildError
 from tactable.control.requests import MOST_BYTES
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token, print_no_wrong_text
 from tactable.control.server import ControlServer

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
-from engine.plain import to_plain
+from base.plain import to_plain
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import Table
 from engine.table.best_rows import BestRow

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.plain import to_plain
 from engine.device import Spread
-from engine.plain import to_plain
 from engine.table import ClickEntry, Table
 from engine.table.click import LevelSpread, played_at
 from engine.touch import Placement

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
-from firmware_link.protocol.errors import TactableError
 from precompute.clicks.basis import RINGDOWN_S
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
+from base.plain import to_plain
 from engine.device.values import Change, Value, number_of
-from engine.plain import to_plain
 from engine.table.diff import FigureChange, PartDiff, StateChange, TableDiff, describe
 
 _SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40

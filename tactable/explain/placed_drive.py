@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.plain import to_plain
 from engine.device import Device, Threshold
-from engine.plain import to_plain
 from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
 from engine.touch import Placement

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from engine.plain import to_plain
+from base.plain import to_plain
 from precompute.clicks import Click
 from precompute.clicks.evaluation import Levels
 from tactable.explain.click_study import Study

@@ -9,8 +9,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from base.files import replace_file
 from engine.device import Device
-from engine.files import replace_file
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tactable.explain.words import finger_names

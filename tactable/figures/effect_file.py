@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from base.plain import to_plain
 from engine.effects.files import Converted, Fate
 from engine.effects.files.conversion import CLICK_MS
 from engine.effects.files.pattern import Kind
 from engine.effects.rules import NS_PER_MS
-from engine.plain import to_plain
 from tactable.figures.file import Picture
 from tactable.figures.style import BLUE, GREEN, GREY, ORANGE, VERMILLION
 

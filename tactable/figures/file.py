@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from engine.files import replace_file
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
+from base.files import replace_file
 
 if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw nothing do not pay
     from matplotlib.figure import Figure

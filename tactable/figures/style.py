@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 from engine.touch import ZoneState
 from tactable.explain.words import level_text as level_text
 from tactable.explain.words import zone_lists as zone_lists

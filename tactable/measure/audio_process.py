@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.child import Parent
+from base.child import Parent
 from tactable.audio.board import CardPace
 from tactable.audio.names import AudioError, AudioInput, parse_input
 from tactable.audio.streams import Samples, open_input

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
+from base.child import START_TIMEOUT_S, Child, ChildError
 from engine.device import Device
-from firmware_link.child import START_TIMEOUT_S, Child, ChildError
 from tactable.audio.names import parse_input
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import Block, SensorError

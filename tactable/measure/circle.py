@@ -12,8 +12,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 from engine.table import Table
 from precompute.builder.incremental import outdated_parts
 from precompute.measurements import Kind, MeasurementError

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 Array = NDArray[np.float64]
 

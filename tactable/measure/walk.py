@@ -18,8 +18,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from base.files import replace_file
 from engine.device import Device
-from engine.files import replace_file
 from precompute.calibration.plan import Accuracy, Criterion, plan_first
 from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.parameters import default_names

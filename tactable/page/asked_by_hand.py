@@ -10,15 +10,15 @@ process of the run renews (`tactable.measure.driven_device`).
 
 from typing import Any, Protocol
 
+from base.child import ChildError
 from engine.loop import Clock
-from firmware_link.child import ChildError
 from tactable.page.hand import HandDrive
 
 LEASE_NS = 1_000_000_000
 
 
 class Page(Protocol):
-    """The page's process, as `firmware_link.child.Child` is."""
+    """The page's process, as `base.child.Child` is."""
 
     def fileno(self) -> int:
         """Readable when it has said something, or has ended."""

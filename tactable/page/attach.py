@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.plain import to_plain
-from firmware_link.child import Child
+from base.child import Child
+from base.plain import to_plain
 
 
 @dataclass(frozen=True)

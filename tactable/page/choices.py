@@ -7,12 +7,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from base.errors import TactableError
+from base.plain import to_plain
 from engine.device import Device
 from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger, read_effects
 from engine.effects.rules import FULL_SCALE_DB
-from engine.plain import to_plain
 from engine.table.levels import DEFAULT_LEVEL_DB
-from firmware_link.protocol.errors import TactableError
 from tactable.page.hand import Channels, HandDrive, HandError, first_channels, read_channels
 from tactable.shipped import named_effects, shipped_names
 

@@ -17,12 +17,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from base.child import ChildError, ending_text
+from base.plain import to_plain
 from engine.device import Device, DeviceError
 from engine.loop import RingError, RingReader
-from engine.plain import to_plain
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
-from firmware_link.child import ChildError, ending_text
 from tactable.page.choices import Choice, ChoiceError, Offered, Source, changed, hand_of, moved, of_device
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar

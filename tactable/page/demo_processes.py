@@ -5,9 +5,9 @@ import contextlib
 import os
 from pathlib import Path
 
-from engine.plain import to_plain
+from base.child import ChildError
+from base.plain import to_plain
 from engine.touch.sources.pointer import PointerFeed
-from firmware_link.child import ChildError
 from firmware_link.emulator import DeviceConfiguration
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine import Order

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from base.errors import TactableError
 from engine.device import Device
-from firmware_link.protocol.errors import TactableError
 
 FIRST_HZ, FIRST_AMPLITUDE = 150.0, 0.2
 _MOST_DEGREES = 360.0

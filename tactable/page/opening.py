@@ -15,11 +15,11 @@ from pathlib import Path
 import uvicorn
 from threadpoolctl import threadpool_limits
 
+from base.files import replace_file
+from base.trust import open_to_others
+from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects import Drives
-from engine.files import replace_file
-from firmware_link.trust import open_to_others
-from firmware_link.work_folder import work_folder
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend

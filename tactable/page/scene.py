@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from base.plain import to_plain
 from engine.device import Device
-from engine.plain import to_plain
 
 
 def device_json(device: Device) -> dict[str, Any]:

@@ -25,8 +25,8 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from base.errors import TactableError
 from engine.touch.sources.pointer import PointerEvent
-from firmware_link.protocol.errors import TactableError
 from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text, read_connections, user_of
 from tactable.page.messages import (
     MOST_BYTES,

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from base.child import ChildError
 from engine.device import Device
-from firmware_link.child import ChildError
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.build import BuildOrder
 from tactable.rig.ready import cached_table

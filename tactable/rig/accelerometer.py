@@ -17,10 +17,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from base.errors import TactableError
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
-from firmware_link.protocol.errors import TactableError
 from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.plain import to_plain
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop import Stage
-from engine.plain import to_plain
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow

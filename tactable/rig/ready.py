@@ -22,13 +22,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from base.files import replace_file
+from base.work_folder import work_folder
 from engine.device import Device
-from engine.files import replace_file
 from engine.table import Table, TableError
 from engine.table.diff import compare_tables
 from engine.table.file import TableWriter
 from engine.table.schema import IS_SHIPPED
-from firmware_link.work_folder import work_folder
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

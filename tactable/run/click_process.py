@@ -18,11 +18,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
+from base.child import Child, ChildError, Parent, decode_line
+from base.printable import printable
 from engine.device import Device
-from engine.printable import printable
 from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
-from firmware_link.child import Child, ChildError, Parent, decode_line
 from firmware_link.protocol.basis import Basis
 
 MOST_WAITING = 16

@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from engine.files import check_folder_of
+from base.child import START_TIMEOUT_S, Child, Parent
+from base.files import check_folder_of
+from base.work_folder import work_folder
 from engine.loop import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
-from firmware_link.child import START_TIMEOUT_S, Child, Parent
-from firmware_link.work_folder import work_folder
 
 # At the pace of the fastest digitizer a thousandth of the ring is written meanwhile.
 _PERIOD_S = 0.02

@@ -17,13 +17,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from base.child import Child, Parent
+from base.printable import printable
 from engine.device import DeviceError
 from engine.effects import Effects
 from engine.loop.fast.table import FastRendering, with_fast_table
-from engine.printable import printable
 from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
 from engine.table import Table, TableError
-from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities
 
 LOOK_S = 0.3

@@ -1,12 +1,12 @@
-"""Child processes for the tests of `firmware_link.child`: each does what its arguments say."""
+"""Child processes for the tests of `base.child`: each does what its arguments say."""
 
 import os
 import sys
 import time
 from typing import Any
 
-from firmware_link.child import Child, Parent
-from firmware_link.protocol.errors import TactableError
+from base.child import Child, Parent
+from base.errors import TactableError
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import importlib
 import pkgutil
 
 import precompute
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 
 def test_every_error_is_a_tactable_error() -> None:

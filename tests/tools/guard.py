@@ -33,10 +33,10 @@ KIND_OF_EVENT = {
     **dict.fromkeys(("socket.bind", "socket.connect", "socket.sendto"), "socket"),
     **dict.fromkeys(("os.kill", "signal.pthread_kill"), "signal"),
 }
-COMPILES = f"{ROOT}engine/c_library.py"
+COMPILES = f"{ROOT}base/c_library.py"
 _is_allowed = ContextVar("_is_allowed", default=False)
 _uses: set[str] = set()
-"""What the running phase of a test or fixture used: "process at engine/files.py:12"."""
+"""What the running phase of a test or fixture used: "process at base/files.py:12"."""
 _uses_of_fixtures: dict[object, set[str]] = {}
 
 

@@ -1,12 +1,12 @@
-"""The compiled step as a library: compiled on the spot where there is a C compiler (`engine.c_library`), and loaded."""
+"""The compiled step as a library: compiled on the spot where there is a C compiler (`base.c_library`), and loaded."""
 
 import ctypes
 import sys
 from pathlib import Path
 
-from engine.c_library import CompileError, LibrarySource, compile_library
+from base.c_library import CompileError, LibrarySource, compile_library
+from base.errors import TactableError
 from engine.loop.fast.layout import c_header
-from firmware_link.protocol.errors import TactableError
 
 SOURCE = Path(__file__).with_name("step.c")
 # Without contraction: a product and a sum in one step would round otherwise than Python does.

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.files import replace_file
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
+from base.files import replace_file
 
 _EVENT_TIME = re.compile(r"[0-9]{1,12}\.[0-9]{6}")
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from enum import StrEnum
 from typing import Any
 
-from firmware_link.child import Child, Parent
+from base.child import Child, Parent
 
 _MEMORY_BYTES = 1 << 26
 

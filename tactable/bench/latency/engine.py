@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from base.child import Parent
+from base.plain import to_plain
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop import CommandRecord, Fate, Stage, SystemClock, Trace
 from engine.loop.realtime import Step
-from engine.plain import to_plain
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
-from firmware_link.child import Parent
 from firmware_link.host.clock import OffsetBounds
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port

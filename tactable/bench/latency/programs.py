@@ -3,7 +3,7 @@
 import subprocess
 from pathlib import Path
 
-from engine.c_library import find_compiler
+from base.c_library import find_compiler
 
 
 def build_program(name: str, folder: Path) -> Path | None:

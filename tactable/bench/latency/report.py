@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from engine.files import replace_file
-from engine.plain import to_plain
+from base.errors import TactableError
+from base.files import replace_file
+from base.plain import to_plain
+from base.work_folder import work_folder
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import BOARD_EMULATED
-from firmware_link.protocol.errors import TactableError
-from firmware_link.work_folder import work_folder
 from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.background_load import background_load

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from base.child import Child
+from base.plain import to_plain
 from engine.device import Device
 from engine.loop.realtime import Outcome, Step, real_time
-from engine.plain import to_plain
 from engine.table import Table
-from firmware_link.child import Child
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message

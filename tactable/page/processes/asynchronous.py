@@ -1,11 +1,11 @@
-"""A child process for an event loop: the protocol of `firmware_link.child`, awaited."""
+"""A child process for an event loop: the protocol of `base.child`, awaited."""
 
 import asyncio
 import contextlib
 import socket
 from collections.abc import Sequence
 
-from firmware_link.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
+from base.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
 
 _LINE_BYTES = 1 << 22  # the emulated firmware says many clicks in one line
 _END_TIMEOUT_S = 3.0

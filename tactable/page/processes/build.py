@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from engine.files import rename_durably
-from firmware_link.child import Parent
+from base.child import Parent
+from base.files import rename_durably
 from tactable.rig.first_table import write_first_table
 from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached

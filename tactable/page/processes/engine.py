@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from base.child import Parent
 from engine.device import Device
 from engine.effects import Drives
 from engine.loop import RingWriter, SystemClock
@@ -16,7 +17,6 @@ from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
-from firmware_link.child import Parent
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from tactable.page.choices import Choice, effects_of, hand_of

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from firmware_link.child import Parent
+from base.child import Parent
 from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.drive_log import decode_drive_event, encode_events

@@ -12,8 +12,8 @@ from typing import Any
 import uvicorn
 from threadpoolctl import threadpool_limits
 
+from base.child import Parent
 from engine.loop import RingReader
-from firmware_link.child import Parent
 from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for
 from tactable.page.server import listen_at, serve

@@ -1,7 +1,8 @@
 """The families of errors."""
 
+from base.errors import TactableError
 from firmware_link.emulator.fault_plan import FaultPlanError
-from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError, TactableError
+from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 
 
 def test_every_error_of_the_link_is_a_tactable_error() -> None:

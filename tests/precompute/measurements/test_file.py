@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from engine.files import WriteError
+from base.files import WriteError
 from precompute.measurements.csv import write_csv
 from precompute.measurements.file import MOST_BYTES, read_measurements, write_measurements
 from precompute.measurements.types import Kind, MeasurementError
-from tests.engine.test_files import full_disk
+from tests.base.test_files import full_disk
 from tests.precompute.devices import SHIPPED, shipped
 from tests.precompute.measured import NAN, read_bar
 from tests.precompute.measurements import test_netcdf, test_uff

@@ -16,7 +16,7 @@ import pytest
 import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a process
 from threadpoolctl import threadpool_info
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from precompute.parallel.pool import WorkerError, WorkerPool, solve_in_processes
 
 pytestmark = pytest.mark.machine

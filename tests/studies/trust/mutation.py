@@ -44,7 +44,7 @@ _PYTEST = (
     *("-k", "not undefined", "-m", "not machine"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # hypothesis is imported before
 )
-_OURS = ("tests", "tactable", "precompute", "engine", "firmware_link")
+_OURS = ("tests", "tactable", "precompute", "engine", "firmware_link", "base")
 _FORKS = multiprocessing.get_context("forkserver")
 _PRELOADED = ["pytest", "xdist", "hypothesis", "numpy", "numpy.random", "numpy.testing", "h5py", "h5netcdf", "anyio"]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from base.errors import TactableError
 from engine.table import Table
-from firmware_link.protocol.errors import TactableError
 from precompute.measurements.csv import write_csv
 from precompute.measurements.types import Kind
 from tactable.cli.main import app

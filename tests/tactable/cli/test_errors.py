@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from precompute.clicks.program import ProgramError
 from precompute.parallel.pool import WorkerError
 from tactable.cli import touch

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 from tactable.cli.main import app
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 

@@ -13,15 +13,15 @@ from typing import Any
 
 import pytest
 
+from base.child import Child, Parent
+from base.plain import to_plain
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Outcome, SceneSettings
 from engine.loop import RingReader, RingWriter
 from engine.loop.latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
-from engine.plain import to_plain
 from engine.table import Table
 from engine.touch import Touch
-from firmware_link.child import Child, Parent
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
 from tactable.control.osc_codec import Value, decode_osc, encode_osc

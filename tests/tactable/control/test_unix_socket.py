@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link.child import ChildError
+from base.child import ChildError
 from tactable.control.unix_socket import listening_socket
 
 pytestmark = pytest.mark.usefixtures("both_ends")

@@ -9,7 +9,7 @@ import websockets
 from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
-from firmware_link.child import ChildError
+from base.child import ChildError
 from tactable.control.server import ControlServer
 from tactable.control.web import WebControl
 from tests.tactable.control.messages import HELLO, VALID

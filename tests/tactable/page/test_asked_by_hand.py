@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Container, Sequence
 from typing import Any
 
-from firmware_link.child import ChildError
+from base.child import ChildError
 from tactable.page.asked_by_hand import LEASE_NS, AskedByHand
 from tactable.page.hand import HandDrive
 

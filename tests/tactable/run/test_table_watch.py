@@ -154,7 +154,7 @@ def test_each_new_table_is_taken_once_and_one_that_fails_a_check_is_refused_by_n
 def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulator: RunningEmulator) -> None:
     run = Run(tmp_path, emulator)
     found = subprocess.run(
-        ["pgrep", "-P", str(run.process.pid), "-f", "firmware_link.child tactable.run.table_watch"],
+        ["pgrep", "-P", str(run.process.pid), "-f", "base.child tactable.run.table_watch"],
         capture_output=True,
         text=True,
         check=False,

@@ -1,6 +1,6 @@
 """Child processes of our own: one protocol to start them, talk with them and end them.
 
-A child is `python -P -m firmware_link.child MODULE`: it calls `MODULE.main(parent, arguments)`. Its standard input and
+A child is `python -P -m base.child MODULE`: it calls `MODULE.main(parent, arguments)`. Its standard input and
 output are one Unix socket, whose other end the parent holds.
 
 - The parent writes lines of JSON: first the arguments, then whatever the child understands. The end of the stream asks
@@ -29,7 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 START_TIMEOUT_S = 30.0
 """Patience with a child that starts: an interpreter takes 0.1 s on an idle machine, seconds on a crowded one."""
@@ -50,7 +50,7 @@ def command_of(module: str) -> list[str]:
     -P: the child imports what is installed, as its parent does, and not what happens to lie in the working folder, such
     as a checkout beside an installed copy, whose kernels would be compiled a second time.
     """
-    return [sys.executable, "-P", "-m", "firmware_link.child", module]
+    return [sys.executable, "-P", "-m", "base.child", module]
 
 
 def encode_line(document: Document) -> bytes:

@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from firmware_link.protocol.errors import TactableError
+from base.errors import TactableError
 
 
 class FolderError(TactableError):

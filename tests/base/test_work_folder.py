@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link import work_folder as module
-from firmware_link.work_folder import remove_abandoned, work_folder
+from base import work_folder as module
+from base.work_folder import remove_abandoned, work_folder
 
 WAITS = """
 import sys
 from pathlib import Path
-from firmware_link import work_folder
+from base import work_folder
 work_folder.MEMORY = Path(sys.argv[1])
 with work_folder.work_folder("test", in_memory=True) as folder:
     (folder / "ring").write_text("content")

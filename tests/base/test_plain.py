@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.plain import to_plain
+from base.plain import to_plain
 
 
 class Colour(Enum):

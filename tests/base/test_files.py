@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.files import (
+from base.files import (
     WriteError,
     partial_path,
     remove_all_partials,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from engine.printable import printable
+from base.printable import printable
 
 
 @pytest.mark.parametrize("code", ["\x1b", "\x07", "\r", "\x08", "\x00", "\x7f", "\x9b", "\u202e", "\u2066", "\udc80"])

@@ -1,6 +1,6 @@
 """Compiles C files into shared libraries in a cache folder, and loads only those that no other user can have written.
 
-A library is loaded only from where nobody else can have written it (`firmware_link.trust`), and only if it ends in the
+A library is loaded only from where nobody else can have written it (`base.trust`), and only if it ends in the
 SHA-256 of what the compiler made; loaders ignore what follows a library. Otherwise it is compiled anew.
 """
 
@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from engine.files import partial_path, remove_partials
-from firmware_link.protocol.errors import TactableError
-from firmware_link.trust import REMEDY, open_to_others
+from base.errors import TactableError
+from base.files import partial_path, remove_partials
+from base.trust import REMEDY, open_to_others
 
 _COMPILERS = ("cc", "gcc", "clang")
 

@@ -44,24 +44,24 @@ def total(folder: Path, maker: str, factor: float, slope: float) -> tuple[float,
 
 @pytest.mark.machine
 def test_a_change_in_a_called_kernel_or_an_imported_constant_is_compiled_anew(tmp_path: Path) -> None:
-    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, False)
-    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, True)
+    assert total(tmp_path, "base.compiled", 1, 2) == (21.0, False)
+    assert total(tmp_path, "base.compiled", 1, 2) == (21.0, True)
     os.utime(tmp_path / "main.py", (0, 0))  # the time of a file is not what it says
-    assert total(tmp_path, "engine.compiled", 1, 2) == (21.0, True)
-    assert total(tmp_path, "engine.compiled", 1, 3) == (31.0, False)
-    assert total(tmp_path, "engine.compiled", 5, 3) == (35.0, False)
+    assert total(tmp_path, "base.compiled", 1, 2) == (21.0, True)
+    assert total(tmp_path, "base.compiled", 1, 3) == (31.0, False)
+    assert total(tmp_path, "base.compiled", 5, 3) == (35.0, False)
 
 
 @pytest.mark.machine
 def test_numba_alone_would_go_on_with_the_old_code(tmp_path: Path) -> None:
-    """If this fails numba does it itself, and engine/compiled.py can go."""
+    """If this fails numba does it itself, and base/compiled.py can go."""
     assert total(tmp_path, "numba", 1, 2) == (21.0, False)
     assert total(tmp_path, "numba", 5, 3) == (21.0, True)
 
 
 @pytest.mark.machine
 def test_kernels_in_an_archive_are_left_to_numba(tmp_path: Path) -> None:
-    texts = [text.format(maker="engine.compiled", factor=1, slope=2) for text in (HELPER, MAIN)]
+    texts = [text.format(maker="base.compiled", factor=1, slope=2) for text in (HELPER, MAIN)]
     with zipfile.ZipFile(tmp_path / "kernels.zip", "w") as archive:
         for name, text in zip(("helper.py", "main.py"), texts, strict=True):
             archive.writestr(name, text)
@@ -88,7 +88,7 @@ def test_kept_code_that_others_can_write_is_neither_read_nor_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source, kept, mark = tmp_path / "kernel.py", tmp_path / "kept", tmp_path / "mark"
-    source.write_text("from engine.compiled import njit\n@njit(cache=True)\ndef twice(x): return 2 * x\n")
+    source.write_text("from base.compiled import njit\n@njit(cache=True)\ndef twice(x): return 2 * x\n")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(kept))
     assert runpy.run_path(str(source))["twice"](1.0) == 2.0
     (index,) = kept.rglob("*.nbi")

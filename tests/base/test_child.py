@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from firmware_link.child import Child, ChildError
+from base.child import Child, ChildError
 
 pytestmark = pytest.mark.machine
 PATIENCE_S = 60.0
@@ -98,7 +98,7 @@ def test_a_child_ends_when_its_parent_is_killed(what: str) -> None:
 
 _INTERRUPTED = """
 import signal
-from firmware_link.child import Child
+from base.child import Child
 signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background of a shell ignore it
 with Child("tests.firmware_link.children", {"do": "echo"}) as it:
     try:

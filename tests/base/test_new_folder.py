@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from engine.files import FolderError, write_new_folder
+from base.files import FolderError, write_new_folder
 
 FILES = {"one.txt": b"1" * 100_000, "two.txt": b"2" * 100_000, "three.txt": b"3" * 100_000}
 WRITER = """
 import sys
 from pathlib import Path
-from engine.files import write_new_folder
+from base.files import write_new_folder
 files = {name: digit * 100_000 for name, digit in (("one.txt", b"1"), ("two.txt", b"2"), ("three.txt", b"3"))}
 print("ready", flush=True)
 for number in range(1_000_000):

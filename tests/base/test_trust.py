@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from firmware_link.trust import open_to_others
+from base.trust import open_to_others
 
 USER = pwd.getpwuid(os.getuid()).pw_name
 

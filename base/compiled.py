@@ -4,7 +4,7 @@ numba keeps the machine code of a kernel with `cache=True`, and uses it again wh
 time and size. But the code of other kernels that it calls is in it too, and so are the values of constants that were
 imported: after a change of those, such as an update of a checkout, old numbers would come from new sources without a
 word. Here the kept code counts by contents, the kernel's own and those of all that it calls; and only from where nobody
-else can have put it (`firmware_link.trust`).
+else can have put it (`base.trust`).
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.typeinfer import register_dispatcher
 
-from firmware_link.trust import REMEDY, open_to_others
+from base.trust import REMEDY, open_to_others
 
 
 def njit(*signature: Any, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:

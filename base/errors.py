@@ -1,0 +1,8 @@
+"""The root of the project's errors."""
+
+
+class TactableError(Exception):
+    """Root of every error that a user can cause and mend; its text says what, where and the remedy.
+
+    The command line catches this one class.
+    """
