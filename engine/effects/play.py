@@ -46,7 +46,6 @@ class Play:
         self.change_ns: int | None = start_ns
         self._condition_end_ns = condition_end_ns
         self._effect, self._next = effect, 0
-        self._is_held = False
         self._begin_next(start_ns)
 
     def advance(self, time_ns: int) -> None:

@@ -142,6 +142,22 @@ def test_a_trigger_at_a_place_goes_to_the_finger_there_or_is_felt_without_one() 
     assert seen.player.lifted == []
 
 
+def test_of_two_fingers_near_the_place_of_a_trigger_the_nearer_one_feels_it() -> None:
+    for at_mm, felt_mm in ((11.0, 10.0), (16.0, 17.0)):
+        seen = story()
+        seen.at(0, touch(1, 10), touch(2, 17))
+        seen.asks(10, trigger=TriggeredEffect(HELD, 7, position_m=at_mm * MM))
+        finger = next(each for each in seen.player.fingers.values() if each.play is not None)
+        assert finger.held_m == pytest.approx(felt_mm * MM)
+
+
+def test_effects_that_are_just_far_enough_apart_are_two() -> None:
+    seen = story()
+    for at_m in (0.0, CLOSEST_M):
+        seen.asks(0, trigger=TriggeredEffect(burst(20.0, 500), 7, position_m=at_m))
+    assert len(seen.player.lifted) == 2
+
+
 def test_later_effects_at_one_place_replace_the_earlier_ones() -> None:
     seen = story()
     for time_ms in range(1000):

@@ -55,6 +55,8 @@ def bound_db(forms: Complex, felt: NDArray[np.bool_], usable: NDArray[np.bool_])
         """The greatest ratio over frequency that these logarithms of weights leave possible, in dB."""
         n, d = (np.exp(part - part.max()) for part in np.split(weights, [len(N)]))
         numerator, denominator = np.tensordot(n / n.sum(), N, 1), np.tensordot(d / d.sum(), D, 1)
+        # Few cases may leave a form singular; a denominator that is greater by 1e-12 lowers the bound by nothing.
+        denominator = denominator + 1e-12 * np.einsum("haa->h", denominator)[:, None, None] * np.eye(D.shape[-1])
         values = [
             scipy.linalg.eigh(a[pick], b[pick], eigvals_only=True)[-1]
             for a, b, pick in zip(numerator, denominator, picks, strict=True)
@@ -67,3 +69,9 @@ def bound_db(forms: Complex, felt: NDArray[np.bool_], usable: NDArray[np.bool_])
         return proved(start)
     found = scipy.optimize.minimize(proved, start, method="Nelder-Mead", options={"maxiter": 60})
     return float(found.fun)
+
+
+def ratio_db(forms: Complex, felt: NDArray[np.bool_], amplitude: Complex) -> float:
+    """The expected contrast of one drive, in dB; forms (finger, actuator, actuator) at its frequency."""
+    power = np.einsum("a,fab,b->f", amplitude.conj(), forms, amplitude).real
+    return float(10 * np.log10(power[felt].min() / power[~felt].max()))

@@ -95,7 +95,8 @@ def test_no_basis_has_the_hash_0() -> None:
 
 
 def test_a_click_that_does_not_fit_its_set_is_refused() -> None:
-    basis = Basis(1000, (of_one(3),))
+    basis = Basis(1000, (of_one(3), of_one(MAXIMUM_WEIGHTS)))
+    assert encode_click(basis, 0, 3 * [1], 31).play and encode_click(basis, 0, 3 * [1], 1).play
     for weights, fraction_bits in ((2 * [1], 14), (3 * [1], 0), (3 * [1], 32)):
         with pytest.raises(MessageError, match="expected 3 weights, and 1 to 31 bits"):
             encode_click(basis, 0, weights, fraction_bits)

@@ -79,7 +79,7 @@ def test_a_bad_unit_is_named_and_stops_no_other(done: tuple[Path, dict[str, Outc
     for name in set(outcomes) - set(BROKEN):
         assert outcomes[name].error is None
         assert_complete(out / name)
-        assert outcomes[name].figures["worst_contrast_db"] is not None
+        assert outcomes[name].figures["worst_expected_contrast_db"] is not None
 
 
 def test_a_measured_unit_is_calibrated_with_data_and_report_beside_it(done: tuple[Path, dict[str, Outcome]]) -> None:

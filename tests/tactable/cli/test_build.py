@@ -51,7 +51,7 @@ def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path
     (tmp_path / "bar.nc").unlink()
     done = run_here(tmp_path, *command)
     assert "bar.nc: usable, with coarse clicks; the fine ones follow" in done.stderr
-    assert "2 entries, 3 clicks at places 140 mm apart" in done.stdout
+    assert "best rows of 1 zone combinations, 3 clicks at places 140 mm apart" in done.stdout
 
 
 @pytest.mark.parametrize("pitch", ["0.5 mm", "0 mm", "3"])

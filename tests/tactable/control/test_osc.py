@@ -95,6 +95,7 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
         with pytest.raises(OscError, match=f"byte 16: an element of {size} bytes"):
             decode_osc(b"#bundle\0" + bytes(8) + size.to_bytes(4, "big") + bytes(8))
     message = encode_osc("/x", [])
+    assert len(decode_osc(b"#bundle\0" + bytes(8) + 64 * (len(message).to_bytes(4, "big") + message))) == 64
     with pytest.raises(OscError, match="more than 64 messages"):
         decode_osc(b"#bundle\0" + bytes(8) + 65 * (len(message).to_bytes(4, "big") + message))
     with pytest.raises(OscError, match="16388 bytes; expected at most 16384"):
@@ -121,6 +122,7 @@ def test_each_address_is_a_message_of_the_channel(name: str) -> None:
         ("/tactable/trigger", ["press"], r"\['press'\]: expected effect, finger"),
         ("/tactable/trigger", ["press", "x"], "expected effect, finger"),
         ("/tactable/region", ["ok", 1, 2, "touch"], "then pairs of event and effect"),
+        ("/tactable/json", [b"{}"], "expected a message of the control channel"),
         ("/tactable/json", ["[]"], "expected a message of the control channel"),
         ("/tactable/json", ["[" * 5000], "expected a message of the control channel"),
     ],
@@ -172,8 +174,11 @@ def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
         osc.datagram_received(encode_osc(f"{PREFIX}subscribe", ["touches", "played"]), second)
         await settle()
         server.publish([{"event": "touches", "time_ns": 1, "fingers": 2 * FINGERS}])
+        for level_db in (None, 20.0):
+            server.publish([{"event": "played", "kind": "drive", "level_db": level_db}])
         osc.datagram_received(b"nonsense", second)
-        answer, now, later, refusal = port.said[second]
+        answer, now, later, *played, refusal = port.said[second]
+        assert played == [(f"{PREFIX}played", ["drive", level_db]) for level_db in (-1.0, 20.0)]
         assert answer[1][1] is True and now == (f"{PREFIX}touches", [3, 50.0])  # those that touch now, in mm
         assert later == (f"{PREFIX}touches", [3, 50.0, 3, 50.0]) and refusal[1][1] is False
         assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense'")

@@ -97,6 +97,10 @@ def test_a_scene_has_bounds() -> None:
     scene.set_region(region("r3", 10, 50), 1)
     with pytest.raises(ControlError, match="remove one first"):
         scene.set_region(region("one more", 0, 50), 1)
+    with pytest.raises(ControlError, match=r"'x'.*one of: r0, r1, "):
+        scene.remove_region("x")
+    with pytest.raises(ControlError, match=r"'x'.*there is none"):
+        Scene(NAMED).remove_region("x")
     for number in range(MOST_DEFINED):
         scene.define(Effect(f"e{number}", NAMED["press"].envelope), 1)
     with pytest.raises(ControlError, match="define one anew"):

@@ -36,6 +36,12 @@ def region_of(number: int, *effects: Effect, zones: bool = False, **more: object
     return Region(f"r{number}", tuple(rules), *place, **values)  # type: ignore[arg-type]  # its fields
 
 
+def test_what_is_no_number_is_not_written() -> None:
+    trigger = TriggeredEffect(ODD, 7, None, math.nan)
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        list(StepEncoder().parts(Scene(named_effects()), trigger=trigger))
+
+
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("is_enabled", [True, False])
 def test_what_is_written_is_read(
