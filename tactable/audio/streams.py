@@ -54,7 +54,7 @@ class _PortAudioStream:
         most = card.inputs if is_input else card.outputs
         if channels > most:
             what = "inputs" if is_input else "outputs"
-            raise AudioError(f"{card.name}: has {most} {what}, channel {channels} is asked for; take another channel")
+            raise AudioError(f"{card.name}: has {most} {what}, channel {channels} is asked for; choose another channel")
         self.name = card.name
 
         def called(data: Samples, frames: int, _: Any, status: Any) -> None:

@@ -94,7 +94,7 @@ def _frame(at_rest: list[float], down: float | None, lifted: float | None) -> li
 def replayed(recording: Recording) -> Stream:
     """The reports of a recording. Raises ValueError for one without reports."""
     if not recording.reports:
-        raise ValueError(f"{recording.name or 'the recording'} has no reports: take another")
+        raise ValueError(f"{recording.name or 'the recording'} has no reports: choose another recording")
     reports = tuple(report.data for report in recording.reports)
     numbers = (recording.vendor_id, recording.product_id)
     return Stream(

@@ -73,7 +73,7 @@ def measure(
         Path | None,
         typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
     ] = None,
-    places: Annotated[int, typer.Option(min=1, max=1000, help="Even places of the sensor along the bar.")] = 8,
+    places: Annotated[int, typer.Option(min=1, max=1000, help="Number of evenly spaced sensor positions.")] = 8,
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
     ] = "",

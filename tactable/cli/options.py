@@ -25,10 +25,8 @@ OptionalTable = Annotated[
     Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-Felt = Annotated[str, typer.Option(help="Zones with a finger that shall feel, such as I,III.")]
-Quiet = Annotated[str, typer.Option(help="Zones with a finger that must not feel, such as IV.")]
 FeltFingers = Annotated[
-    str, typer.Option("--felt", help="Fingers that shall feel: positions, or zones for their middles, as 35mm,III.")
+    str, typer.Option("--felt", help="Fingers that feel it: positions, or zones for their middles, as 35mm,III.")
 ]
 QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: positions or zones.")]
 PositionTolerance = Annotated[

@@ -45,7 +45,7 @@ def verify(
     table_path: TableArgument,
     port_name: PortName,
     sensor_path: SensorPath,
-    places: Annotated[int, typer.Option(min=1, max=100, help="Even places of the sensor along the bar.")] = 4,
+    places: Annotated[int, typer.Option(min=1, max=100, help="Number of evenly spaced sensor positions.")] = 4,
     placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",
     drives: DrivesOf = None,
