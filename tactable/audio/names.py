@@ -118,7 +118,9 @@ def parse_input(text: str, actuators: Sequence[str]) -> AudioInput:
             f"{', '.join(actuators)}"
         )
     if acceleration in loopbacks:
-        raise AudioError(f"{text}: channel {acceleration + 1} is both acceleration and loopback; use two different channels")
+        raise AudioError(
+            f"{text}: channel {acceleration + 1} is both acceleration and loopback; use two different channels"
+        )
     scale = _quantity(text, "scale", words["scale"], "m/s^2")
     loopback_scale = _quantity(text, "loopback_scale", words.get("loopback_scale", "100 %"), "")
     return AudioInput(name, acceleration, scale, loopbacks, loopback_scale, _rate(text, words))
