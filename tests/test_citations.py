@@ -18,9 +18,7 @@ _CITED = re.compile(r"(?<![\w/.-])((?:[\w-]+/)*[A-Za-z][\w-]*\.md)(?:#([\w-]+))?
 _NAMED = re.compile(r"\[`([\w.]+)`\]\(([^)#]+\.(?:py|c|h))\)")
 _MADE_BY_COMMANDS = {"report.md"}
 _MODULE = re.compile(r"(?<![\w./-])((?:base|engine|precompute|firmware_link|tactable|tests)(?:\.[A-Za-z_]\w*)+)")
-_PATH = re.compile(
-    r"(?<![\w./-])((?:base|engine|precompute|firmware_link|tactable|tests|tables|docs|examples)(?:/[\w.-]*\w)+)"
-)
+_PATH = re.compile(r"(?<![\w./-])((?:base|engine|precompute|firmware_link|tactable|tests|tables|docs)(?:/[\w.-]*\w)+)")
 
 
 def sources() -> Iterator[Path]:
