@@ -25,7 +25,7 @@ from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
 from tactable.control.osc_codec import Value, decode_osc, encode_osc
-from tactable.control.process import serve
+from tactable.control.process import EVENTS_EVERY_S, serve
 from tactable.control.slot import ControlOf, ControlProcess
 from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram
@@ -328,3 +328,8 @@ OSC_LINE = re.compile(r"osc://127\.0\.0\.1:(\d+)/tactable/")
 def test_what_is_served_crosses_to_its_process_whole() -> None:
     served = ControlOf(Path("c.sock"), Path("ring"), Path("bar.nc"), 80, 81, is_watched=False)
     assert ControlOf.from_plain(json.loads(json.dumps(to_plain(served)))) == served
+
+
+def test_events_are_read_as_often_as_the_page_says() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "programs.md").read_text(encoding="utf-8")
+    assert f"ring every {1e3 * EVENTS_EVERY_S:g} ms" in page
