@@ -101,16 +101,12 @@ class Table:
     def receptances(self) -> Receptances:
         """What steady drives at any positions are solved from. Raises TableError where the table has none."""
         if self._receptances is None:
-            raise TableError(f"{self.path}: has no receptances, as tables that are shipped have none; build it")
+            raise TableError(f"{self.path}: has no receptances, as packed tables have none; build it")
         return self._receptances
-
-    def supply_receptances(self, receptances: Receptances) -> None:
-        """Solve steady drives from these where the file holds none."""
-        self._receptances = self._receptances or receptances
 
     @property
     def is_shipped(self) -> bool:
-        """Whether the table was made to be shipped: it has best rows and clicks alone."""
+        """Whether the table was made to be shipped: it has no responses and sweeps."""
         return IS_SHIPPED in self.attributes
 
     def values(self, group: str, name: str) -> Values:
@@ -263,7 +259,8 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
             clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
-        receptances = None if IS_SHIPPED in file.attrs else read_receptances(groups["receptances"])
+        is_packed = IS_SHIPPED in file.attrs and "receptances" not in groups
+        receptances = None if is_packed else read_receptances(groups["receptances"])
         return device, _LiveParts(rows, clicks, receptances)
 
 

@@ -2,7 +2,7 @@
 
 A shipped table holds the best rows and coarse clicks of a shipped device, compressed. Responses, receptances and sweeps
 are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's modes
-when such a table is opened. The page
+when such a table is unpacked. The page
 builds the table on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes
 over.
 
@@ -22,12 +22,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from base.files import replace_file
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.diff import compare_tables
 from engine.table.file import TableWriter
+from engine.table.receptance_columns import write_receptances
 from engine.table.schema import IS_SHIPPED
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
@@ -70,20 +70,28 @@ def open_shipped(device: Device, path: Path) -> Table | None:
     content = packed.read_bytes()
     unpacked = path.with_name(f"{path.stem}-shipped-{zlib.crc32(content):08x}{path.suffix}")
     with contextlib.suppress(TableError):
-        return _with_receptances(Table.open(unpacked, device=device, verify=False))
+        return Table.open(unpacked, device=device, verify=False)
     unpacked.parent.mkdir(parents=True, exist_ok=True)
-    with replace_file(unpacked) as partial:
-        partial.write_bytes(lzma.decompress(content))
     with contextlib.suppress(TableError):
-        return _with_receptances(Table.open(unpacked, device=device))
-    unpacked.unlink(missing_ok=True)  # the page and its build look at the same time
+        _unpack(lzma.decompress(content), device, unpacked)
+        return Table.open(unpacked, device=device, verify=False)
     return None
 
 
-def _with_receptances(table: Table) -> Table:
-    """The table with receptances from modes, as the first table of a device has them."""
-    table.supply_receptances(modal_receptances(compute_basis(assemble(table.device), MODES)))
-    return table
+def _unpack(packed: bytes, device: Device, path: Path) -> None:
+    """Write a shipped table with receptances at `path`; raises TableError where it is of another device or format."""
+    with work_folder("unpack") as folder:
+        small = folder / "small.nc"
+        small.write_bytes(packed)
+        with Table.open(small, device=device) as table, TableWriter(path, completes=True) as writer:
+            writer.describe(_plain_attributes(table))
+            table.copy_groups(writer, _GROUPS)
+            write_receptances(writer, modal_receptances(compute_basis(assemble(device), MODES)), device)
+
+
+def _plain_attributes(table: Table) -> dict[str, Any]:
+    kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
+    return {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
 
 
 def is_outdated(table: Table) -> bool:
@@ -133,12 +141,10 @@ def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
 
 def pack(built: Table, path: Path) -> None:
     """Write the table to ship of a built one."""
-    kept = {key: value for key, value in built.attributes.items() if not key.startswith(("_", "format"))}
     with work_folder("pack") as folder:
         small = folder / "small.nc"
         with TableWriter(small) as writer:
-            plain = {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
-            writer.describe({**plain, IS_SHIPPED: 1})
+            writer.describe({**_plain_attributes(built), IS_SHIPPED: 1})
             built.copy_groups(writer, _GROUPS)
         path.write_bytes(lzma.compress(small.read_bytes(), preset=9 | lzma.PRESET_EXTREME))
 

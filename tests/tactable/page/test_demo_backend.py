@@ -410,7 +410,7 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
     assert not list(tmp_path.glob("ring-*"))
 
 
-def test_a_shipped_device_plays_clicks_and_drives_of_zones_before_anything_is_compiled(tmp_path: Path) -> None:
+def test_a_shipped_device_plays_clicks_before_anything_is_compiled(tmp_path: Path) -> None:
     with running(tmp_path, "reference-a") as own:
         own.wait(lambda: own.backend.scene()["status"] == "running")
         first = own.backend.scene()
