@@ -48,6 +48,10 @@ class AudioPort(DescriptorPort):
         self._child.end()
 
 
-def open_port(name: str, bit_rate_hz: int = 115_200) -> SerialPort | AudioPort:
+OpenPort = SerialPort | AudioPort
+"""What a port's name opens."""
+
+
+def open_port(name: str, bit_rate_hz: int = 115_200) -> OpenPort:
     """The port of this name: a sound card for "audio:...", else a serial port. Raises LinkError."""
     return AudioPort(name) if is_audio(name) else SerialPort(name, bit_rate_hz)

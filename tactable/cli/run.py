@@ -24,7 +24,7 @@ from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.errors import LinkError
-from tactable.audio.port import open_port
+from tactable.audio.port import OpenPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
@@ -38,13 +38,11 @@ from tactable.cli.options import (
     TableArgument,
     read_rules,
 )
-from tactable.cli.page_drive import OpenPort, PageDrive
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.digitizers.record import opened, stop_at_signal
 from tactable.doctor.touch import Machine
-from tactable.page.asked_by_hand import AskedByHand
 from tactable.page.attach import PageOf, page_of
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
@@ -93,10 +91,6 @@ Watch = Annotated[bool, typer.Option(help="Change over to a new table that repla
 Solve = Annotated[
     bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
 ]
-PageDrives = Annotated[
-    bool,
-    typer.Option("--page-drive", help="With --page: browsers may drive the board by hand, within its limits."),
-]
 FastPathWanted = Annotated[
     bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
 ]
@@ -109,12 +103,10 @@ class Deadline:
     stop: StopRequest
     clock: Clock
     end_ns: float
-    other: StopRequest | None = None
 
     def is_set(self) -> bool:
         """Whether the run shall end."""
-        is_other = self.other is not None and self.other.is_set()
-        return is_other or self.stop.is_set() or self.clock.now_ns() >= self.end_ns
+        return self.stop.is_set() or self.clock.now_ns() >= self.end_ns
 
 
 def run(
@@ -137,7 +129,6 @@ def run(
     page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
     page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
-    page_drive: PageDrives = False,
     control: Annotated[
         bool, typer.Option("--control", help="Let programs decide who feels what, by another process.")
     ] = False,
@@ -151,8 +142,6 @@ def run(
 
     Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
     """
-    if page_drive and not page:
-        raise typer.BadParameter("--page-drive is for the page: add --page")
     clock = SystemClock()
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
@@ -186,17 +175,12 @@ def run(
             slot.begin(live.capabilities)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
-        by_hand = None
         if ring is not None and page:
-            shown = replace(_page(live, ring, table_path, page_host, page_port), drives=page_drive)
-            lines, child = stack.enter_context(page_of(shown))
-            _note_all(lines)
-            asked = AskedByHand(child, clock)
-            by_hand = PageDrive(asked, live, reopening, clock, port.bit_rate_hz, source) if page_drive else None
+            _note_all(stack.enter_context(page_of(_page(live, ring, table_path, page_host, page_port))))
         _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, when_not_achieved)
         where = {"table": str(table_path), "device": table.device.name, "port": port.path}
-        _play(live, source, clock, stop, seconds, where, as_json, by_hand)
+        _play(live, source, clock, stop, seconds, where, as_json)
 
 
 def _play(
@@ -207,22 +191,11 @@ def _play(
     seconds: float,
     where: dict[str, Any],
     as_json: bool,
-    by_hand: PageDrive | None,
 ) -> None:
-    """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values.
-
-    While `by_hand` is asked for, that plays in place of the run.
-    """
+    """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values."""
     start_ns = clock.now_ns()
-    end_ns = start_ns + seconds * _NS_PER_S
-    until, is_over = Deadline(stop, clock, end_ns, by_hand), Deadline(stop, clock, end_ns)
     try:
-        while True:
-            with live.armed():
-                live.loop.run(until)
-            if by_hand is None or is_over.is_set() or not by_hand.is_set():
-                break
-            by_hand.hold(is_over)
+        live.run(Deadline(stop, clock, start_ns + seconds * _NS_PER_S))
     finally:
         summary = where | run_json(live, source, clock.now_ns() - start_ns)
         show(summary, as_json, lambda _, summary: _print_summary(summary))

@@ -20,14 +20,12 @@ class PageOf:
     """Full scales of the connected board, by actuator."""
     host: str
     port: int
-    drives: bool = False
-    """Whether browsers may drive the board by hand."""
 
 
 @contextmanager
-def page_of(shown: PageOf) -> Iterator[tuple[list[str], Child]]:
-    """Serve the page in a child process while the context lasts: the lines to print, and it. Raises ChildError."""
+def page_of(shown: PageOf) -> Iterator[list[str]]:
+    """Serve the page in a child process while the context lasts: the lines to print. Raises ChildError."""
     with Child(
         "tactable.page.processes.live", to_plain(shown), name=f"no page at {shown.host}, port {shown.port}"
     ) as child:
-        yield child.read()["lines"], child
+        yield child.read()["lines"]

@@ -13,7 +13,6 @@ from engine.device import Device
 from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger, read_effects
 from engine.effects.rules import FULL_SCALE_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
-from tactable.page.hand import Channels, HandDrive, HandError, first_channels, read_channels
 from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01
@@ -36,8 +35,6 @@ class Source(StrEnum):
     """The steady drive for the fingers, as long as one touches that is to feel."""
     ZONES = "zones"
     """The row of the sweep for the zones of the fingers, likewise: the published method."""
-    HAND = "hand"
-    """A drive by hand, whatever touches."""
 
 
 class Rules(StrEnum):
@@ -66,8 +63,6 @@ class Choice:
     quiet_zones: tuple[str, ...] = ()
     is_loaded: bool = True
     """Whether the fingers load the simulated bar."""
-    hand: Channels | None = None
-    """The drive by hand; None until it was first chosen."""
     actuators_m: tuple[float, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -85,7 +80,6 @@ class Choice:
             level_db=level_db,
             quiet_zones=tuple(values["quiet_zones"]),
             is_loaded=values["is_loaded"],
-            hand=None if values["hand"] is None else tuple((hz, part, degrees) for hz, part, degrees in values["hand"]),
             actuators_m=tuple(values["actuators_m"]),
         )
 
@@ -108,15 +102,9 @@ def offered(device_name: str, rule_file: Path | None = None) -> Offered:
     return Offered(tuple(dict.fromkeys((device_name, *shipped_names()))), rule_file)
 
 
-def hand_of(choice: Choice) -> HandDrive | None:
-    """The drive by hand that a choice plays; None where fingers decide."""
-    return None if choice.source is not Source.HAND or choice.hand is None else HandDrive(choice.hand)
-
-
 def of_device(choice: Choice, name: str) -> Choice:
-    """The choice for another device: its zones, its actuators and their bands are others."""
-    kept = Source.CLICK if choice.source is Source.HAND else choice.source
-    return replace(choice, device=name, quiet_zones=(), actuators_m=(), source=kept, hand=None)
+    """The choice for another device: its zones and its actuators are others."""
+    return replace(choice, device=name, quiet_zones=(), actuators_m=())
 
 
 def changed(choice: Choice, switches: Mapping[str, Any], device: Device, offers: Offered) -> Choice:
@@ -137,14 +125,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
                 return choice
             return of_device(choice, other)
         case "source":
-            source = Source(_one_of(name, value, tuple(Source)))
-            is_first = source is Source.HAND and choice.hand is None
-            return replace(choice, source=source, hand=first_channels(device) if is_first else choice.hand)
-        case "hand":
-            try:
-                return replace(choice, hand=None if value is None else read_channels(value, device))
-            except HandError as error:
-                raise ChoiceError(str(error)) from error
+            return replace(choice, source=Source(_one_of(name, value, tuple(Source))))
         case "rules":
             return replace(choice, rules=Rules(_one_of(name, value, offers.rules)))
         case "level_db":

@@ -12,7 +12,6 @@ from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.messages import decode_drive
-from tactable.page.hand import HandDrive
 from tactable.page.messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
 from tactable.rig.solved_click import SolvedClick
@@ -95,25 +94,6 @@ class CommandReader:
             length_s=length_s,
             ended_us=at_us + length_s * US_PER_S,
             sequence=record.drive_sequence,
-        )
-
-    def command_by_hand(self, hand: HandDrive, at_us: float) -> Command:
-        """A drive by hand, which is made for no finger and ends with the next command."""
-        self._count += 1
-        channels = zip(hand.frequencies_hz, hand.amplitudes, hand.phases_rad, strict=True)
-        return Command(
-            number=self._count,
-            placement=Placement((), ()),
-            fingers={},
-            at_us=at_us,
-            wanted_db=math.inf,
-            drive=Drive.STEADY,
-            is_provisional=False,
-            channels=tuple(ChannelPicture(*channel) for channel in channels),
-            promised_db=(),
-            length_s=math.inf,
-            ended_us=math.inf,
-            sequence=None,
         )
 
     def _click(self, record: Record, placement: Placement, level_db: float) -> "_Made":

@@ -23,7 +23,7 @@ from engine.device import Device, DeviceError
 from engine.loop import RingError, RingReader
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.choices import Choice, ChoiceError, Offered, Source, changed, hand_of, moved, of_device
+from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar
 from tactable.page.messages import DroppedFile, encode_picture
@@ -331,16 +331,11 @@ class DemoBackend:
             ring = self._work / f"ring-{os.getpid()}-{self._rings}"
             self._engine = await EngineProcess.start(ring, self._programs)
         has_kernels = self._builder.has_compiled
-        played = None if self._plays is None else self._plays[0].source
-        hand = hand_of(choice)
         port, rule_file = self._firmware.port, self._offers.rule_file
         order = Order(table.path, port, choice, rule_file, has_kernels, is_first(table))
         resolution_hz = configuration.frequency_resolution_uhz * 1e-6
         before = self.view
-        if before is not None and hand is not None and played is Source.HAND and table is self._table:
-            view = before  # another drive by hand, as the sliders move
-        else:
-            view = await asyncio.to_thread(_view_of, table, before, resolution_hz)
+        view = await asyncio.to_thread(_view_of, table, before, resolution_hz)
         if before is None:
             self._boot = (0, 0)
         else:
@@ -359,16 +354,12 @@ class DemoBackend:
             self._reader = RingReader(self._engine.ring, from_start=True)
         shown = self._table
         self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
-        self._pointers.feed(self._engine.feed if hand is None else None)
+        self._pointers.feed(self._engine.feed)
         await self._compare(device, shown, table)
         if shown is not None and shown is not table:
             shown.close()
             if is_first(shown):
                 shown.path.unlink(missing_ok=True)
-        if hand is not None:
-            for _ in self._reader.read():
-                pass  # how the run of the touches ended
-            view.play_by_hand(hand)
         self._status, self._trouble = "running", ""
         self.scene_number += 1
 

@@ -8,7 +8,6 @@ from engine.render.board_fit import scales_for
 from engine.table import Table
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.messages import decode_drive
-from tactable.page.hand import HandDrive
 from tactable.rig.solved_click import SolvedClick
 
 _NS_PER_US = 1000
@@ -37,19 +36,6 @@ class RingDrive:
         """Drive events in the order of their times, microseconds of the host's clock."""
         found = (self._event(record) for record in records)
         return [event for event in found if event is not None]
-
-    def by_hand(self, hand: HandDrive | None, time_us: int) -> DriveEvent:
-        """The event of a drive by hand, in fractions of the table's full scale; None: of its end."""
-        limit = self._limits.amplitude
-        channels = (
-            (ChannelTarget(0.0, 0.0, None, limit),) * self._actuators
-            if hand is None
-            else tuple(
-                ChannelTarget(hz, amplitude, phase_rad if amplitude else None, limit)
-                for hz, amplitude, phase_rad in zip(hand.frequencies_hz, hand.amplitudes, hand.phases_rad, strict=True)
-            )
-        )
-        return DriveEvent(time_us, Cause.SET, None, self._limits.slew_per_s, channels)
 
     def _event(self, record: Record) -> DriveEvent | None:
         before, self._drive = self._drive, record.drive

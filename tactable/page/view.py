@@ -16,7 +16,6 @@ from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.bar_levels import BarLevels
 from tactable.page.capture import Capture
 from tactable.page.commands import Command, CommandReader, time_of
-from tactable.page.hand import HandDrive
 from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
@@ -54,8 +53,7 @@ class View:
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
         self._command: Command | None = None
         self._is_loaded = True
-        self._capture, self.is_by_hand = Capture(), False
-        """Whether a drive by hand plays."""
+        self._capture = Capture()
         self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
 
     @property
@@ -107,20 +105,6 @@ class View:
             self.paper.play(command)
         self._capture.begin(command)
 
-    def play_by_hand(self, hand: HandDrive) -> None:
-        """Show a drive by hand from now on: levels along the bar, without fingers, and no second bar."""
-        self._touches = ()
-        self._begin(self._reader.command_by_hand(hand, self.bar.now_us))
-        if self.paper is not None:
-            self.paper.fall_silent(self.bar.now_us)
-        self.is_by_hand = True
-
-    def end_by_hand(self) -> None:
-        """The drive by hand is over: what follows is of the ring again."""
-        self.is_by_hand = False
-        if self._command is not None:
-            self._command.ended_us = self.bar.now_us
-
     def take(self, events: Sequence[DriveEvent]) -> None:
         """Take what the firmware drove."""
         self.bar.take(events)
@@ -168,7 +152,7 @@ class View:
             channels=() if command is None else command.channels,
             levels_db=self.ours.along_db,
             counted_db=self.ours.counted_db,
-            paper=None if self.paper is None or self.is_by_hand else self._paper(self.paper.levels),
+            paper=None if self.paper is None else self._paper(self.paper.levels),
         )
 
     def _is_late(self, command: Command) -> bool:

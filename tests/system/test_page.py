@@ -190,13 +190,6 @@ def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser
         visit.page.click("#lift")
         visit.wait("!location.hash.includes('fingers')")
         choose(visit, source="click", quiet_zones=[], level_db=20)
-    by_hand = "source=hand&rules=touch&level=20&hand=150:20:0,140.5:12.5:-90"
-    with opened(demo, browser, link=f"#{by_hand}") as visit:
-        visit.until("p.isPlaying && !p.madeCount && Math.abs(p.amplitude[1] - 0.125) < 1e-3")
-        assert not visit.ask("tactable.fingers.isTouring")
-        assert visit.ask("tactable.scene.plays.hand") == [[150, 0.2, 0], [140.5, 0.125, -90]]
-        visit.wait(f"location.hash === '#device=small.toml&{by_hand}'")
-        choose(visit, source="click")
 
 
 def test_an_actuator_that_is_dragged_moves_both_bars_and_is_reset(demo: Demo, browser: Browser) -> None:

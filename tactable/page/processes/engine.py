@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from base.child import Parent
-from engine.device import Device
 from engine.effects import Drives
 from engine.loop import RingWriter, SystemClock
 from engine.loop.answerer import ANSWER_WITHIN_NS
@@ -19,9 +18,7 @@ from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
-from tactable.page.choices import Choice, effects_of, hand_of
-from tactable.page.hand import HandDrive
-from tactable.page.processes.by_hand import DrivenByHand
+from tactable.page.choices import Choice, effects_of
 from tactable.page.processes.programs import Programs, ProgramsAt
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.run.click_process import ClickProcess
@@ -75,16 +72,14 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     with RingWriter(path) as ring, closing(Programs(programs_at, path)) as programs:
         found = parent.read()
         while found is not None:
-            found = _run(decode_order(found), arguments["pointer_pipe"], ring, programs, parent) or parent.read()
+            _run(decode_order(found), arguments["pointer_pipe"], ring, programs, parent)
+            found = parent.read()
 
 
-def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: Parent) -> dict[str, Any] | None:
-    """Play an order until the next one has come; returns that where it was read already."""
+def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: Parent) -> None:
+    """Play an order until the next one has come."""
     clock = SystemClock()
     with Table.open(order.table, verify=False) as table, ExitStack() as stack:
-        hand = hand_of(order.choice)
-        if hand is not None:
-            return _play_by_hand(order, hand, table.device, parent)
         effects = effects_of(order.choice, table.device, order.rule_file)
         if not table.best_rows:  # it has no sweep yet: drives are solved until a table comes that has one
             effects = replace(effects, drives=Drives.POSITIONS)
@@ -110,19 +105,3 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
         parent.say({"clicks": live.clicks, "lines": programs.begin(live.capabilities)})
         live.run(_NextOrder(parent))
-        return None
-
-
-def _play_by_hand(order: Order, hand: HandDrive, device: Device, parent: Parent) -> dict[str, Any] | None:
-    """Hold a drive, and the next ones by hand without a break; returns the first order that is another."""
-    with SerialPort(order.port) as port:
-        driven = DrivenByHand(device, port, SystemClock(), PTY_BIT_RATE_HZ)
-        while True:
-            parent.say({"clicks": 0, "lines": []})
-            driven.hold(hand, parent.has_spoken, parent.fileno())
-            found = parent.read()
-            following = None if found is None else decode_order(found)
-            next_hand = None if following is None else hand_of(following.choice)
-            if following is None or next_hand is None or (following.table, following.port) != (order.table, order.port):
-                return found
-            hand = next_hand

@@ -1,8 +1,4 @@
-"""Child process that serves the page of a live run, from its ring and table, until the run ends.
-
-Where browsers may drive by hand it says {"hand": channels} whenever one asks, and {"hand": null} at the end. The run
-answers {"driving": true} once the board plays that, and {"driving": false} once it does no more.
-"""
+"""Child process that serves the page of a live run, from its ring and table, until the run ends."""
 
 import asyncio
 import os
@@ -26,8 +22,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     os.nice(_NICE)  # the engine comes first
     with RingReader(Path(arguments["ring"])) as reader:
         board = arguments["frequency_resolution_hz"], arguments["full_scales_m"]
-        ask = (lambda channels: parent.say({"hand": channels})) if arguments["drives"] else None
-        backend = LiveBackend(reader, Path(arguments["table"]), *board, ask)
+        backend = LiveBackend(reader, Path(arguments["table"]), *board)
         with threadpool_limits(1, "blas"):  # its threads spin on a busy machine
             asyncio.run(_serve(backend, arguments["host"], arguments["port"], parent))
 
@@ -38,15 +33,12 @@ async def _serve(backend: LiveBackend, host: str, port: int, parent: Parent) -> 
         parent.say({"lines": announcement(access)})
 
         async def end_with_run(server: uvicorn.Server) -> None:
-            def hear() -> None:
-                while parent.has_spoken():
-                    told = parent.read()
-                    if told is None:
-                        asyncio.get_running_loop().remove_reader(parent.fileno())
-                        server.should_exit = True
-                        return
-                    backend.hear(is_driving=told["driving"])
+            loop = asyncio.get_running_loop()
 
-            asyncio.get_running_loop().add_reader(parent.fileno(), hear)
+            def end() -> None:
+                loop.remove_reader(parent.fileno())
+                server.should_exit = True
+
+            loop.add_reader(parent.fileno(), end)  # the run says nothing but its end
 
         await serve(backend, listening, access, end_with_run)

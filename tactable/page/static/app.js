@@ -3,7 +3,6 @@
 import { Bar } from "./bar.js";
 import { DeviceHand } from "./device.js";
 import { Fingers } from "./fingers.js";
-import { Hand } from "./hand.js";
 import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { linkOf, readLink } from "./permalink.js";
@@ -20,7 +19,6 @@ const wire = new Wire({
   scene(found) {
     scene = found;
     panel.scene = found;
-    hand.scene = found;
     if (JSON.stringify(bar.shownDevice) !== JSON.stringify(found.device)) {
       bar.device = second.device = found.device;
       courses.clear();
@@ -44,13 +42,6 @@ const wire = new Wire({
   state(...connection) { panel.state(...connection); },
 });
 const panel = new Panel(wire);
-const hand = new Hand(byId("hand"), (channels) => wire.choose({ hand: channels }));
-byId("take-hand").addEventListener("click", () => {
-  const isTaken = scene.choice.source === "hand";
-  if (!isTaken) hand.take();
-  wire.choose({ source: isTaken ? "click" : "hand" });
-});
-byId("hand").addEventListener("submit", (event) => event.preventDefault());
 const courses = new Courses(byId("course"), wire.picture);
 const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);
 const deviceHand = new DeviceHand(wire, [bar, second]);
@@ -95,7 +86,7 @@ function linkScene() {
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
-  const text = fingers.says ?? hand.says(wire.picture) ?? found ?? (wire.picture.command || fingers.isTouring ? null : "Touch the bar.");
+  const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : "Touch the bar.");
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);
@@ -168,6 +159,6 @@ function frame(now_ms) {
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, bar, second, courses, fingers, hand, deviceHand, panel, sound, get scene() { return scene; } };
+window.tactable = { wire, bar, second, courses, fingers, deviceHand, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

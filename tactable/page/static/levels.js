@@ -140,7 +140,7 @@ export class LevelPlot {
     c.strokeStyle = colour.level;
     c.lineWidth = 2;
     c.lineJoin = "round";
-    const hasGaps = isFresh(this.picture) && this.picture.madeCount > 0; // A drive by hand is made for no finger.
+    const hasGaps = isFresh(this.picture) && this.picture.madeCount > 0;
     c.globalAlpha = hasGaps ? 0.3 : 1;
     this._countedPath(c);
     c.stroke();

@@ -4,7 +4,7 @@ import { NOTHING, NO_NUMBER } from "./wire.js";
 import { ORDERS } from "./bar.js";
 import { Role } from "./levels.js";
 
-const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)", hand: "By hand" };
+const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)" };
 // What the second bar is, by the kind of drive that plays on the first.
 const PAPERS = {
   1: "The same fingers with the paper’s drive: the row of the sweep with the greatest localized factor in their zones, on a bar without fingers, that reaches the level there.",
@@ -100,13 +100,11 @@ export class Panel {
     say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
     byId("switches").hidden = !isDemo;
     byId("actions").hidden = !isDemo;
-    for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo || choice.source === "hand"; // Touches play nothing then.
+    for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo;
     say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
     say(byId("estimates"), device.estimates
       ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. Levels are dB above the ${device.threshold}.`
       : `Levels are dB above the ${device.threshold}.`);
-    byId("by-hand").hidden = !scene.drives; // A run whose board browsers may drive.
-    if (scene.drives) this._sayByHand(choice, scene.plays);
     if (isDemo) this._showSwitches(scene, choice, wire);
     this._sayStatus();
     this._sayNotice();
@@ -129,18 +127,7 @@ export class Panel {
     check(byId("devices"), (value) => value === choice.device);
     check(byId("zones"), (value) => !choice.quiet_zones.includes(value));
     byId("loaded").checked = choice.is_loaded;
-    const isHand = choice.source === "hand", isFile = choice.rules === "file";
-    byId("source").disabled = isFile;
-    byId("rules").disabled = isHand;
-    for (const id of ["level", "zones"]) byId(id).disabled = isHand || isFile;
-  }
-
-  _sayByHand(choice, plays) {
-    const isTaken = choice.source === "hand";
-    say(byId("take-hand"), isTaken ? "Give back to the fingers" : "Drive by hand");
-    say(byId("by-hand-text"), !isTaken ? "The board plays what fingers do."
-      : plays.source === "hand" ? "The board plays the sliders, and touches play nothing. It falls silent 1 s after this page is closed or unheard."
-      : "The board is being armed.");
+    for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
   }
 
   _sayStatus() {
@@ -222,11 +209,10 @@ export class Panel {
     let text = "none yet";
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
-      const byHand = scene.choice?.source === "hand" && !picture.madeCount;
       const steady = picture.isProvisional ? "steady drive, since the click was not solved yet"
         : scene.choice?.source === "zones" || scene.is_shipped ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
       const what = isClick ? "click, as weights of the firmware's basis" : steady;
-      text = byHand ? "steady drive by hand, for no finger; the firmware renews it by lease" : `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
+      text = `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }
     say(byId("command"), text);
     const { actuators } = scene.device, found = rows(byId("channels").tBodies[0], actuators.length, 4);

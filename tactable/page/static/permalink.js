@@ -16,16 +16,11 @@ export function readLink(hash, scene) {
   if (switches.device !== undefined && !scene.devices.includes(switches.device)) delete switches.device;
   if (switches.rules !== undefined && !scene.rules.includes(switches.rules)) delete switches.rules;
   if (switches.level_db !== undefined && !scene.levels_db.includes(switches.level_db)) delete switches.level_db;
-  if (asked.has("hand")) switches.hand = asked.get("hand").split(",").map((each) => each.split(":").map(Number)).map(([hz, percent, degrees]) => [hz, percent / 100, degrees]);
-  if (switches.hand?.some((each) => !each.every(Number.isFinite))) delete switches.hand;
-  if (!["click", "steady", "zones", "hand", undefined].includes(switches.source)) delete switches.source;
+  if (!["click", "steady", "zones", undefined].includes(switches.source)) delete switches.source;
   if (switches.actuators_m?.some((at_m) => !Number.isFinite(at_m))) delete switches.actuators_m;
   const fingers = (asked.get("fingers") ?? "").split(",").filter(Boolean).map((mm) => Number(mm) / 1000);
   return { switches, fingers: fingers.filter((at_m) => Number.isFinite(at_m) && at_m >= 0).slice(0, 10) };
 }
-
-// The drive of one actuator, such as 150:20:90 for 150 Hz, 20 % and 90 degrees.
-function handText([hz, amplitude, degrees]) { return [hz, 100 * amplitude, degrees].map((value) => Number(value.toFixed(2))).join(":"); }
 
 // The link to a scene with fingers that stay at these positions, in metres.
 export function linkOf(choice, fingers) {
@@ -34,7 +29,6 @@ export function linkOf(choice, fingers) {
     ["level", choice.level_db === null ? "full" : `${choice.level_db}`],
     ...(choice.quiet_zones.length ? [["quiet", choice.quiet_zones.join(",")]] : []),
     ...(choice.actuators_m.length ? [["actuators", choice.actuators_m.map((at_m) => (1000 * at_m).toFixed(1)).join(",")]] : []),
-    ...(choice.source === "hand" && choice.hand ? [["hand", choice.hand.map(handText).join(",")]] : []),
     ...(choice.is_loaded ? [] : [["loaded", "0"]]),
     ...(fingers.length ? [["fingers", fingers.map((at_m) => (1000 * at_m).toFixed(1)).join(",")]] : []),
   ];

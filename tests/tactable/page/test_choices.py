@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.effects import Drives, Trigger
-from engine.render import clamp
-from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, hand_of, offered
+from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, offered
 from tactable.shipped import find_device, shipped_names
 
 DEVICE = find_device("reference-a")
@@ -99,39 +98,3 @@ def test_an_own_device_is_offered_beside_the_shipped_ones() -> None:
     assert offered("my.toml").devices == ("my.toml", *shipped_names())
     assert OFFERS.devices[0] == "reference-a"
     assert sorted(OFFERS.devices) == shipped_names()
-
-
-# ---- by hand ----------------------------------------------------------------------------------------------
-
-HAND = [[150.0, 0.2, 0.0], [130.0, 0.05, 90.0]]
-
-
-def test_a_drive_by_hand_begins_low_keeps_its_sliders_and_ends_with_its_bar() -> None:
-    first = changed(Choice("reference-a"), {"source": "hand"}, DEVICE, OFFERS)
-    assert first.hand == ((150.0, 0.2, 0.0), (150.0, 0.2, 0.0))
-    moved = changed(first, {"hand": HAND}, DEVICE, OFFERS)
-    assert moved.hand == tuple(map(tuple, HAND))
-    assert Choice.from_json(moved.as_json()) == moved
-    found = hand_of(moved)
-    assert found is not None
-    assert clamp(found, DEVICE).channels[1].phase_rad == pytest.approx(math.pi / 2)
-    clicks = changed(moved, {"source": "click"}, DEVICE, OFFERS)
-    assert (hand_of(clicks), clicks.hand) == (None, moved.hand)
-    other = changed(moved, {"device": "reference-t"}, DEVICE, OFFERS)
-    assert (other.source, other.hand) == (Source.CLICK, None)
-
-
-@pytest.mark.parametrize(
-    ("hand", "named"),
-    [
-        ([[150, 1.2, 0], [130, 0.1, 0]], "actuator left: 120 %; expected 0 to 100 %"),
-        ([[150, 0.2, 0], [301, 0.1, 0]], "actuator right: 301 Hz; expected 60 to 300 Hz"),
-        ([[150, 0.2, 0], [130, 0.1, 1e9]], "actuator right: 1e.09 degrees"),
-        ([[150, 0.2, 0]], "for each of left, right"),
-        ([[150, 0.2, None], [130, 0.1, 0]], "actuator left: .* three numbers"),
-        ("loud", "for each of left, right"),
-    ],
-)
-def test_a_drive_by_hand_beyond_a_limit_is_refused_by_name(hand: object, named: str) -> None:
-    with pytest.raises(ChoiceError, match=named):
-        changed(Choice("reference-a", Source.HAND), {"hand": hand}, DEVICE, OFFERS)

@@ -243,33 +243,6 @@ def _is_as_modelled(picture: Picture, device: Device) -> bool:
     return bool(abs(picture.counted_db - modelled_db)[modelled_db > 0].max() < 0.5)
 
 
-def test_a_drive_by_hand_moves_the_bar_by_its_sliders_and_fingers_play_again_afterwards(rig: Rig) -> None:
-    processes, device = rig.backend.process_ids, find_device(rig.backend.scene()["choice"]["device"])
-    rig.choose(source="hand")
-    low = rig.until(lambda picture: picture.command > 0 and _is_as_modelled(picture, device))
-    assert (low.drive, low.is_playing, low.made, low.paper) == (Drive.STEADY, True, (), None)
-    rig.choose(hand=[[actuator.band_hz[0], 0.5 * device.limits.amplitude, 0.0] for actuator in device.actuators])
-    rig.choose(hand=[[c.frequency_hz, 2 * c.amplitude, 90.0 * i] for i, c in enumerate(low.channels)])
-    high = rig.until(lambda picture: picture.command == low.command + 2 and _is_as_modelled(picture, device))
-    assert high.channels[-1].phase_rad > 1
-    assert rig.backend.process_ids == processes
-    rig.choose(source="click")
-    rig.press(FIRST)
-    picture = rig.until(lambda picture: picture.drive is Drive.CLICK and picture.age_s > 0.5)
-    assert len(picture.made) == 1
-    assert picture.paper is not None
-
-
-def test_a_drive_by_hand_plays_in_place_of_a_drive_that_a_finger_holds(rig: Rig) -> None:
-    """What the run of the finger says at its end is no end of the drive by hand."""
-    rig.choose(source="steady", level_db=10)
-    rig.press(FIRST)
-    rig.until(lambda picture: picture.is_playing and picture.age_s > 0.3)
-    rig.choose(source="hand")
-    picture = rig.until(lambda picture: not picture.made and picture.age_s > 0.3)
-    assert picture.is_playing and all(channel.amplitude > 0 for channel in picture.channels)
-
-
 def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """One run ends and another begins: the drive fades out and in by the slew of the device."""
     events, builder = list[DriveEvent](), rig.backend._builder
