@@ -1,20 +1,15 @@
 """Commands `bench ...`: each runs one benchmark, and prints its page or its JSON."""
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from tactable.cli.console import show, shown_progress
+from tactable.cli.console import show
 from tactable.cli.options import (
     AsJson,
-    DeviceArgument,
     DeviceOption,
     OptionalTable,
-    PositionTolerance,
-    Workers,
-    read_option,
 )
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
@@ -27,52 +22,6 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
     show(run_sweep_bench(find_device(device_name)), as_json, print_sweep_bench)
-
-
-def anywhere(
-    device_name: DeviceArgument = "reference-a",
-    placements: Annotated[int, typer.Option(min=1, max=100_000, help="Random placements.")] = 300,
-    fingers: Annotated[int, typer.Option(min=1, max=10, help="Fingers of each placement.")] = 2,
-    feeling: Annotated[int, typer.Option("--felt", min=1, max=10, help="How many of them feel.")] = 1,
-    apart: Annotated[str, typer.Option(help="Least distance between two fingers.")] = "25 mm",
-    exactly: Annotated[bool, typer.Option("--exactly", help="Fingers lie exactly that far apart.")] = False,
-    tolerance: PositionTolerance = "1 mm",
-    plants: Annotated[int, typer.Option(min=20, max=100_000, help="Fresh plants for each placement.")] = 300,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the placements.")] = 1,
-    table_path: Annotated[
-        Path | None, typer.Option("--table", help="Also the clicks that this table of the device has for them.")
-    ] = None,
-    workers: Workers = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compute clicks and drives for fingers anywhere on the bar, SIMULATED.
-
-    Clicks made for their positions, those of a table for the nearest places, and clicks made for the middles of their
-    zones are evaluated on the same plants. The contrast of steady drives is that expected at their positions.
-    """
-    from engine.table import Table
-    from precompute.parallel.pool import available_cores
-    from precompute.studies.anywhere import Anywhere, compare_anywhere
-    from tactable.bench.anywhere import print_anywhere_bench
-
-    wanted = Anywhere(
-        placements=placements,
-        fingers=fingers,
-        feeling=feeling,
-        apart_m=read_option("--apart", apart, "m"),
-        is_exact=exactly,
-        tolerance_m=read_option("--tolerance", tolerance, "m"),
-        plants=plants,
-        seed=seed,
-    )
-    device, tabulated = find_device(device_name), None
-    if table_path is not None:
-        with Table.open(table_path, device=device) as table:
-            tabulated = table.clicks
-    with shown_progress(as_json) as progress:
-        on_progress = partial(progress, "placements")
-        result = compare_anywhere(device, wanted, workers or available_cores(), on_progress, tabulated=tabulated)
-    show(result, as_json, print_anywhere_bench)
 
 
 def step(

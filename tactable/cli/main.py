@@ -85,15 +85,12 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "rise": Entry("plot:rise", "Draw the time course of a drive from rest under some fingers."),
             "factor": Entry("plot:factor", "Draw the localized factor over the frequencies of two actuators."),
             "click": Entry("plot:click", "Draw one click: its waveform and what each finger feels."),
-            "click-map": Entry("plot:click_map", "Draw the clicks of one felt and one quiet finger in mid-zone."),
         },
         "Pictures of a device": {
             "response": Entry("plot:response", "Draw the acceleration along the bar of one or more drives."),
             "zones": Entry("plot:zones", "Draw localized factor and acceleration by zone of up to four drives."),
             "optimum": Entry("plot:optimum", "Draw the drives of greatest localized factor of some zones."),
             "reach": Entry("plot:reach", "Draw the greatest acceleration and level of each place of the bar."),
-            "distance": Entry("plot:distance", "Draw clicks of two fingers anywhere against their distance."),
-            "click-study": Entry("plot:click_study", "Draw what one click gains from its length and its scenarios."),
         },
     },
     "effects": {
@@ -113,9 +110,6 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "bench": {
         "Benchmarks": {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
-            "anywhere": Entry(
-                "bench:anywhere", "Compute clicks and drives for fingers anywhere on the bar, SIMULATED."
-            ),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),

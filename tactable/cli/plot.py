@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial, wraps
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
-from tactable.cli.console import Progress, print_json, say, shown_progress
+from tactable.cli.console import print_json, say, shown_progress
 from tactable.cli.options import (
     AsJson,
     Change,
@@ -30,14 +30,11 @@ from tactable.cli.options import (
     Level,
     OptionError,
     Output,
-    PositionTolerance,
     QuietFingers,
     SensorMass,
     TableArgument,
-    Workers,
     names_in,
     read_changes,
-    read_counts,
     read_drives,
     read_level,
     read_numbers,
@@ -209,21 +206,6 @@ def click(
     return replace(picture, summary={"sound": {"file": str(sound_path), **sound_json(sound)}, **picture.summary})
 
 
-@picture_command
-def click_map(table_path: TableArgument, progress: Progress) -> Picture:
-    """Draw the clicks of one felt and one quiet finger in mid-zone.
-
-    The best steady drives, gated for the same time, are drawn beside them.
-    """
-    with _opened_table(table_path) as table:
-        from engine.steady.cases import TOLERANCE_M
-        from tactable.explain.click_source import ClickSource
-        from tactable.figures.click_map import plot_click_map
-
-        source = ClickSource(table, table.clicks.tolerance_m or TOLERANCE_M)
-        return plot_click_map(source, partial(progress, "states"))
-
-
 # ---- pictures of a device ----------------------------------------------------------------------------------------
 
 
@@ -295,57 +277,6 @@ def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
     from tactable.figures.reach import plot_reach
 
     return plot_reach(_changed(device_name, change))
-
-
-@picture_command
-def click_study(
-    device_name: DeviceArgument,
-    felt: FeltFingers,
-    progress: Progress,
-    quiet: QuietFingers = "",
-    lengths: Annotated[str, typer.Option(help="Lengths of the click, ms.")] = "10,20,30,40",
-    scenarios: Annotated[
-        str, typer.Option(help="Numbers of scenarios, the sampled plants of a click.")
-    ] = "5,10,20,40,80",
-) -> Picture:
-    """Draw what one click gains from its length and its scenarios.
-
-    Scenarios are the sampled plants that a click is optimised over.
-    """
-    from tactable.explain.click_study import run_study
-    from tactable.figures.click_study import plot_click_study
-
-    lengths_s = [length_ms / _MS_PER_S for length_ms in read_counts("--lengths", lengths, 1, 200)]
-    counts = read_counts("--scenarios", scenarios, 1, 1000)
-    device = find_device(device_name)
-    placement, on_progress = read_placement(device, felt, quiet), partial(progress, "clicks")
-    study = run_study(device, placement, lengths_s=lengths_s, scenarios=counts, on_progress=on_progress)
-    return plot_click_study(study)
-
-
-@picture_command
-def distance(
-    device_name: DeviceArgument,
-    progress: Progress,
-    distances: Annotated[str, typer.Option(help="Distances between the fingers, mm.")] = "10,15,20,25,30,40",
-    placements: Annotated[int, typer.Option(min=1, max=100_000, help="Random placements for each distance.")] = 60,
-    tolerance: PositionTolerance = "1 mm",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the placements.")] = 1,
-    workers: Workers = None,
-) -> Picture:
-    """Draw clicks of two fingers anywhere against their distance.
-
-    Clicks made for their positions and clicks made for the middles of their zones are evaluated on the same plants.
-    """
-    from precompute.parallel.pool import available_cores
-    from precompute.studies.anywhere import Anywhere
-    from tactable.figures.distance import plot_distance
-
-    wanted = Anywhere(placements=placements, tolerance_m=read_option("--tolerance", tolerance, "m"), seed=seed)
-    distances_m = [distance_mm / 1e3 for distance_mm in read_counts("--distances", distances, 8, 10_000)]
-    return plot_distance(
-        find_device(device_name), distances_m, wanted, workers or available_cores(), partial(progress, "clicks")
-    )
 
 
 def _changed(device_name: str, change: list[str] | None) -> Device:

@@ -70,7 +70,7 @@ def verify(
 
     from engine.table import Table
     from precompute.measurements.simulate import even_places
-    from precompute.studies.anywhere import Anywhere, random_placements
+    from precompute.sampling.placements import Anywhere, random_placements
     from tactable.figures.file import check_paths
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.board_sensor import fixed_places

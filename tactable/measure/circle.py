@@ -19,7 +19,7 @@ from precompute.builder.incremental import outdated_parts
 from precompute.measurements import Kind, MeasurementError
 from precompute.measurements.file import check_ending, write_measurements
 from precompute.measurements.simulate import even_places
-from precompute.studies.anywhere import Anywhere, random_placements
+from precompute.sampling.placements import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
 from tactable.measure.board_sensor import fixed_places
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions

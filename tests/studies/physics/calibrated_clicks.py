@@ -20,7 +20,7 @@ from precompute.calibration.device_text import calibrated_device
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import Flaws
-from precompute.studies.anywhere import Anywhere, random_placements
+from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.measured import TRUTH, read_bar
 
@@ -37,7 +37,7 @@ def calibrated(device: Device, names: tuple[str, ...]) -> Device:
 def felt_db(device: Device, placements: int) -> NDArray[np.float64]:
     """Felt level of 5 % and quiet level of 95 % of the plants (2, placement)."""
     wanted = Anywhere(placements=placements, seed=11)
-    solver = ClickSolver(device, replace(DEFAULT_OPTIONS, tolerance_m=wanted.tolerance_m))
+    solver = ClickSolver(device, replace(DEFAULT_OPTIONS, tolerance_m=1e-3))
     found = [solver.solve(placement).evaluation for placement in random_placements(device, wanted)]
     return np.array([(each.felt.low_db, each.quiet.high_db if each.quiet else np.nan) for each in found]).T
 

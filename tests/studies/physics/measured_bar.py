@@ -31,8 +31,8 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
+from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.places import solve_place_receptances
-from precompute.studies.anywhere import Anywhere, random_placements
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions

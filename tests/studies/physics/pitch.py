@@ -19,8 +19,9 @@ from engine.table import Table
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
 from precompute.clicks.evaluation import evaluate_waveform
-from precompute.studies.anywhere import Anywhere, random_placements
+from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
+from tests.studies.physics.anywhere import PLANTS, TOLERANCE_M
 
 PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)
 _PERCENTS = (50, 95, 100)
@@ -29,14 +30,14 @@ _PERCENTS = (50, 95, 100)
 def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
     """By pitch in mm: loss of the felt level (5 %) and gain of the quiet level (95 %) in dB, (2, placement)."""
     device, wanted = find_device(name), Anywhere(placements=placements, seed=7)
-    options = replace(DEFAULT_OPTIONS, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
+    options = replace(DEFAULT_OPTIONS, tolerance_m=TOLERANCE_M, judged=PLANTS)
     own, drawn = ClickSolver(device, options), random_placements(device, wanted)
     best = [own.solve(placement).evaluation for placement in drawn]
     found = dict[float, NDArray[np.float64]]()
     for pitch_mm in PITCHES_MM:
         cells = round(np.ceil(1e3 * device.bar.length_m / pitch_mm))
         pitch_m = device.bar.length_m / cells
-        solver = ClickSolver(device, replace(options, tolerance_m=pitch_m / 2 + wanted.tolerance_m))
+        solver = ClickSolver(device, replace(options, tolerance_m=pitch_m / 2 + TOLERANCE_M))
         changes = list[tuple[float, float]]()
         for placement, exact in zip(drawn, best, strict=True):
             near_m = tuple(round(at_m / pitch_m) * pitch_m for at_m in placement.position_m)
@@ -53,9 +54,7 @@ def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64
     """As `measure`, of the clicks that a table holds for the nearest places."""
     wanted = Anywhere(placements=placements, seed=7)
     with Table.open(path, verify=False) as table:
-        solver = ClickSolver(
-            table.device, replace(DEFAULT_OPTIONS, tolerance_m=wanted.tolerance_m, judged=wanted.plants)
-        )
+        solver = ClickSolver(table.device, replace(DEFAULT_OPTIONS, tolerance_m=TOLERANCE_M, judged=PLANTS))
         changes = list[tuple[float, float]]()
         for placement in random_placements(table.device, wanted):
             exact, click = solver.solve(placement).evaluation, table.click_at(placement, np.inf)

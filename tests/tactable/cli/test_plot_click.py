@@ -13,9 +13,6 @@ from tests.precompute.builder.test_build import SMALL
 
 WORDS = {
     "click": ("plot", "click", "bar.nc", "--felt", "I", "--quiet", "III"),
-    "click-map": ("plot", "click-map", "bar.nc"),
-    "click-study": ("plot", "click-study", "bar.toml", "--felt", "I", "--lengths", "10", "--scenarios", "2,5"),
-    "distance": ("plot", "distance", "bar.toml", "--distances", "20,40,60", "--placements", "2", "--workers", "1"),
 }
 
 
@@ -88,13 +85,6 @@ def test_explain_tells_of_the_click(run: Any, capsys: pytest.CaptureFixture[str]
         (("click", "bar.nc", "--felt", "I", "--sound", "nowhere/click.wav"), ("nowhere", "no such folder")),
         (("click", "bar.nc", "--felt", "I", "--plain"), ("--plain", "--sound click.wav")),
         (("click", "bar.nc", "--felt", "I", "--sound", "a.wav", "--stereo"), ("--stereo", "one felt and one quiet")),
-        (("click-map", "bar.nc", "--csv", "map.txt"), ("map.txt", ".csv")),
-        (("click-study", "no-such-bar", "--felt", "I"), ("no-such-bar", "reference-a")),
-        (("click-study", "bar.toml", "--felt", "I", "--quiet", "I"), ("closer than 8 mm", "give one of them")),
-        (("click-study", "bar.toml", "--felt", "I", "--lengths", "10,500"), ("--lengths '10,500'", "1 to 200")),
-        (("click-study", "bar.toml", "--felt", "I", "--lengths", "ten"), ("--lengths 'ten'",)),
-        (("click-study", "bar.toml", "--felt", "I", "--scenarios", ","), ("--scenarios ','", "1 to 1000")),
-        (("click-study", "bar.toml", "--felt", "I", "--scenarios", "2.5"), ("--scenarios '2.5'", "whole")),
     ],
 )
 def test_a_refusal_is_one_line_naming_the_thing(

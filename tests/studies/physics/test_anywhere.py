@@ -1,21 +1,19 @@
-"""Laws of the benchmark of fingers anywhere: even placements, the solver's own figures, and positions beat zones."""
+"""Laws of the study of fingers anywhere: even placements, the solver's own figures, and positions beat zones."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from engine.table import Clicks
 from engine.touch import PlacementError
 from engine.touch.places import Places
 from precompute.clicks import ClickSolver
 from precompute.clicks.tabulated import tabulate_clicks
-from precompute.studies.anywhere import Anywhere, compare_anywhere, random_placements
-from tactable.bench.anywhere import print_anywhere_bench
+from precompute.sampling.placements import Anywhere, random_placements
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
+from tests.studies.physics.anywhere import compare_anywhere, describe, draw
 
 DEVICE = shipped("reference-a")
 
@@ -47,42 +45,39 @@ def test_what_no_bar_holds_is_refused(wanted: Anywhere, message: str) -> None:
 
 
 def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zones_do_not() -> None:
-    wanted, told = Anywhere(placements=6, plants=20), list[float]()
-    result = compare_anywhere(DEVICE, wanted, 1, told.append, CHEAP)
-    assert told == pytest.approx([i / 6 for i in range(1, 7)])
+    wanted = Anywhere(placements=6)
+    result = compare_anywhere(DEVICE, wanted, 1, CHEAP, plants=20)
     placements = random_placements(DEVICE, wanted)
     assert [tuple(row["position_m"]) for row in result["placements"]] == [each.position_m for each in placements]
     own = ClickSolver(DEVICE, replace(CHEAP, tolerance_m=1e-3, judged=20)).solve(placements[3]).evaluation
     row = result["placements"][3]["by_position"]
     assert own.quiet is not None
     assert (row["felt_db"]["low_db"], row["quiet_db"]["high_db"]) == (own.felt.low_db, own.quiet.high_db)
-    here, zones = result["summary"]["by_position"], result["summary"]["by_zone"]
+    here, zones = result["by_position"], result["by_zone"]
     assert here["placements"] == zones["placements"] == 6
     assert here["quiet_db"][2] < 3 < zones["quiet_db"][1]
     assert here["felt_db"] == pytest.approx(
         np.percentile([each["by_position"]["felt_db"]["low_db"] for each in result["placements"]], [5, 50, 95])
     )
-    shown = io.StringIO()
-    print_anywhere_bench(Console(file=shown, width=200), result)
-    text = shown.getvalue()
-    assert "Oh and Choi 2019" in text and "position within 1 mm" in text and "SIMULATED" in text and "ESTIMATES" in text
+    text = "\n".join(describe(DEVICE, wanted, result))
+    assert all(word in text for word in ("Oh and Choi 2019", "position within 1 mm", "SIMULATED", "ESTIMATES"))
+    assert len(draw(DEVICE, [0.025, 0.03], [result, result]).axes) == 2
 
 
 def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers() -> None:
     places = Places.every(DEVICE.bar.length_m, 40e-3)
-    wanted = Anywhere(placements=4, plants=20, apart_m=0.06)
+    wanted = Anywhere(placements=4, apart_m=0.06)
     keys = {places.key(placement) for placement in random_placements(DEVICE, wanted)}
     rows = [entry for entry, _ in tabulate_clicks(DEVICE, CHEAP, places, sorted(keys))]
-    result = compare_anywhere(DEVICE, wanted, 1, lambda _: None, CHEAP, tabulated=Clicks.of(places, rows))
-    tabulated, own = (result["summary"][way] for way in ("by_table", "by_position"))
+    result = compare_anywhere(DEVICE, wanted, 1, CHEAP, Clicks.of(places, rows), plants=20)
+    tabulated, own = (result[way] for way in ("by_table", "by_position"))
     assert tabulated["placements"] == own["placements"] == 4
     # Made for fingers within 21 mm of their places, a click cannot be as strong.
     assert tabulated["felt_db"][1] < own["felt_db"][1] - 3
-    steady = result["summary"]["steady"]
+    steady = result["steady"]
     assert steady["placements"] == 4 and 0 < steady["achieved"] <= 4
     contrasts_db = [row["steady"]["expected_contrast_db"] for row in result["placements"] if row["steady"]["achieved"]]
     assert steady["expected_contrast_db"] == pytest.approx(np.percentile(contrasts_db, [5, 50, 95]))
-    shown = io.StringIO()
-    print_anywhere_bench(Console(file=shown, width=200), result)
-    assert "of the table, for the nearest places" in shown.getvalue()
-    assert f"reaches 20 dB in {steady['achieved']} of 4 placements" in shown.getvalue()
+    text = "\n".join(describe(DEVICE, wanted, result))
+    assert "of the table, for the nearest places" in text
+    assert f"reaches 20 dB in {steady['achieved']} of 4" in text

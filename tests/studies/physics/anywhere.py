@@ -1,0 +1,252 @@
+"""Clicks and steady drives for fingers anywhere on the bar: what is played, and what could be had. SIMULATED.
+
+    python -m tests.studies.physics.anywhere reference-a --table reference-a.nc
+    python -m tests.studies.physics.anywhere reference-a --distances 8,10,15,20 --placements 40
+
+A click made for the positions of the fingers is the best that could be had; a table's click of the nearest places is
+what a run plays; a click made for the middles of the zones is what a table without places would hold. All three are
+evaluated on the same plants. The steady drive is the one that a run solves for the positions.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from base.plain import to_plain
+from engine.device import Device
+from engine.table import Clicks, Table
+from engine.touch import Placement, ZoneState
+from engine.touch.finger_tracker import ZoneEdges
+from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
+from precompute.clicks.evaluation import Evaluation, evaluate_waveform
+from precompute.clicks.solver import FULL_SCALE
+from precompute.parallel.pool import WorkerPool, available_cores
+from precompute.predict.at_positions import SteadyDesigner
+from precompute.sampling.placements import Anywhere, random_placements
+from tactable.shipped import find_device
+
+Array = NDArray[np.float64]
+
+AIM_CONTRAST_DB, STEADY_LEVEL_DB = 18.0, 20.0
+"""Expected contrast that a steady drive is to reach at this level."""
+AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
+"""What a click is to keep: felt by at least this in 95 % of the plants, and quiet at this or below in 95 % of them."""
+PLANTS, TOLERANCE_M = 300, 1e-3
+"""Fresh plants of each placement, and how far a finger may lie from the position that the digitizer tells."""
+_PERCENTS = (5, 50, 95)
+_WAYS = {
+    "by_position": "made for the positions",
+    "by_position_in_one_zone": "of these, two fingers in one zone",
+    "by_table": "of the table, for the nearest places",
+    "by_table_in_one_zone": "of these, two fingers in one zone",
+    "by_zone": "made for the middles of the zones",
+}
+
+
+def compare_anywhere(
+    device: Device,
+    wanted: Anywhere,
+    workers: int,
+    options: ClickOptions = DEFAULT_OPTIONS,
+    tabulated: Clicks | None = None,
+    plants: int = PLANTS,
+) -> dict[str, Any]:
+    """Levels of every placement by the clicks that the module names, and the contrast of its steady drive.
+
+    On sampled plants that no click was made with. tabulated: clicks of a table of the device.
+    """
+    placements, rows = random_placements(device, wanted), dict[int, dict[str, Any]]()
+    by_position = replace(options, tolerance_m=TOLERANCE_M, judged=plants)
+    chunks = [[numbered] for numbered in enumerate(placements)]
+    start_s = time.perf_counter()
+    begin = partial(_begin, device, by_position, options, tabulated)
+    with WorkerPool(min(workers, len(chunks)) - 1) as pool:
+        rows.update(pool.solve(begin, chunks, include_self=True))
+    ordered = [rows[number] for number in sorted(rows)]
+    shared = [row for row in ordered if row["shares_a_zone"]]
+    return {
+        "time_s": time.perf_counter() - start_s,
+        "placements": ordered,
+        "by_position": _summary([row["by_position"] for row in ordered]),
+        "by_table": _summary([row["by_table"] for row in ordered if row["by_table"]]),
+        "by_table_in_one_zone": _summary([row["by_table"] for row in shared if row["by_table"]]),
+        "by_zone": _summary([row["by_zone"] for row in ordered if row["by_zone"]]),
+        "by_position_in_one_zone": _summary([row["by_position"] for row in shared]),
+        "steady": _steady_summary([row["steady"] for row in ordered]),
+        "processor_ms": np.percentile([1e3 * row["processor_s"] for row in ordered], (50, 99)).tolist(),
+    }
+
+
+def _begin(
+    device: Device, by_position: ClickOptions, by_zone: ClickOptions, tabulated: Clicks | None
+) -> Callable[[tuple[int, Placement]], tuple[int, dict[str, Any]]]:
+    solver = ClickSolver(device, by_position)
+    zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
+    zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(Placement.in_zones(device, states)))
+    edges, designer = ZoneEdges(device), SteadyDesigner(device, samples=2 * (by_position.judged // 2))
+    solver.solve(Placement.on(device, [device.bar.length_m / 2]))  # compiled before it is timed
+
+    def compare(numbered: tuple[int, Placement]) -> tuple[int, dict[str, Any]]:
+        number, placement = numbered
+        start_s = time.process_time()
+        click = solver.solve(placement)
+        processor_s = time.process_time() - start_s
+        touched = [edges.zone_at(at_m) for at_m in placement.position_m]
+        states, by_zone, by_table = placement.zone_states(device), None, None
+        if ZoneState.FELT in states:
+            middle = zone_click(states)
+            by_zone = _evaluate(solver, placement, middle.waveform, middle.evaluation.residual_from_s)
+        own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
+        if own is not None:
+            by_table = _evaluate(solver, placement, own.samples.T / FULL_SCALE, own.residual_from_s)
+        return number, {
+            "position_m": placement.position_m,
+            "is_felt": placement.is_felt,
+            "shares_a_zone": len(set(touched)) < len(touched),
+            "by_position": _levels(click.evaluation) | {"bound_db": click.bound_db, "gap_db": click.gap_db},
+            "by_table": by_table and _levels(by_table),
+            "by_zone": by_zone and _levels(by_zone),
+            "steady": _steady(designer, placement),
+            "processor_s": processor_s,
+        }
+
+    return compare
+
+
+def _evaluate(solver: ClickSolver, placement: Placement, waveform: Array, residual_from_s: float) -> Evaluation:
+    fresh = solver.plants_of(placement.position_m).evaluated
+    return evaluate_waveform(waveform, fresh, placement.felt, placement.quiet, residual_from_s)
+
+
+def _steady(designer: SteadyDesigner, placement: Placement) -> dict[str, Any]:
+    """The drive of a placement at STEADY_LEVEL_DB; the contrast is None where nothing is quiet."""
+    figures = designer.solve(placement.position_m, placement.is_felt, STEADY_LEVEL_DB)
+    return {
+        "achieved": figures.drive.achieved,
+        "level_db": figures.drive.weakest_felt_db,
+        "expected_contrast_db": figures.expected_contrast_db,
+    }
+
+
+def _levels(evaluation: Evaluation) -> dict[str, Any]:
+    return {"felt_db": to_plain(evaluation.felt), "quiet_db": to_plain(evaluation.quiet)}
+
+
+def _steady_summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
+    """Percentiles of the expected contrast over the placements where full scale reaches the level, and the share."""
+    contrasts_db = [drive["expected_contrast_db"] for drive in drives if drive["achieved"]]
+    known_db = np.array([contrast_db for contrast_db in contrasts_db if contrast_db is not None])
+    return {
+        "level_db": STEADY_LEVEL_DB,
+        "placements": len(drives),
+        "achieved": len(contrasts_db),
+        "expected_contrast_db": np.percentile(known_db, _PERCENTS).tolist() if len(known_db) else None,
+        "share_that_keeps_the_aim": float((known_db >= AIM_CONTRAST_DB).mean()) if len(known_db) else None,
+    }
+
+
+def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:
+    """Percentiles over placements of the level that 95 % of the plants exceed where felt, and keep to where quiet."""
+    if not figures:
+        return {"placements": 0}
+    felt_db = np.array([each["felt_db"]["low_db"] for each in figures])
+    quiet_db = np.array([each["quiet_db"]["high_db"] if each["quiet_db"] else -np.inf for each in figures])
+    return {
+        "placements": len(figures),
+        "felt_db": np.percentile(felt_db, _PERCENTS).tolist(),
+        "quiet_db": np.percentile(quiet_db, _PERCENTS).tolist() if np.isfinite(quiet_db).all() else None,
+        "share_that_keeps_the_aim": float(((felt_db >= AIM_FELT_DB) & (quiet_db <= AIM_QUIET_DB)).mean()),
+    }
+
+
+def _text(levels_db: Sequence[float]) -> str:
+    return " / ".join(f"{level_db:z.1f}" for level_db in levels_db)
+
+
+def describe(device: Device, wanted: Anywhere, result: dict[str, Any]) -> list[str]:
+    """The summary in lines: a row of a table for each way, the steady drives, and the spreads that it holds for."""
+    distance = f"{1e3 * wanted.apart_m:g} mm {'' if wanted.is_exact else 'or more '}apart"
+    lines = [
+        f"{device.name}, {wanted.fingers} fingers, {wanted.feeling} felt, {distance}, SIMULATED: felt (5 % of plants), "
+        f"quiet (95 %), {_PERCENTS} % of placements; share with felt >= {AIM_FELT_DB:g} and quiet <= {AIM_QUIET_DB:g}"
+    ]
+    for way, name in _WAYS.items():
+        if (figures := result[way])["placements"]:
+            felt, quiet = (_text(figures[key] or []) for key in ("felt_db", "quiet_db"))
+            share = f"{100 * figures['share_that_keeps_the_aim']:.1f} %"
+            lines.append(f"{figures['placements']:4d} {name}: felt {felt} dB, quiet {quiet} dB, both {share}")
+    steady, spread = result["steady"], device.spread
+    if steady["expected_contrast_db"] is not None:
+        lines.append(
+            f"steady drives for the positions: full scale reaches {STEADY_LEVEL_DB:g} dB in {steady['achieved']} of "
+            f"{steady['placements']}; there the expected contrast is {_text(steady['expected_contrast_db'])} dB, at "
+            f"least {AIM_CONTRAST_DB:g} dB in {100 * steady['share_that_keeps_the_aim']:.1f} %"
+        )
+    middle_ms, last_ms = result["processor_ms"]
+    return [
+        *lines,
+        f"dB above the {device.threshold.title}; stiffness {100 * spread.stiffness:g} %, mass {100 * spread.mass:g} %, "
+        f"finger {100 * spread.finger:g} %, position within {1e3 * TOLERANCE_M:g} mm; seed {wanted.seed}",
+        f"a click takes {middle_ms:.0f} ms of processor time (median; 99 %: {last_ms:.0f}); {result['time_s']:.0f} s",
+        f"ESTIMATES: {', '.join([*device.estimated_values, device.threshold.title])}",
+    ]
+
+
+def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str, Any]]) -> Figure:
+    """Levels and the share that keeps both aims against the distance between two fingers."""
+    figure, distance_mm = Figure(figsize=(9, 4.6), layout="constrained"), 1e3 * np.array(distances_m)
+    figure.suptitle(f"{device.name}: two fingers anywhere, one felt, SIMULATED; dB above the {device.threshold.title}")
+    left, right = figure.subplots(1, 2)
+    for way, line in (("by_position", "-"), ("by_zone", ":")):
+        for key, colour, name in (("felt_db", "C0", "felt (5 %)"), ("quiet_db", "C1", "quiet (95 %)")):
+            low, middle, high = np.array([summary[way][key] for summary in found]).T
+            if line == "-":
+                left.fill_between(distance_mm, low, high, color=colour, alpha=0.18, lw=0)
+            left.plot(distance_mm, middle, f"o{line}", color=colour, ms=4, label=f"{name}, {_WAYS[way]}")
+        share = [100 * summary[way]["share_that_keeps_the_aim"] for summary in found]
+        right.plot(distance_mm, share, f"o{line}", color="C0", label=_WAYS[way])
+    left.set(xlabel="distance between the fingers (mm)", ylabel="level (dB above threshold)")
+    left.set_title("5 to 95 % of the placements, and the middle", fontsize="small", loc="left")
+    right.set(xlabel="distance between the fingers (mm)", ylabel="placements (%)", ylim=(-2, 102))
+    right.set_title(f"felt >= {AIM_FELT_DB:g} dB and quiet <= {AIM_QUIET_DB:g} dB", fontsize="small", loc="left")
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+        axes.legend(fontsize="x-small")
+    return figure
+
+
+def main() -> None:
+    """Compare at random placements, or at each of some distances, which are drawn too."""
+    parser = argparse.ArgumentParser(prog="python -m tests.studies.physics.anywhere")
+    parser.add_argument("device")
+    parser.add_argument("--placements", type=int, default=300)
+    parser.add_argument("--fingers", type=int, default=2)
+    parser.add_argument("--felt", type=int, default=1)
+    parser.add_argument("--table", type=Path, help="also the clicks that this table of the device has")
+    parser.add_argument("--distances", default="", help="exact distances between two fingers, mm, for the picture")
+    parser.add_argument("-o", dest="picture", default="distance.png")
+    asked = parser.parse_args()
+    device, tabulated = find_device(asked.device), None
+    wanted = Anywhere(placements=asked.placements, fingers=asked.fingers, feeling=asked.felt)
+    if asked.table is not None:
+        with Table.open(asked.table, device=device) as table:
+            tabulated = table.clicks
+    exact = [replace(wanted, apart_m=float(mm) / 1e3, is_exact=True) for mm in asked.distances.split(",") if mm]
+    found = list[dict[str, Any]]()
+    for each in exact or [wanted]:
+        found.append(compare_anywhere(device, each, available_cores(), tabulated=tabulated))
+        print("\n".join(describe(device, each, found[-1])), flush=True)
+    if exact:
+        draw(device, [each.apart_m for each in exact], found).savefig(asked.picture, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
