@@ -179,6 +179,8 @@ class Device:
         # What a file from before these keys has by default does not count, so that it keeps its fingerprint.
         if self.bar.damping_of == "bar":
             del values["bar"]["damping_of"]
+        if self.sweep.is_stored:
+            del values["sweep"]["is_stored"]
         for actuator in values["actuators"]:
             for key in ("transfer", "electrodes"):
                 if actuator[key] is None:

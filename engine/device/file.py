@@ -302,6 +302,7 @@ def read_sweep(part: DeviceTable) -> Sweep:
         step_hz=step_hz,
         amplitude_steps=part.integer("amplitude_steps", 1, 100),
         phase_steps=part.integer("phase_steps", 4, 360, 36),
+        is_stored=part.flag("store", True),
     )
 
 

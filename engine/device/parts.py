@@ -112,13 +112,17 @@ class TouchAxis:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The grid of the table: frequencies, amplitude steps up to full scale, and phase steps in a full turn."""
+    """The grid of the sweep: frequencies, amplitude steps up to full scale, and phase steps in a full turn.
+
+    is_stored: whether a table holds every row, or only the best ones, which zones play.
+    """
 
     start_hz: float
     stop_hz: float
     step_hz: float
     amplitude_steps: int
     phase_steps: int
+    is_stored: bool = True
 
     @property
     def frequency_hz(self) -> NDArray[np.float64]:

@@ -103,7 +103,7 @@ def _effect_of_file(part: RuleTable, name: str, folder: Path | None, tell: Calla
 
 def loss_text(converted: Converted, path: Path) -> str:
     """One line that says how much of an effect file is played."""
-    return f"effect {converted.name}: {converted.summary} (`tactable effects check {path}` says which)"
+    return f"effect {converted.name}: {converted.summary} (`tactable effects show {path}` says which)"
 
 
 def read_envelope(part: RuleTable) -> tuple[Segment, ...]:

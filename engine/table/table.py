@@ -146,6 +146,15 @@ class Table:
         return f"has no row of the sweep for zones {', '.join(felt) or 'none'}: name one to three"
 
     @property
+    def no_sweep_text(self) -> str:
+        """Why there is no group `sweep`, and what to do."""
+        if len(self.device.actuators) < 2:
+            return f"has no sweep of actuator pairs: {self.device.name} has one actuator"
+        if not self.device.sweep.is_stored:
+            return "holds the best rows of the sweep alone, as [sweep] store = false asks; set it true, and build again"
+        return "was packed without its sweep; build it"
+
+    @property
     def is_coarse(self) -> bool:
         """Whether the table is the first one of a build: clicks at coarse places."""
         return "clicks_are_coarse" in self.attributes
@@ -212,7 +221,7 @@ class Table:
         if not indices:
             raise TableError(f"{self.path}: name at least one zone")
         if "sweep" not in self._file.groups:
-            raise TableError(f"{self.path}: has no sweep of actuator pairs: {self.device.name} has one actuator")
+            raise TableError(f"{self.path}: {self.no_sweep_text}")
         stored = self._file.groups["sweep"].variables[name]
         if not 0 <= pair < stored.shape[0]:
             raise TableError(f"{self.path}: there is no actuator pair {pair}; there are {stored.shape[0]}")

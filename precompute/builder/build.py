@@ -277,10 +277,10 @@ class _Builder:
             if self.responses is not None:
                 write_measured(writer, self.device, self.responses)
         with self.cost.measured("sweep"):
-            best = BestRowSearch(self.device)
+            best, kept = BestRowSearch(self.device), writer if self.device.sweep.is_stored else None
             self.progress("coherent sweep", 0.05)
-            write_coherent_sweep(writer, grid, best)
-            for fraction in write_pair_sweep(writer, grid, best, self.memory_budget_bytes):
+            write_coherent_sweep(kept, grid, best)
+            for fraction in write_pair_sweep(kept, grid, best, self.memory_budget_bytes):
                 self.progress("sweep", 0.05 + 0.15 * fraction)
             if rows := best.best_rows():
                 write_best_rows(writer, rows, self.device)

@@ -23,7 +23,8 @@ _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 def table_bytes(device: Device) -> int:
     """Bytes of the sweeps and responses of a table; clicks and receptances add some tens of MB."""
-    return _FIGURES * _SINGLE * _pairs(device) * (_pair_values(device) + _coherent_values(device)) + _responses(device)
+    rows = _pairs(device) * (_pair_values(device) + _coherent_values(device)) if device.sweep.is_stored else 0
+    return _FIGURES * _SINGLE * rows + _responses(device)
 
 
 def memory_bytes(device: Device) -> int:
@@ -34,7 +35,9 @@ def memory_bytes(device: Device) -> int:
 
 def check_size(device: Device, path: Path) -> None:
     """Raise TableError for a table that neither the disk of `path` nor the memory of this machine has room for."""
-    remedy = "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps)"
+    remedy = (
+        "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps), or leave it out (sweep.store)"
+    )
     folder = path.absolute().parent
     disk = shutil.disk_usage(folder) if folder.is_dir() else None
     wanted, free = table_bytes(device), math.inf if disk is None or not disk.total else disk.free  # 0: it does not say

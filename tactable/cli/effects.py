@@ -24,8 +24,16 @@ FullLevel = Annotated[
 _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
 
 
-def check(path: EffectFile, level: FullLevel = _DEFAULT_LEVEL, as_json: AsJson = False) -> None:
-    """Read an effect file, and say of each event whether and how it is played.
+def show(
+    path: EffectFile,
+    picture_path: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Draw it, too; ends in .png, .svg or .pdf.")
+    ] = None,
+    level: FullLevel = _DEFAULT_LEVEL,
+    data_path: Annotated[Path | None, typer.Option("--csv", help="The segments as CSV.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Read an effect file, and say of each event whether and how it is played; draw it where asked to.
 
     An event is kept, changed (in time or length, or interrupted), joined with another event's click, or lost. What no
     event keeps is listed too: the placement of the fingers decides the frequency, and the rules decide the place.
@@ -33,35 +41,21 @@ def check(path: EffectFile, level: FullLevel = _DEFAULT_LEVEL, as_json: AsJson =
     """
     full_level_db = _read_level(level)
     converted = read_effect_file(path, path.stem, full_level_db)
+    if picture_path is not None:
+        from tactable.figures.effect_file import plot_effect_file
+        from tactable.figures.file import check_paths, write_columns, write_picture
+
+        check_paths(picture_path, data_path)
+        picture = plot_effect_file(converted, full_level_db)
+        write_picture(picture, picture_path)
+        if data_path is not None:
+            write_columns(picture, data_path)
     if as_json:
         print_json(_plain(converted, full_level_db))
     else:
         _print(converted)
     if converted.number(Fate.LOST):
         raise typer.Exit(EXIT_DOUBTFUL)
-
-
-def show(
-    path: EffectFile,
-    picture_path: Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")],
-    level: FullLevel = _DEFAULT_LEVEL,
-    data_path: Annotated[Path | None, typer.Option("--csv", help="The segments as CSV.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Draw an effect file, and the clicks and drives that are played for it."""
-    from tactable.figures.effect_file import plot_effect_file
-    from tactable.figures.file import check_paths, write_columns, write_picture
-
-    check_paths(picture_path, data_path)
-    full_level_db = _read_level(level)
-    picture = plot_effect_file(read_effect_file(path, path.stem, full_level_db), full_level_db)
-    write_picture(picture, picture_path)
-    if data_path is not None:
-        write_columns(picture, data_path)
-    if as_json:
-        print_json(picture.summary)
-    else:
-        say(picture.caption)
 
 
 def export(

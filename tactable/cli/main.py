@@ -61,6 +61,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Understand": {
             "explain": Entry("explain:explain", "Explain what is played for some fingers, and why others lost."),
             "diff": Entry("explain:diff", "Compare two tables, as a whole, row by row and click by click."),
+            "export": Entry("export:export", "Write a part of a table as NetCDF, CSV or MATLAB."),
             "plot": Entry("", "Draw what a table or a bar does: PNG, SVG or PDF, and the data as CSV."),
             "study": Entry("", "Search and compare bars that are not built yet: pictures and data."),
         },
@@ -95,8 +96,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     },
     "effects": {
         "Effect files": {
-            "check": Entry("effects:check", "Read an effect file, and say of each event whether and how it is played."),
-            "show": Entry("effects:show", "Draw an effect file, and the clicks and drives that are played for it."),
+            "show": Entry("effects:show", "Read an effect file, say of each event whether it is played, and draw it."),
             "export": Entry("effects:export", "Write an effect as an MPEG haptic file (.hjif)."),
             "curve": Entry("effects:curve", "Write the greatest acceleration of places by frequency, as for Android."),
         },

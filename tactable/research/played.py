@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from engine.steady import SteadyDrive
-from engine.table import ClickEntry
+from engine.table import ClickEntry, Table
 from engine.touch import Placement
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from tactable.research.table import Table
 
 _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
@@ -24,11 +23,11 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 class _Asked(ABC):
     """Something that was asked of a table for some positions."""
 
-    table: "Table" = field(kw_only=True, repr=False)
+    table: Table = field(kw_only=True, repr=False)
     asked: Placement = field(kw_only=True)
 
     @classmethod
-    def of(cls, found: Any, table: "Table", asked: Placement) -> Self:
+    def of(cls, found: Any, table: Table, asked: Placement) -> Self:
         """`found` with its table and the placement that it was asked for."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)}, table=table, asked=asked)
 

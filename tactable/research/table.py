@@ -55,7 +55,8 @@ class Table(TableFile):
 
         groups = sorted(self._file.groups)
         if group not in groups:
-            raise TableError(f"{self.path}: has no group {group!r}; its groups are {', '.join(groups)}")
+            why = f" ({self.no_sweep_text})" if group.endswith("sweep") else ""
+            raise TableError(f"{self.path}: has no group {group!r}; its groups are {', '.join(groups)}{why}")
         found = xarray.open_dataset(self.path, group=group, engine="h5netcdf")
         return found.assign_attrs(threshold=self.device.threshold.title)
 

@@ -1,0 +1,82 @@
+"""The command `export`: every format has the numbers of the table, and what is not there is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+from scipy.io import loadmat
+
+from engine.device import Device
+from engine.table import Table
+from precompute.builder.build import build_table
+from tactable.research.export import ROWS
+from tests.precompute.builder.test_build import SMALL
+from tests.tactable.cli.in_process import run_here
+
+
+@pytest.mark.parametrize("group", ROWS)
+def test_matlab_and_netcdf_hold_every_array_of_a_part(click_table: Path, tmp_path: Path, group: str) -> None:
+    for ending in ("mat", "nc"):
+        done = run_here(tmp_path, "export", str(click_table), group, "-o", f"part.{ending}")
+        assert done.returncode == 0, done.stderr
+    struct = loadmat(tmp_path / "part.mat", simplify_cells=True)[group]
+    with xarray.open_dataset(click_table, group=group) as own, xarray.open_dataset(tmp_path / "part.nc") as copied:
+        xarray.testing.assert_equal(own, copied)
+        for name, array in own.variables.items():
+            found = np.asarray(struct[str(name)])
+            if array.dtype.kind in "OU":
+                assert found.ravel().tolist() == array.values.ravel().tolist()
+            else:
+                np.testing.assert_array_equal(found.reshape(array.shape), array.values)
+            assert struct["units"][str(name)] == array.attrs.get("units", "1")
+
+
+def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tmp_path: Path) -> None:
+    assert run_here(tmp_path, "export", str(click_table), "sweep", "-o", "sweep.csv").returncode == 0
+    rows = pandas.read_csv(tmp_path / "sweep.csv")
+    with Table.open(click_table) as table:
+        hz, steps = table.device.sweep.frequency_hz, table.device.sweep.amplitude
+        factor = table.localized_factor(["II"])
+    assert len(rows) == factor.size
+    at = (2, 1, 2, 1)  # (frequency_1, frequency_2, amplitude_1, amplitude_2)
+    line = rows[
+        (rows.frequency_1 == hz[at[0]])
+        & (rows.frequency_2 == hz[at[1]])
+        & (rows.amplitude_1 == steps[at[2]])
+        & (rows.amplitude_2 == steps[at[3]])
+    ]
+    assert np.float32(line["localized_factor II"].item()) == factor[at]
+
+
+def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path) -> None:
+    for group in ("coherent_sweep", "best_rows", "responses", "receptances", "clicks"):
+        assert run_here(tmp_path, "export", str(click_table), group, "-o", f"{group}.csv").returncode == 0
+        with xarray.open_dataset(click_table, group=group) as own:
+            assert len(pandas.read_csv(tmp_path / f"{group}.csv")) == np.prod([own.sizes[name] for name in ROWS[group]])
+    with xarray.open_dataset(click_table, group="coherent_sweep") as own:
+        first = pandas.read_csv(tmp_path / "coherent_sweep.csv").drop_duplicates("ratio").amplitude_1
+        np.testing.assert_allclose(first, own.amplitude_1)
+
+
+def test_a_table_without_its_sweep_plays_the_same_rows_and_says_what_it_lacks(tmp_path: Path) -> None:
+    texts = {"whole": SMALL, "small": SMALL.replace("[sweep]", "[sweep]\nstore = false")}
+    for name, text in texts.items():
+        build_table(Device.parse(text, "bar.toml"), tmp_path / f"{name}.nc", clicks_up_to=0)
+    with Table.open(tmp_path / "small.nc") as table, Table.open(tmp_path / "whole.nc") as whole:
+        assert not {"sweep", "coherent_sweep"} & {name.partition("/")[0] for name in table.checksums()}
+        assert table.best_row(["I", "III"]) == whole.best_row(["I", "III"])
+    done = run_here(tmp_path, "export", "small.nc", "sweep", "-o", "sweep.csv")
+    assert done.returncode == 1 and "[sweep] store" in done.stderr
+    assert not (tmp_path / "sweep.csv").exists()
+    assert run_here(tmp_path, "plot", "factor", "small.nc", "-o", "factor.png").returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "named"), [(("swep", "-o", "a.csv"), "'swep'"), (("sweep", "-o", "a.xls"), ".nc, .csv, .mat")]
+)
+def test_a_refusal_names_what_there_is(click_table: Path, tmp_path: Path, words: tuple[str, ...], named: str) -> None:
+    done = run_here(tmp_path, "export", str(click_table), *words)
+    assert done.returncode == 1 and named in done.stderr
+    assert not list(tmp_path.iterdir())
