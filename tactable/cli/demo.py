@@ -113,12 +113,12 @@ def report_demo(
     """
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo import draw_demo
-    from tactable.figures.file import check_paths
+    from tactable.figures.file import outputs_of
     from tactable.rig.demo import demo_json, run_demo, table_at, table_for
     from tactable.rig.demo_page import print_demo
     from tactable.rig.ready import cached_table, compare_with_shipped, open_shipped
 
-    check_paths(figure, None)
+    outputs_of([figure])
     if table_path is not None and table_path.exists() and not table_path.is_file():
         raise OptionError(f"--table {table_path}: is not a plain file; name a table, or one that is to be built")
     recording = read_recording(recording_path or DEMO_RECORDING)

@@ -48,10 +48,10 @@ def modes(
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
     from precompute.model.modes import compute_modes
-    from tactable.figures.file import check_paths, write_picture
+    from tactable.figures.file import outputs_of, write_picture
 
     if output is not None:
-        check_paths(output, None)
+        outputs_of([output])
     device = find_device(device_name)
     at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
     position_m = np.linspace(0.0, device.bar.length_m, _POINTS)

@@ -13,7 +13,7 @@ from engine.effects.files import FORMATS, Converted, Fate, read_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
 from engine.effects.rules import NS_PER_MS
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
-from tactable.cli.options import AsJson, DeviceArgument, OptionError, names_in, read_level, read_option
+from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level, read_option
 from tactable.shipped import find_device, named_effects
 
 _ENDINGS = ", ".join(f".{each}" for each in FORMATS)
@@ -26,11 +26,8 @@ _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
 
 def show(
     path: EffectFile,
-    picture_path: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Draw it, too; ends in .png, .svg or .pdf.")
-    ] = None,
+    output: PictureOutputs = None,
     level: FullLevel = _DEFAULT_LEVEL,
-    data_path: Annotated[Path | None, typer.Option("--csv", help="The segments as CSV.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Read an effect file, and say of each event whether and how it is played; draw it where asked to.
@@ -41,15 +38,12 @@ def show(
     """
     full_level_db = _read_level(level)
     converted = read_effect_file(path, path.stem, full_level_db)
-    if picture_path is not None:
+    if output:
         from tactable.figures.effect_file import plot_effect_file
-        from tactable.figures.file import check_paths, write_columns, write_picture
+        from tactable.figures.file import outputs_of, write_outputs
 
-        check_paths(picture_path, data_path)
-        picture = plot_effect_file(converted, full_level_db)
-        write_picture(picture, picture_path)
-        if data_path is not None:
-            write_columns(picture, data_path)
+        outputs = outputs_of(output)
+        write_outputs(plot_effect_file(converted, full_level_db), outputs)
     if as_json:
         print_json(_plain(converted, full_level_db))
     else:

@@ -37,8 +37,10 @@ ThresholdCurve = Annotated[
         "--threshold", metavar="CURVE", help="Threshold curve in place of the device's: a shipped name, or a TOML file."
     ),
 ]
-Output = Annotated[Path, typer.Option("-o", "--output", help="The picture; ends in .png, .svg or .pdf.")]
-CsvPath = Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")]
+PictureOutputs = Annotated[
+    list[Path] | None,
+    typer.Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
+]
 EffectsPath = Annotated[
     Path | None, typer.Option("--effects", help="Effect file; default: a click at 20 dB for every touch.")
 ]

@@ -16,6 +16,7 @@ import numpy as np
 import typer
 from threadpoolctl import threadpool_limits
 
+from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
@@ -23,13 +24,12 @@ from tactable.cli.console import print_json, say, shown_progress
 from tactable.cli.options import (
     AsJson,
     Change,
-    CsvPath,
     DeviceArgument,
     FeltFingers,
     Frequencies,
     Level,
     OptionError,
-    Output,
+    PictureOutputs,
     QuietFingers,
     SensorMass,
     TableArgument,
@@ -42,7 +42,7 @@ from tactable.cli.options import (
     read_placement,
     read_zones,
 )
-from tactable.figures.file import Picture, check_paths, write_columns, write_picture, write_texts
+from tactable.figures.file import Outputs, Picture, outputs_of, write_outputs, write_texts
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
@@ -53,22 +53,22 @@ _MS_PER_S = 1000
 
 
 def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:
-    """Make a command of a function that draws: it gets the options --output, --csv and --json.
+    """Make a command of a function that draws: it gets the options --output and --json.
 
     Numerical libraries keep to one thread meanwhile. A function with a parameter `as_json` or `progress` is given the
     option's value, or the function that shows progress.
     """
     own = inspect.signature(draw).parameters
     name = draw.__name__.replace("_", "-")
-    shared = {"output": (Output, Path(f"{name}.png")), "csv_path": (CsvPath, None), "as_json": (AsJson, False)}
+    shared = {"output": (PictureOutputs, None), "as_json": (AsJson, False)}
 
     @wraps(draw)
-    def command(*, output: Path, csv_path: Path | None, as_json: bool, **given: Any) -> None:
-        check_paths(output, csv_path)
+    def command(*, output: list[Path] | None, as_json: bool, **given: Any) -> None:
+        outputs = outputs_of(output or [Path(f"{name}.png")])
         with threadpool_limits(1, "blas"), shown_progress(as_json or "progress" not in own) as progress:
             offered = {"as_json": as_json, "progress": progress}
             picture = draw(**given, **{key: value for key, value in offered.items() if key in own})
-        _deliver(picture, output, csv_path, as_json)
+        _deliver(picture, outputs, as_json)
 
     parameters = [parameter for key, parameter in own.items() if key not in (*shared, "progress")]
     parameters += [
@@ -80,20 +80,17 @@ def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:
     return command
 
 
-def _deliver(picture: Picture, output: Path, csv_path: Path | None, as_json: bool) -> None:
+def _deliver(picture: Picture, outputs: Outputs, as_json: bool) -> None:
     """Write the picture and its data, and say what they show."""
-    write_picture(picture, output)
-    if csv_path is not None:
-        write_columns(picture, csv_path)
-    texts = write_texts(picture, output.parent)
+    write_outputs(picture, outputs)
+    texts = write_texts(picture, outputs.paths[0].parent)
     if as_json:
-        files = {"figure": str(output), "csv": None if csv_path is None else str(csv_path)}
+        files = to_plain({"figure": outputs.picture, "csv": outputs.data})
         print_json(files | {"written": [str(path) for path in texts]} | dict(picture.summary))
         return
     say(picture.caption)
-    for path in (output, csv_path, *texts):
-        if path is not None:
-            say(f"written: {path}")
+    for path in (*outputs.paths, *texts):
+        say(f"written: {path}")
 
 
 @contextmanager

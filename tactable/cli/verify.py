@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,7 +14,7 @@ from tactable.cli.options import (
     Change,
     DrivesOf,
     Level,
-    OptionError,
+    PictureOutputs,
     SensorMass,
     TableArgument,
     read_drives_of,
@@ -25,6 +24,7 @@ from tactable.cli.options import (
 
 if TYPE_CHECKING:
     from engine.table import Table
+    from tactable.figures.file import Outputs
     from tactable.measure.verify import Point
 
 
@@ -50,8 +50,7 @@ def verify(
     level: Level = "20",
     drives: DrivesOf = None,
     sensor_mass: SensorMass = "2 g",
-    figure: Annotated[Path | None, typer.Option("--figure", help="A picture: .png, .svg or .pdf.")] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="The data as CSV, units in the header.")] = None,
+    output: PictureOutputs = None,
     flaws: FlawsText = "",
     change: Change = None,
     seed: Seed = 0,
@@ -71,16 +70,13 @@ def verify(
     from engine.table import Table
     from precompute.measurements.simulate import even_places
     from precompute.sampling.placements import Anywhere, random_placements
-    from tactable.figures.file import check_paths
+    from tactable.figures.file import outputs_of
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.board_sensor import fixed_places
     from tactable.measure.stepped_sine import SteppedSineOptions
     from tactable.measure.verify import plan_played, verify_table
 
-    if figure is not None:
-        check_paths(figure, csv)
-    elif csv is not None:
-        raise OptionError("--csv goes with --figure; give a picture too")
+    outputs = outputs_of(output or [])
     mass_kg, level_db = read_option("--sensor-mass", sensor_mass, "kg"), read_level(level)
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         device = table.device
@@ -101,8 +97,8 @@ def verify(
             points = verify_table(table, played, where, apparatus, options, mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)
-    if figure is not None:
-        _draw(summary, figure, csv)
+    if outputs.paths:
+        _draw(summary, outputs)
     if as_json:
         print_json(summary)
     else:
@@ -169,10 +165,10 @@ def _print(summary: dict[str, Any]) -> None:
         note(_REMEDIES[summary["verdict"]])
 
 
-def _draw(summary: dict[str, Any], figure: Path, csv: Path | None) -> None:
+def _draw(summary: dict[str, Any], outputs: "Outputs") -> None:
     import numpy as np
 
-    from tactable.figures.file import write_columns, write_picture
+    from tactable.figures.file import write_outputs
     from tactable.figures.verify import plot_verification
 
     shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]
@@ -182,6 +178,4 @@ def _draw(summary: dict[str, Any], figure: Path, csv: Path | None) -> None:
     title = f"{summary['device']}{marked}: {summary['judgement']}"
     outcomes = [point["outcome"] for point in shown]
     picture = plot_verification(title, [point["kind"] for point in shown], read, promised, low, high, error, outcomes)
-    write_picture(picture, figure)
-    if csv is not None:
-        write_columns(picture, csv)
+    write_outputs(picture, outputs)

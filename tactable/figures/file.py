@@ -38,15 +38,44 @@ class Picture:
     texts: Mapping[str, str] = field(default_factory=dict)
 
 
-def check_paths(picture: Path, data: Path | None) -> None:
-    """Raise FigureError for an ending that says no format, or a folder that does not exist, before work is done."""
-    if picture.suffix.lower() not in _METADATA:
-        raise FigureError(f"{picture}: a picture ends in {', '.join(_METADATA)}; choose one of them")
-    if data is not None and data.suffix.lower() != ".csv":
-        raise FigureError(f"{data}: the data end in .csv; choose such a name")
-    for path in (picture, data):
-        if path is not None and not path.parent.is_dir():
+@dataclass(frozen=True)
+class Outputs:
+    """Where a picture and its data go; None: nowhere."""
+
+    picture: Path | None
+    data: Path | None
+
+    @property
+    def paths(self) -> list[Path]:
+        """Those that are written."""
+        return [path for path in (self.picture, self.data) if path is not None]
+
+
+def outputs_of(paths: Sequence[Path]) -> Outputs:
+    """What the endings say: a picture, its data (.csv), or one of each.
+
+    Raises FigureError before work is done: for an ending that says no format, two of a kind, and a missing folder.
+    """
+    data = [path for path in paths if path.suffix.lower() == ".csv"]
+    pictures = [path for path in paths if path not in data]
+    for path in pictures:
+        if path.suffix.lower() not in _METADATA:
+            raise FigureError(f"{path}: a picture ends in {', '.join(_METADATA)}, its data in .csv; choose one of them")
+    for path in paths:
+        if not path.parent.is_dir():
             raise FigureError(f"{path.parent}: no such folder; create it or choose another output")
+    for kind in (pictures, data):
+        if len(kind) > 1:
+            raise FigureError(f"{kind[0]} and {kind[1]}: one picture is made, and one file of data; give one of each")
+    return Outputs(*(kind[0] if kind else None for kind in (pictures, data)))
+
+
+def write_outputs(picture: "Picture", outputs: Outputs) -> None:
+    """Write the picture, its data, or both."""
+    if outputs.picture is not None:
+        write_picture(picture, outputs.picture)
+    if outputs.data is not None:
+        write_columns(picture, outputs.data)
 
 
 def write_picture(picture: Picture, path: Path) -> None:

@@ -22,22 +22,22 @@ def run(*words: str) -> Result:
 
 
 def test_each_event_is_told_with_what_becomes_of_it(tmp_path: Path) -> None:
-    done = run("check", str(FILES / "drop.haptic"))
+    done = run("show", str(FILES / "drop.haptic"))
     assert done.exit_code == 0 and "5 events: 3 kept, 2 changed" in done.stdout
     assert "clicks take the place of 30 ms; without curve of the frequency  (amplitude[1..4])" in done.stdout
-    found = json.loads(run("check", str(FILES / "drop.haptic"), "--json").stdout)
+    found = json.loads(run("show", str(FILES / "drop.haptic"), "--json").stdout)
     assert found["counts"] == {"kept": 3, "changed": 2, "joined": 0, "lost": 0}
     assert found["envelope"][0] == ["11 ms", "quiet"] and found["events"][0]["played"] == "click 24 dB at 11 ms"
-    lost = run("check", str(FILES / "drop.haptic"), "--level", "5")
+    lost = run("show", str(FILES / "drop.haptic"), "--level", "5")
     assert lost.exit_code == 3 and "lost" in lost.stdout
     (tmp_path / "x.ahap").write_text('{"Pattern": 3}', encoding="utf-8")
-    assert isinstance(run("check", str(tmp_path / "x.ahap")).exception, EffectError)
-    assert isinstance(run("check", str(FILES / "drop.haptic"), "--level", "full").exception, OptionError)
+    assert isinstance(run("show", str(tmp_path / "x.ahap")).exception, EffectError)
+    assert isinstance(run("show", str(FILES / "drop.haptic"), "--level", "full").exception, OptionError)
 
 
 def test_a_picture_has_the_segments_as_data(tmp_path: Path) -> None:
     picture, data = tmp_path / "knock.svg", tmp_path / "knock.csv"
-    done = run("show", str(FILES / "knock.ahap"), "-o", str(picture), "--csv", str(data))
+    done = run("show", str(FILES / "knock.ahap"), "-o", str(picture), "-o", str(data))
     assert done.exit_code == 0 and picture.stat().st_size > 10_000
     rows = data.read_text(encoding="utf-8").splitlines()
     assert rows[0] == "start (ms),stop (ms),kind,dB" and rows[1] == "0.0,30.0,click,25.0"
@@ -50,7 +50,7 @@ def test_an_effect_is_written_with_the_frequency_of_its_place(tmp_path: Path) ->
     (device,) = perception["reference_devices"]
     frame = perception["channels"][0]["bands"][0]["effects"][0]["keyframes"][0]
     assert frame["frequency_modulation"] == round(device["resonance_frequency"]) and frame["frequency_modulation"] >= 60
-    assert run("check", str(path)).exit_code == 0
+    assert run("show", str(path)).exit_code == 0
     long = ["buzz", "-o", str(tmp_path / "x.hjif"), "--hold", "1e300 s"]
     for words in (["error", "-o", "x.ahap"], ["error", "-o", "x.hjif", "--at", "4mm"], long):
         assert isinstance(run("export", *words).exception, OptionError)

@@ -48,9 +48,9 @@ def strict_json(text: str) -> Any:
 def test_a_figure_comes_with_its_data_and_a_summary(
     built: Path, tactable_plot: Any, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    picture = f"{FIGURES[name][0]}.png"  # where it goes without --output
+    picture = f"{FIGURES[name][0]}.png"
     (built / picture).unlink(missing_ok=True)
-    assert tactable_plot(*FIGURES[name], "--csv", f"{name}.csv", "--json") == 0
+    assert tactable_plot(*FIGURES[name], "-o", picture, "-o", f"{name}.csv", "--json") == 0
     summary = strict_json(capsys.readouterr().out)
     assert summary["figure"] == picture
     assert summary["csv"] == f"{name}.csv"
@@ -96,7 +96,7 @@ def test_a_level_that_full_scale_stands_for_is_null_in_json(
         (("state", "bar.nc", "--felt", "I", "--quiet", "I"), ("46.5667 mm", "one finger")),
         (("state", "bar.nc", "--felt", "I", "--level", "nan"), ("--level 'nan'",)),
         (("state", "bar.nc", "--felt", "I", "-o", "state.gif"), ("state.gif", ".png, .svg, .pdf")),
-        (("state", "bar.nc", "--felt", "I", "--csv", "bar.nc"), ("bar.nc", ".csv")),
+        (("state", "bar.nc", "--felt", "I", "-o", "bar.nc"), ("bar.nc", ".csv")),
         (("state", "bar.nc", "--felt", "I", "-o", "nowhere/state.png"), ("nowhere", "no such folder")),
         (("rise", "bar.nc", "--felt", "I", "--level", "nan"), ("--level 'nan'",)),
         (("factor", "bar.nc", "--zones", ","), ("--zones names no zone",)),

@@ -49,8 +49,8 @@ def tactable_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_a_figure_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_plot: Any, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    picture = f"{WORDS[name][0]}.png"  # where it goes without --output
-    assert tactable_plot(*WORDS[name], "--csv", f"{name}.csv", "--json") == 0
+    picture = f"{WORDS[name][0]}.png"
+    assert tactable_plot(*WORDS[name], "-o", picture, "-o", f"{name}.csv", "--json") == 0
     summary = json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
     assert (summary["figure"], summary["csv"]) == (picture, f"{name}.csv")
     assert summary["device"].startswith("reference-")
@@ -83,7 +83,7 @@ def test_a_picture_goes_where_it_is_wanted_and_a_line_says_what_it_shows(
         (("optimum", "reference-a", "--zones", "VI"), ("'VI'", "I, II, III")),
         (("optimum", "reference-a", "--zones", ","), ("--zones names no zone",)),
         (("reach", "reference-a", "-o", "reach.gif"), ("reach.gif", ".png, .svg, .pdf")),
-        (("reach", "reference-a", "--csv", "nowhere/reach.csv"), ("nowhere", "no such folder")),
+        (("reach", "reference-a", "-o", "nowhere/reach.csv"), ("nowhere", "no such folder")),
     ],
 )
 def test_a_refusal_is_one_line_naming_the_thing(

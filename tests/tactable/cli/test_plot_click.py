@@ -40,7 +40,7 @@ def strict_json(text: str) -> Any:
 def test_a_figure_comes_with_its_data_and_a_summary(
     click_table: Path, run: Any, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    assert run(*WORDS[name], "-o", f"{name}.svg", "--csv", f"{name}.csv", "--json") == 0
+    assert run(*WORDS[name], "-o", f"{name}.svg", "-o", f"{name}.csv", "--json") == 0
     summary = strict_json(capsys.readouterr().out)
     assert (summary["figure"], summary["csv"], summary["device"]) == (f"{name}.svg", f"{name}.csv", "reference-a")
     assert "detection threshold" in summary["estimated"]

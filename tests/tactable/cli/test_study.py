@@ -43,7 +43,7 @@ def strict_json(text: str) -> Any:
 def test_a_placement_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("placement", "bar.toml", "--actuators", "2", "--most", "6", "-o", "p.svg", "--csv", "p.csv", "--json")
+    words = ("placement", "bar.toml", "--actuators", "2", "--most", "6", "-o", "p.svg", "-o", "p.csv", "--json")
     assert tactable_study(*words) == 0
     summary = strict_json(capsys.readouterr().out)
     (search,) = summary["searches"]
@@ -73,7 +73,7 @@ def test_a_resolution_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ("resolution", "bar.toml", "--zones", "2,3", "--at", "97.7,16;50", "--workers", "1", "--json")
-    assert tactable_study(*words, "-o", "r.pdf", "--csv", "r.csv") == 0
+    assert tactable_study(*words, "-o", "r.pdf", "-o", "r.csv") == 0
     summary = strict_json(capsys.readouterr().out)
     assert [each["position_percent"] for each in summary["placements"]] == [pytest.approx([16.0, 97.7]), [50.0]]
     assert [each["zones"] for each in summary["placements"]] == [[2, 3], [2, 3]]
@@ -92,7 +92,7 @@ def test_a_resolution_comes_with_its_data_and_a_summary(
         (("resolution", "bar.toml", "--zones", "1,2"), ("--zones '1,2'", "2 to 16")),
         (("resolution", "bar.toml", "--at", "16,120"), ("--at '16,120'", "% of the bar")),
         (("resolution", "bar.toml", "--at", "16;16,16"), ("'16,16'", "different places")),
-        (("resolution", "bar.toml", "--csv", "r.txt"), ("r.txt", ".csv")),
+        (("resolution", "bar.toml", "-o", "r.txt"), ("r.txt", ".csv")),
     ],
 )
 def test_a_refusal_is_one_line_naming_the_thing(

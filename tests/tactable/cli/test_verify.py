@@ -24,7 +24,7 @@ def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[s
 
 
 def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks(tmp_path: Path, click_table: Path) -> None:
-    files = ("--figure", "seen.png", "--csv", "seen.csv")
+    files = ("-o", "seen.png", "-o", "seen.csv")
     summary = verified(tmp_path, click_table, *files, "--flaws", "drift=40", exit_status=0)
     assert (summary["verdict"], summary["kept"]) == ("kept", 4)
     assert sorted(point["kind"] for point in summary["points"]) == ["click", "click", "drive", "drive"]
@@ -94,7 +94,7 @@ def test_an_offset_is_named_and_neither_it_nor_a_sign_changes_a_peak(
 
 @pytest.mark.parametrize(
     ("words", "text"),
-    [(("--level", "loud"), "expected dB above threshold"), (("--csv", "seen.csv"), "--csv goes with --figure")],
+    [(("--level", "loud"), "expected dB above threshold"), (("-o", "seen.txt"), "ends in .png, .svg, .pdf")],
 )
 def test_what_cannot_be_verified_is_refused(
     tmp_path: Path, click_table: Path, words: tuple[str, ...], text: str

@@ -15,7 +15,7 @@ from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
-from tactable.figures.file import FigureError, Picture, check_paths, write_picture
+from tactable.figures.file import FigureError, Picture, outputs_of, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.state import compute_envelope, plot_state
 from tests.tactable.figures.pictures import check_picture
@@ -156,13 +156,14 @@ def test_the_same_data_are_the_same_file(table: Table, ending: str, magic: bytes
         ("state.gif", None, ".png, .svg, .pdf"),
         ("state", None, ".png, .svg, .pdf"),
         ("state.png", "bar.nc", ".csv"),
+        ("a.png", "b.svg", "give one of each"),
         ("nowhere/state.png", None, "nowhere: no such folder"),
         ("state.png", "nowhere/state.csv", "nowhere: no such folder"),
     ],
 )
 def test_a_file_that_could_not_be_written_is_refused_before_work(picture: str, data: str | None, part: str) -> None:
     with pytest.raises(FigureError, match=part):
-        check_paths(Path(picture), None if data is None else Path(data))
+        outputs_of([Path(each) for each in (picture, data) if each is not None])
 
 
 def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
