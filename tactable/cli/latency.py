@@ -39,7 +39,7 @@ def latency(
     real_time: Annotated[
         str, typer.Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")
     ] = "all",
-    ablations: Annotated[bool, typer.Option(help="Measure also without each step, and without all.")] = True,
+    ablations: Annotated[bool, typer.Option(help="Measure also without each step, without all, and zones.")] = True,
     echo: Annotated[bool, typer.Option(help="Measure also the C echo engine, where a compiler is there.")] = True,
     stall: Annotated[
         StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
@@ -70,7 +70,7 @@ def latency(
     with open_table(table_path) as table:
         streams = _streams(table, _numbers(rates), fingers, recordings or [])
         transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)
-        plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo)
+        plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, bool(table.best_rows))
         _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
         injected = None if stall is None else Stall(stall)
         before = None if baseline is None else read_baseline(baseline, plan)
@@ -102,7 +102,7 @@ def _numbers(rates: str) -> tuple[int, ...]:
     return numbers
 
 
-def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool) -> Plan:
+def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool, has_zones: bool) -> Plan:
     try:
         chosen: tuple[Step, ...] = parse_steps(steps)
         beside = tuple(BackgroundLoad(part.strip()) for part in loads.split(",") if part.strip())
@@ -110,7 +110,7 @@ def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: b
         raise typer.BadParameter(str(error)) from error
     if not beside:
         raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(BackgroundLoad)}")
-    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates)
+    return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates, has_zones=has_zones)
 
 
 def _check_samples(commands_hz: int, seconds: float) -> None:

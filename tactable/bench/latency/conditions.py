@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from engine.loop.realtime import Step
 from tactable.bench.latency.background_load import BackgroundLoad
 
-TACTABLE, ECHO, WITHOUT_FAST_PATH = "tactable", "C echo", "tactable without fast path"
+TACTABLE, ECHO, WITHOUT_FAST_PATH, ZONES = "tactable", "C echo", "tactable without fast path", "tactable, zones"
 SOCKET_BIT_RATE_HZ = 1_000_000_000
 """A socket pair is no line: what is written has arrived."""
 PTY_BIT_RATE_HZ = 2_000_000
@@ -68,7 +68,9 @@ class Plan:
     has_echo: bool
     """The C echo engine is measured too, as a floor."""
     ablates: bool
-    """Also without each step, without all of them, and without the fast path."""
+    """Also without each step, without all of them, without the fast path, and with drives of zones."""
+    has_zones: bool
+    """The table has rows of the sweep, which zones play."""
 
     @property
     def middle_hz(self) -> int:
@@ -83,7 +85,8 @@ class Plan:
         found = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
         if self.ablates and load is self._ablation_load:
             found += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in self._ablations()]
-            found.append(Condition(WITHOUT_FAST_PATH, self.middle_hz, load, self.steps))
+            others = (WITHOUT_FAST_PATH, ZONES) if self.has_zones else (WITHOUT_FAST_PATH,)
+            found += [Condition(engine, self.middle_hz, load, self.steps) for engine in others]
         return tuple(found)
 
     @property

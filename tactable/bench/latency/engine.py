@@ -6,7 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from base.child import Parent
 from base.plain import to_plain
-from engine.effects import DEFAULT_EFFECTS
+from engine.effects import DEFAULT_EFFECTS, Drives
 from engine.loop import CommandRecord, Fate, Stage, SystemClock, Trace
 from engine.loop.realtime import Step
 from engine.render import WhenNotAchieved
@@ -52,6 +52,8 @@ class Segment:
     """A serial port; None: the second socket."""
     bit_rate_hz: int
     has_fast_path: bool
+    has_zones: bool
+    """Rows of the sweep are played in place of clicks."""
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
@@ -78,9 +80,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         )
         trace = Trace()
         steps = tuple(Step(step) for step in segment.steps)
-        options = LiveOptions(
-            DEFAULT_EFFECTS, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast
-        )
+        effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if segment.has_zones else DEFAULT_EFFECTS
+        options = LiveOptions(effects, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
         stack.enter_context(_busy_thread(segment.has_busy_thread))
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
@@ -96,7 +97,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         # A finger that lifts ends what is wanted, but its click ends by itself: the device holds silence already.
         changes = [change for change in trace if change.fate is not Fate.SAME]
         samples = _samples(live, source, changes)
-        np.savez(segment.samples, **samples, **_predictions(table, changes, samples), **port.applied(bounds))
+        predicted = _predictions(None if segment.has_zones else table, changes, samples)
+        np.savez(segment.samples, **samples, **predicted, **port.applied(bounds))
         parent.say(
             {
                 "outcomes": to_plain(live.outcomes),
@@ -175,13 +177,13 @@ def _samples(live: Live, source: SocketSource, changes: Sequence[CommandRecord])
     }
 
 
-def _predictions(table: Table, changes: Sequence[CommandRecord], samples: dict[str, Any]) -> dict[str, Any]:
+def _predictions(table: Table | None, changes: Sequence[CommandRecord], samples: dict[str, Any]) -> dict[str, Any]:
     """Ns from the start of each click until the last felt finger feels it, as the table has it; NaN without a click."""
     placement_of = {change.time_ns: change.placement for change in changes}
     felt_ns = []
     for time_ns in samples["stamps_ns"][:, Stage.STATE].tolist():
         placement = placement_of.get(time_ns)
-        click = None if placement is None else table.click_at(placement, DEFAULT_LEVEL_DB)
+        click = None if placement is None or table is None else table.click_at(placement, DEFAULT_LEVEL_DB)
         after_s = None if click is None else click.exceeds_at_s()
         felt_ns.append(math.nan if after_s is None else 1e9 * after_s)
     return {"prediction_ns": np.array(felt_ns)}

@@ -24,7 +24,7 @@ from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.background_load import BackgroundLoad
-from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, Condition, Transport
+from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, Condition, Transport
 from tactable.bench.latency.echo_engine import read_echo_samples, start_echo_engine
 from tactable.bench.latency.engine import Segment
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
@@ -153,6 +153,7 @@ class Bench:
             port=emulator.port if emulator else None if self._transport.is_sockets else self._transport.name,
             bit_rate_hz=self._transport.bit_rate_hz,
             has_fast_path=condition.engine != WITHOUT_FAST_PATH,
+            has_zones=condition.engine == ZONES,
         )
 
     def _facts(

@@ -1,10 +1,12 @@
 """The plan: every step is left out once, each engine has its floor, and no condition is always the first."""
 
+from dataclasses import replace
+
 from engine.loop.realtime import ALL_STEPS, Step
 from tactable.bench.latency.background_load import BackgroundLoad
-from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
+from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, Condition, Plan
 
-PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True)
+PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True, has_zones=True)
 
 
 def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stress() -> None:
@@ -16,6 +18,13 @@ def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stres
     ]
     assert {(condition.rate_hz, condition.load) for condition in left_out} == {(1000, BackgroundLoad.STRESS)}
     assert [condition.steps_text for condition in left_out] == ["none", *(f"all but {step}" for step in Step)]
+
+
+def test_drives_of_zones_are_measured_once_where_the_table_has_them() -> None:
+    def count(plan: Plan) -> int:
+        return sum(each.engine == ZONES for load in plan.loads for each in plan.conditions(load))
+
+    assert (count(PLAN), count(replace(PLAN, has_zones=False)), count(replace(PLAN, ablates=False))) == (1, 0, 0)
 
 
 def test_each_engine_is_next_to_its_floor() -> None:

@@ -18,7 +18,7 @@ from tactable.bench.latency.segments import Measured
 from tactable.bench.latency.stamps import first_with_sequence
 from tests.tactable.bench.latency.test_stages import stamps_of
 
-PLAN = Plan((1000,), (BackgroundLoad.IDLE,), ALL_STEPS, has_echo=True, ablates=False)
+PLAN = Plan((1000,), (BackgroundLoad.IDLE,), ALL_STEPS, has_echo=True, ablates=False, has_zones=True)
 OURS, FLOOR = (Condition(engine, 1000, BackgroundLoad.IDLE, ALL_STEPS) for engine in (TACTABLE, ECHO))
 FACTS = {
     "reports_sent": 400,
