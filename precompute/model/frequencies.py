@@ -18,8 +18,12 @@ _PARTS = 4
 """Parts of a step of the sweep in `fine_frequencies`."""
 _NARROW = 3.0
 """A resonance whose half bandwidth is below this many steps of a grid gets frequencies of its own."""
-_CLUSTER = np.sinh(np.linspace(-2.2, 2.2, 9))
-"""Distances from a narrow resonance in half bandwidths: the greatest response is missed by 0.1 dB at most."""
+_CLUSTER = np.sinh(np.linspace(-2.8, 2.8, 17))
+"""Distances from a narrow resonance in half bandwidths, up to 8.
+
+With nine up to 4.5 a contrast could be off by 6.7 dB: a finger that holds a sharp resonance back amplifies what a line
+between two of them misses. With these the worst of 50 placements on `reference-t` is off by 0.013 dB.
+"""
 
 
 def on_the_wire(frequency_hz: Array) -> Array:
@@ -29,7 +33,7 @@ def on_the_wire(frequency_hz: Array) -> Array:
 
 
 def add_resonances(device: Device, grid_hz: Array, pole: Complex) -> Array:
-    """An even grid with nine frequencies about each narrow resonance and with the edges of all bands.
+    """An even grid with 17 frequencies about each narrow resonance and with the edges of all bands.
 
     pole (pole,): of the plants that are looked at, rad/s. Shape (frequency,), rising, on the steps of the wire.
     """

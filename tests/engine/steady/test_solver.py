@@ -23,9 +23,8 @@ from tests.quick import first_quick
 Array = NDArray[np.float64]
 
 TOLERANCE_DB = 0.05
-INTERPOLATED_DB = 0.25
-"""Few contrasts are off by more than this from the plant solved at the frequency of the drive: in 2 of 50 placements of
-reference-t, by 0.9 and 6.7 dB, where a finger holds a sharp resonance back that lies between the frequencies."""
+INTERPOLATED_DB = 0.1
+"""No contrast is off by more than this from the plant solved at the frequency of the drive."""
 any_device = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if name[-2:] in ("-d", "-t") else ()) for name in DEVICES]
 )
@@ -33,7 +32,7 @@ any_device = pytest.mark.parametrize(
 
 @pytest.mark.parametrize("placements", [pytest.param(50, marks=pytest.mark.long), 5])
 @pytest.mark.parametrize("name", DEVICES)
-def test_half_of_the_drives_meet_their_bound_and_nearly_all_keep_what_is_said(name: str, placements: int) -> None:
+def test_half_of_the_drives_meet_their_bound_and_all_keep_what_is_said(name: str, placements: int) -> None:
     """At a level that every drive reaches. That an optimum misses its bound is no fault: a bound may have a gap."""
     device, random = DEVICES[name], np.random.default_rng(7)
     solver, gaps_db, errors_db = designer_of(device).solver, list[float](), list[float]()
@@ -55,7 +54,7 @@ def test_half_of_the_drives_meet_their_bound_and_nearly_all_keep_what_is_said(na
         errors_db.append(abs(drive.value - contrast_db))
     assert min(gaps_db) > -0.01  # or it is no bound
     assert np.median(gaps_db) < TOLERANCE_DB
-    assert sum(error_db > INTERPOLATED_DB for error_db in errors_db) <= placements / 25
+    assert max(errors_db) < INTERPOLATED_DB
 
 
 def _sampled(cases: FingerCases) -> FingerCases:
