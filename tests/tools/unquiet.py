@@ -1,17 +1,17 @@
 """Proof that tests fail for faults of the code: they are run again and again on a machine that is made unquiet.
 
-    python -m tests.tools.unquiet --loops 2 --stops --random-order --times 5 -- -m machine -n 0
+    python -m tests.tools.unquiet --times 5 -- -m machine -n 0
 
 Busy loops compete for the processors, any process of the tests is stopped for 0.05 to 2 s at random instants, and the
 tests run in random order. The table says which tests were broken, or not shown, how often. The end is 1 if a test was
 broken. All of it is drawn from `--seed`, which is printed; the instants at which a stop meets a test are the machine's.
+It is a plugin of the pytest that it starts, too, so that it hears of each verdict.
 """
 
 import argparse
 import contextlib
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -20,12 +20,25 @@ import threading
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
 
 from tests.tools.stalls import descendants
 
 STOP_S = (0.05, 2.0)
 BETWEEN_STOPS_S = (0.2, 3.0)
-_TOLD = re.compile(r"^(FAILED|ERROR|NOT SHOWN) (.+?)(?: - .*)?$", re.MULTILINE)
+_VERDICTS = "TACTABLE_VERDICTS"
+"""The environment's name of the file that verdicts are written to, a line for each test that did not hold."""
+_NOTHING_TO_RUN = 5
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Write what a test is found to be, where an unquiet run asks for it."""
+    verdict = "broken" if report.failed else "not shown" if getattr(report, "not_shown", "") else ""
+    if verdict and (path := os.environ.get(_VERDICTS)):
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(f"{verdict}: {report.nodeid}\n")
 
 
 @contextmanager
@@ -52,36 +65,37 @@ def stop_at_random(pid: int, source: random.Random, has_ended: threading.Event) 
                 os.kill(chosen, signal.SIGCONT)
 
 
-def run_once(words: Sequence[str], source: random.Random, has_stops: bool) -> tuple[str, int]:
-    """What pytest printed, and its status."""
-    with (
-        tempfile.TemporaryDirectory() as state,
-        subprocess.Popen(
-            [sys.executable, "-m", "pytest", *words],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "XDG_STATE_HOME": state, "COLUMNS": "1000"},
-        ) as tests,
-    ):
+def run_once(words: Sequence[str], source: random.Random, has_stops: bool) -> tuple[list[str], int]:
+    """A line for each test that did not hold, and the status of pytest."""
+    with tempfile.TemporaryDirectory() as state:
+        told = Path(state) / "verdicts"
+        told.touch()
+        status = _run(words, source, has_stops, {"XDG_STATE_HOME": state, _VERDICTS: str(told)})
+        return told.read_text(encoding="utf-8").splitlines(), status
+
+
+def _run(words: Sequence[str], source: random.Random, has_stops: bool, environment: dict[str, str]) -> int:
+    command = [sys.executable, "-m", "pytest", "-p", "tests.tools.unquiet", *words]
+    with subprocess.Popen(command, env={**os.environ, **environment}) as tests:
         has_ended = threading.Event()
         stopper = threading.Thread(target=stop_at_random, args=(tests.pid, source, has_ended))
         if has_stops:
             stopper.start()
         try:
-            printed, _ = tests.communicate()
+            tests.wait()
         finally:
             has_ended.set()
             if has_stops:
                 stopper.join()
-    return printed, tests.returncode
+    return tests.returncode
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.tools.unquiet", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--loops", type=int, default=os.cpu_count(), help="busy loops; default: one per processor")
-    parser.add_argument("--stops", action="store_true", help="stop processes of the tests at random")
-    parser.add_argument("--random-order", action="store_true", help="files, and the tests of each, in random order")
+    parser.add_argument("--no-stops", action="store_true", help="stop no process of the tests")
+    parser.add_argument("--in-order", action="store_true", help="files, and the tests of each, as always")
     parser.add_argument("--times", type=int, default=1, help="number of runs")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6))
     parser.add_argument("words", nargs="*", help="what pytest is given, after --")
@@ -93,18 +107,17 @@ def main() -> int:
     chosen = parse(sys.argv[1:])
     source = random.Random(chosen.seed)
     sys.stdout.write(f"seed {chosen.seed}\n")
-    counts, is_broken = Counter[tuple[str, str]](), False
+    counts, is_broken = Counter[str](), False
     with busy_loops(chosen.loops):
         for number in range(chosen.times):
-            order = ["--order-seed", str(source.randrange(10**6))] if chosen.random_order else []
-            printed, status = run_once([*chosen.words, *order], source, chosen.stops)
-            sys.stdout.write(printed)
-            is_broken |= status != 0
-            counts.update((test, verdict) for verdict, test in _TOLD.findall(printed))
+            order = [] if chosen.in_order else ["--order-seed", str(source.randrange(10**6))]
+            told, status = run_once([*chosen.words, *order], source, not chosen.no_stops)
+            is_broken |= status not in (0, _NOTHING_TO_RUN)
+            counts.update(set(told))
             sys.stdout.write(f"run {number + 1} of {chosen.times} ended with status {status}\n")
-    for (test, verdict), count in sorted(counts.items()):
-        name = "not shown" if verdict == "NOT SHOWN" else "broken"
-        sys.stdout.write(f"{name} {count} of {chosen.times}: {test}\n")
+            sys.stdout.flush()
+    for line, count in sorted(counts.items()):
+        sys.stdout.write(f"{count} of {chosen.times} {line}\n")
     return int(is_broken)
 
 
