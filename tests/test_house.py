@@ -48,7 +48,7 @@ def test_every_command_of_the_readme_exists_with_its_options() -> None:
         check_command(Command(command, None))
 
 
-@pytest.mark.machine
+@pytest.mark.long
 def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for command in readme_commands():

@@ -3,7 +3,8 @@
 A law with a real clock may fail because the machine stood still, which says nothing of the law. While a test marked
 `machine` runs, a thread looks for evidence of that: the thread itself came late though its process did not compute, or
 a process that the test started was stopped, or waited for a processor, longer than the test tolerates (`STALL_S`, or
-`@pytest.mark.machine(stall_s=0.02)`). What the test itself stops is no evidence.
+`@pytest.mark.machine(stall_s=0.02)`). What the test itself stops is no evidence. A law that speaks of no time at all, such
+as what a document or a command prints, is marked `@pytest.mark.machine(stall_s=None)`: no stall excuses its failure.
 
 A test that fails without evidence is broken: the fault was seen on a machine that ran. One that fails with evidence
 runs again, with fresh fixtures, up to three times. Where none of the three was quiet, its law is *not shown*: that
@@ -32,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers",
         "machine(stall_s): a process, port, signal, browser, guest or real time; `-n 0 -m machine` runs these, "
-        "and a longer stall excuses a failure",
+        "and a longer stall excuses a failure; with stall_s=None, of a law that speaks of no time, none does",
     )
     if not hasattr(sys, "_tactable_hears_stops"):
         sys._tactable_hears_stops = True  # type: ignore[attr-defined]
@@ -52,7 +53,9 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     return True
 
 
-def _judged(item: pytest.Item, nextitem: pytest.Item | None, limit_s: float) -> list[pytest.TestReport]:
+def _judged(item: pytest.Item, nextitem: pytest.Item | None, limit_s: float | None) -> list[pytest.TestReport]:
+    if limit_s is None:
+        return runtestprotocol(item, log=False, nextitem=nextitem)
     told = list[str]()
     for _ in range(ATTEMPTS):
         if told:  # what a stall broke is made again, the fixtures of the module too
