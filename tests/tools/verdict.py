@@ -3,8 +3,8 @@
 A law with a real clock may fail because the machine stood still, which says nothing of the law. While a test marked
 `machine` runs, a thread looks for evidence of that: the thread itself came late though its process did not compute, or
 a process that the test started was stopped, or waited for a processor, longer than the test tolerates (`STALL_S`, or
-`@pytest.mark.machine(stall_s=0.02)`). What the test itself stops is no evidence. A law that speaks of no time at all, such
-as what a document or a command prints, is marked `@pytest.mark.machine(stall_s=None)`: no stall excuses its failure.
+`@pytest.mark.machine(stall_s=0.02)`). What the test itself stops is no evidence. A law that speaks of no time, such as
+what a document or a command prints, is marked `@pytest.mark.machine(stall_s=None)`: no stall excuses its failure.
 
 A test that fails without evidence is broken: the fault was seen on a machine that ran. One that fails with evidence
 runs again, with fresh fixtures, up to three times. Where none of the three was quiet, its law is *not shown*: that

@@ -111,7 +111,6 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.machine
 def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
     put(path, "1")
     put(path, "2")

@@ -12,20 +12,19 @@ from precompute.measurements.types import Kind, MeasurementError
 from tests.base.test_files import full_disk
 from tests.precompute.devices import SHIPPED, shipped
 from tests.precompute.measured import NAN, read_bar
-from tests.precompute.measurements import test_netcdf, test_uff
+from tests.precompute.measurements import test_uff
 from tests.quick import first_quick
 
 DEVICE = shipped("reference-a")
 
 
-@pytest.mark.machine
 def test_every_ending_has_its_reader(tmp_path: Path) -> None:
+    """The reader of .nc starts a process: test_netcdf.py has it."""
     read = read_bar(DEVICE, {}, points=3)
     csv = tmp_path / "x.CSV"
     csv.write_text(write_csv(read, DEVICE, "a test"), encoding="utf-8")
-    netcdf = test_netcdf.written(test_netcdf.dataset(read), tmp_path)
     universal = test_uff.written(tmp_path, test_uff.nodes(), test_uff.response(1, 8))
-    assert [len(read_measurements(path, DEVICE)) for path in (csv, netcdf, universal)] == [9, 9, 3]
+    assert [len(read_measurements(path, DEVICE)) for path in (csv, universal)] == [9, 3]
     assert read_measurements(universal, DEVICE, 2e-3).kind is Kind.RESPONSE
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray
 
+from precompute.measurements.file import read_measurements
 from precompute.measurements.netcdf import measurements_of, read_netcdf
 from precompute.measurements.netcdf_content import load_content, read_content
 from precompute.measurements.types import MeasurementError, Measurements
@@ -47,11 +48,8 @@ def read_here(path: Path) -> Measurements:
     return measurements_of(load_content(path), path, DEVICE, 0.0)
 
 
-@pytest.mark.machine
 def test_the_same_is_read_as_was_written(tmp_path: Path) -> None:
-    path = written(dataset(READ), tmp_path)
-    assert_same(read_netcdf(path, DEVICE, 0.0), READ)
-    assert_same(read_here(path), READ)
+    assert_same(read_here(written(dataset(READ), tmp_path)), READ)
 
 
 @pytest.mark.parametrize(
@@ -126,8 +124,11 @@ def test_a_file_of_another_structure_is_refused_by_name(case: str, tmp_path: Pat
     assert says in str(caught.value)
 
 
-@pytest.mark.machine
-def test_the_child_that_reads_refuses_in_the_same_words(tmp_path: Path) -> None:
+@pytest.mark.machine(stall_s=None)
+def test_the_child_that_reads_finds_the_same_refuses_in_the_same_words_and_ends_where_hdf5_does_not(
+    tmp_path: Path,
+) -> None:
+    assert_same(read_measurements(written(dataset(READ), tmp_path), DEVICE), READ)
     (tmp_path / "x.nc").write_text("no NetCDF")
     with pytest.raises(MeasurementError, match="not a NetCDF-4 file") as here:
         load_content(tmp_path / "x.nc")
@@ -135,11 +136,7 @@ def test_the_child_that_reads_refuses_in_the_same_words(tmp_path: Path) -> None:
         read_netcdf(tmp_path / "x.nc", DEVICE, 0.0)
     with pytest.raises(MeasurementError, match="is not a plain file"):
         read_netcdf(tmp_path, DEVICE, 0.0)
-
-
-@pytest.mark.machine
-def test_a_file_on_which_hdf5_never_ends_is_refused() -> None:
-    """A case of the fuzzer (netcdf, seed 7, number 720), on which HDF5 1.14 does not end."""
+    # A case of the fuzzer (netcdf, seed 7, number 720), on which HDF5 1.14 does not end: 2 s of processor time.
     path = Path(__file__).with_name("endless.bin")
     with pytest.raises(MeasurementError, match=f"^{re.escape(str(path))}: "):
         read_content(path, limit_s=2)
