@@ -36,7 +36,7 @@ def wait_for_end(process_id: int) -> None:
         time.sleep(0.01)
 
 
-def test_a_child_is_the_installed_one_and_lines_go_both_ways_whatever_it_prints_and_reads(
+def test_lines_and_descriptors_go_both_ways_with_the_installed_child_whatever_it_prints_and_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "firmware_link").mkdir()
@@ -49,9 +49,6 @@ def test_a_child_is_the_installed_one_and_lines_go_both_ways_whatever_it_prints_
         it.ask_to_end()
         assert it.read(PATIENCE_S) == {"last": "words"}
         assert it.end() == 0
-
-
-def test_a_descriptor_travels_with_a_line() -> None:
     ours, theirs = socket.socketpair()
     with ours, child(do="write") as it:
         it.write({"text": "by another process"}, [theirs.fileno()])
@@ -59,41 +56,23 @@ def test_a_descriptor_travels_with_a_line() -> None:
         assert ours.recv(100) == b"by another process"
 
 
-@pytest.mark.parametrize(
-    ("module", "words"),
-    [
+def test_a_child_that_ends_early_or_is_silent_is_told_and_is_waited_for_with_an_end() -> None:
+    for module, words in (
         ("tests.firmware_link.children", "the test's child: no such bar: plug one in"),
         ("tests.nowhere", r"the test's child: ModuleNotFoundError.*tests\.nowhere"),
-    ],
-)
-def test_a_child_that_ends_early_says_why(module: str, words: str) -> None:
-    with Child(module, {"do": "fail"}, name="the test's child") as it, pytest.raises(ChildError, match=words):
-        it.read(PATIENCE_S)
-
-
-def test_a_child_that_is_killed_has_no_last_words() -> None:
+    ):
+        with Child(module, {"do": "fail"}, name="the test's child") as it, pytest.raises(ChildError, match=words):
+            it.read(PATIENCE_S)
     with child(do="ignore") as it:
         it.read(PATIENCE_S)
         os.kill(it.process_id, signal.SIGKILL)
         with pytest.raises(ChildError, match="the test's child was ended by SIGKILL"):
             it.read(PATIENCE_S)
-
-
-def test_a_silent_child_is_not_waited_for_without_end_and_is_killed_when_it_does_not_end() -> None:
     with child(do="ignore") as it:
         it.read(PATIENCE_S)
         with pytest.raises(ChildError, match=r"has said nothing for 0\.01 s"):
             it.read(0.01)
         assert it.end(timeout_s=0.01) == -signal.SIGKILL
-
-
-@pytest.mark.parametrize("what", ["echo", "compute"])
-def test_a_child_ends_when_its_parent_is_killed(what: str) -> None:
-    with child(do="start", what=what) as parent:
-        grandchild = parent.read(PATIENCE_S)["ready"]
-        assert is_running(grandchild)
-        os.kill(parent.process_id, signal.SIGKILL)
-        wait_for_end(grandchild)
 
 
 _INTERRUPTED = """
@@ -110,7 +89,13 @@ print(it.end())
 """
 
 
-def test_ctrl_c_reaches_the_parent_only_which_ends_its_children_in_order() -> None:
+def test_a_child_ends_with_its_parent_and_ctrl_c_reaches_the_parent_only() -> None:
+    for what in ("echo", "compute"):
+        with child(do="start", what=what) as parent:
+            grandchild = parent.read(PATIENCE_S)["ready"]
+            assert is_running(grandchild)
+            os.kill(parent.process_id, signal.SIGKILL)
+            wait_for_end(grandchild)
     command = [sys.executable, "-c", _INTERRUPTED]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
