@@ -7,7 +7,7 @@ import pytest
 from tests.notebooks import NOTEBOOKS, pictures_of, read_notebook, run_notebook, texts_of
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_comes_to_what_it_is_kept_with(path: Path, tmp_path: Path) -> None:
     kept, found = read_notebook(path), run_notebook(path, tmp_path)

@@ -43,7 +43,7 @@ def test_it_is_only_its_users_and_goes_with_its_block(memory: Path) -> None:
         assert not folder.exists()
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_what_a_killed_process_left_goes_when_the_next_folder_is_made(memory: Path) -> None:
     command = [sys.executable, "-c", WAITS, str(memory)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:

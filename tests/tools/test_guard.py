@@ -40,7 +40,7 @@ def test_quiet(): time.sleep(0), threading.Lock().acquire(), select.select([], [
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_what_a_test_or_its_fixture_uses_fails_it_unless_it_is_marked_or_allowed(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(USES)
     words = ("-p", "tests.tools.guard", "-p", "tests.tools.verdict", "-p", "no:cacheprovider")

@@ -25,7 +25,7 @@ def made():
     count.write_text((count.read_text() if count.exists() else "") + "x")
     return count.read_text()
 
-@pytest.mark.machine(stall_s=0.02)
+@pytest.mark.machine(stall_s={stall_s})
 def test_law(made):
     assert len(made) >= {attempt}
 """
@@ -37,7 +37,11 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, attempt: int, stalls_s: list[float]
+    pytester: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
+    attempt: int,
+    stalls_s: list[float],
+    stall_s: float | None = 0.02,
 ) -> pytest.RunResult:
     """A module whose test fails before this attempt, on a machine that stands still for these times in turn."""
     stalls = iter(stalls_s)
@@ -49,7 +53,7 @@ def run(
         yield evidence
 
     monkeypatch.setattr(verdict, "watched", watched)
-    pytester.makepyfile(FAILS.format(attempt=attempt))
+    pytester.makepyfile(FAILS.format(attempt=attempt, stall_s=stall_s))
     return pytester.runpytest_inprocess("-p", "tests.tools.verdict", "-p", "no:cacheprovider")
 
 
@@ -74,6 +78,16 @@ def test_a_failure_counts_only_in_an_attempt_without_a_stall(
     done = run(pytester, monkeypatch, attempt, stalls_s)
     done.stdout.fnmatch_lines([f"*{verdict_line}"])
     assert done.ret == status
+
+
+@pytest.mark.parametrize(("attempt", "verdict_line"), [(1, "1 holds, 0 not shown, 0 broken"), (2, "*1 broken")])
+def test_no_stall_excuses_a_law_that_speaks_of_no_time(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, attempt: int, verdict_line: str
+) -> None:
+    done = run(pytester, monkeypatch, attempt, [0.03] * 3, stall_s=None)
+    done.stdout.fnmatch_lines([f"*{verdict_line}"])
+    assert done.ret == attempt - 1
+    assert (pytester.path / "made").read_text() == "x", "one attempt counts"
 
 
 def test_the_third_check_in_a_row_without_a_quiet_attempt_fails(

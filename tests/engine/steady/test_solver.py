@@ -190,7 +190,7 @@ def test_a_wrong_placement_is_refused_by_name(
         designer_of(shipped("reference-a")).solver.solve(positions_m, felt, level_db)
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_the_solver_needs_no_scipy_and_the_receptances_no_compiler() -> None:
     program = """
 import sys
