@@ -37,6 +37,8 @@ _FENCE = re.compile(r"^```(?P<info>[^\n`]*)\n(?P<text>.*?)^```$", re.DOTALL | re
 _STATUS = re.compile(r"# exit status (\d+)(?: or (\d+))?")
 _ALIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 _OPERATORS = (">", ">>", "<", "|", "&&", "||", ";", "&")
+_LIVE = ("emulate", "map", "measure", "play", "record", "replay", "run")
+"""Commands that play a device in real time, or read what such a one has made."""
 _PATIENCE_S = 60.0
 """Only against a process that hangs."""
 
@@ -74,6 +76,11 @@ class Command:
         return list(itertools.takewhile(lambda word: word not in _OPERATORS, self.words))
 
     @property
+    def is_live(self) -> bool:
+        """Whether it needs the real machine: for a device that plays, or for another program."""
+        return self.words[0] != "tactable" or self.own_words != self.words or self.words[1] in _LIVE
+
+    @property
     def statuses(self) -> set[int]:
         """What it may end with; which of two depends on the machine."""
         found = _STATUS.search(self.line)
@@ -106,10 +113,11 @@ def _plain(line: str) -> str:
 
 
 class Page:
-    """One page being run in `folder`; its background processes end with it."""
+    """One page being run in `folder`; its background processes end with it. `live`: only such commands, or no such."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, live: bool | None = None) -> None:
         self._folder = folder
+        self._live = live
         self._names: dict[str, Any] = {"__name__": "__main__"}
         self._background: list[subprocess.Popen[str]] = []
 
@@ -127,9 +135,12 @@ class Page:
         if block.language in ("sh", "console"):
             for command in read_commands(block):
                 if not block.only_parses:
-                    self._run_command(command, block.place)
+                    if self._live in (None, command.is_live):
+                        self._run_command(command, block.place)
                 elif command.words[0] == "tactable":
                     check_command(command)
+        elif block.language in ("python", "pycon") and self._live is False:
+            return  # a snippet talks with the device of the command before it
         elif block.language == "python":
             exec(compile(block.text, block.place, "exec"), self._names)
         elif block.language == "pycon":

@@ -27,15 +27,8 @@ PAGES = sorted((ROOT / "docs").rglob("*.md"))
 DEAR = {"calibration.md": 5, "figures.md": 5, "first-hour.md": 5, "tables.md": 1}
 """Pages that take half a minute or need clicks, with the least number of their commands: they are run with the long
 tests, and each of their commands is checked at once."""
-REAL_MACHINE = ("audio.md", "first-hour.md", "safety.md")
-"""Pages that play a device in a process of its own."""
-
-
-def marks_of(page: str) -> list[pytest.MarkDecorator]:
-    """What a page stands on; none speaks of a time, so no stall excuses a page that says something wrong."""
-    if page in REAL_MACHINE:
-        return [pytest.mark.machine(stall_s=None)]
-    return [pytest.mark.long] if page in DEAR else []
+LIVE = ("audio.md", "first-hour.md", "safety.md")
+"""Pages with commands that play a device in a process of its own."""
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +48,11 @@ def built_with_clicks(built: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder
 
 
-@pytest.mark.parametrize("path", [pytest.param(path, marks=marks_of(path.name), id=path.name) for path in PAGES])
-def test_every_command_and_snippet_runs(
-    path: Path, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    built: Path = request.getfixturevalue("built_with_clicks" if path.name in DEAR else "built")
+@pytest.fixture
+def folder(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which a reader of the page `path` has a checkout and the table of first-hour.md."""
+    needs_clicks = request.node.callspec.params["path"].name in DEAR and not request.node.get_closest_marker("machine")
+    built: Path = request.getfixturevalue("built_with_clicks" if needs_clicks else "built")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
     monkeypatch.setenv("COLUMNS", "100")
@@ -67,13 +60,31 @@ def test_every_command_and_snippet_runs(
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    for name in ("tables", "examples"):  # a page is read in a checkout
+    for name in ("tables", "examples"):
         (folder / name).symlink_to(ROOT / name)
     for name in ("my-bar.toml", "my-bar.nc"):
         shutil.copy(built / name, folder / name)
-    with Page(folder) as page:
+    return folder
+
+
+def run(path: Path, folder: Path, *, live: bool | None) -> None:
+    with Page(folder, live=live) as page:
         for block in read_blocks(path):
             page.run(block)
+
+
+@pytest.mark.parametrize(
+    "path", [pytest.param(path, marks=[pytest.mark.long] if path.name in DEAR else [], id=path.name) for path in PAGES]
+)
+def test_every_command_and_snippet_runs(path: Path, folder: Path) -> None:
+    """Those of the live pages that play a device have a test of their own."""
+    run(path, folder, live=False if path.name in LIVE else None)
+
+
+@pytest.mark.machine
+@pytest.mark.parametrize("path", [ROOT / "docs" / name for name in LIVE], ids=LIVE)
+def test_every_command_that_plays_a_device_runs(path: Path, folder: Path) -> None:
+    run(path, folder, live=True)
 
 
 @pytest.mark.parametrize("name", DEAR)
