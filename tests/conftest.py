@@ -42,7 +42,7 @@ KERNELS = (
     "precompute.sampling.bars",
 )
 """Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""
-ALLOWED_SKIPS = ("long run:", "guided run:", "no recordings:")
+ALLOWED_SKIPS = ("long run:", "no recordings:")
 """How the reason of a skip begins that `--no-skips` lets pass."""
 
 

@@ -1,34 +1,23 @@
 """Hostile descriptors and reports: nothing but our own errors, no contact outside the surface, bounded memory.
 
-The normal run lets Hypothesis look for a few seconds. The long one mutates faster and says where it failed:
+The long run mutates more devices and says where it failed:
 
     TACTABLE_FUZZ_DESCRIPTORS=1000000 pytest tests/engine/test_fuzz.py -k long
 
 10**6 descriptors and the 10**8 report bytes that they get take about 20 minutes of one core.
-
-The guided one follows the branches of `engine` with atheris (`pip install atheris`), for as many seconds as are given:
-
-    TACTABLE_FUZZ_ATHERIS_S=180 pytest tests/engine/test_fuzz.py -k atheris
 """
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import random
-import re
 import resource
-import struct
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources.recording import read_recording
@@ -41,14 +30,10 @@ from tests.engine.touch.descriptors import (
     TOUCH_PAD,
     application,
     finger,
-    mutated,
 )
-from tests.tools.guard import allowed
 
 LONG_RUN = int(os.environ.get("TACTABLE_FUZZ_DESCRIPTORS", "0"))
 SEED = int(os.environ.get("TACTABLE_FUZZ_SEED", "1"))
-ATHERIS_S = int(os.environ.get("TACTABLE_FUZZ_ATHERIS_S", "0"))
-ROOT = Path(__file__).parents[2]
 MEMORY_KIB = 50 * 1024
 PARSE_S = 0.05
 REPORTS_PER_DEVICE = 10
@@ -97,33 +82,6 @@ def check_frame(digitizer: Digitizer, frame: TouchFrame | None) -> int:
         assert x.logical_minimum <= contact.x <= x.logical_maximum
         assert y.logical_minimum <= contact.y <= y.logical_maximum
     return len(frame.contacts)
-
-
-# ---- the normal run --------------------------------------------------------------------------------------
-
-numbers = st.sampled_from((0, 0x0596, 0x0408, 0x0486, 0x093A, 0x2087, 0x0EEF, 0x1FF7, 0x25B5, 0x1784))
-timed_reports = st.lists(
-    st.tuples(st.integers(0, 255), st.binary(max_size=64), st.integers(-50 * MS, 200 * MS)), max_size=20
-)
-
-
-@settings(deadline=None)  # the machine may be busy
-@given(st.binary(max_size=200) | st.sampled_from(MADE_UP).flatmap(mutated), numbers, timed_reports)
-def test_whatever_a_device_says_it_is_read_or_refused(
-    descriptor: bytes, vendor_id: int, reports: list[tuple[int, bytes, int]]
-) -> None:
-    digitizer = check_device(descriptor, vendor_id, 0x0500)
-    if digitizer is None:
-        return
-    now_ns = 0
-    for report_id, data, pause_ns in reports:
-        now_ns += pause_ns
-        check_frame(digitizer, digitizer.expire(now_ns))
-        check_frame(digitizer, digitizer.decode_report(bytes([report_id]) + data, now_ns))
-        check_frame(digitizer, digitizer.decode_report(data, now_ns))
-
-
-# ---- the long run ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -255,95 +213,3 @@ def test_long_run_of_mutated_devices(capsys: pytest.CaptureFixture[str]) -> None
     played = check_run(LONG_RUN)
     with capsys.disabled():
         print(f"\n{played}, {time.monotonic() - start_s:.0f} s, seed {SEED}")  # noqa: T201  # the run's result
-
-
-# ---- the guided run --------------------------------------------------------------------------------------
-
-# Of its own process: libFuzzer ends the process it runs in. Only `engine` is worth following. Nearly every edit of a
-# descriptor is refused, so three in four are of the reports alone.
-ATHERIS = """
-import sys, atheris
-with atheris.instrument_imports(include=["engine"]):
-    from tests.engine.test_fuzz import play_input, reports_start
-
-def mutate(data, max_size, seed):
-    start = reports_start(data) if seed % 4 else 0
-    start = start if start < min(len(data), max_size) else 0
-    return data[:start] + atheris.Mutate(data[start:], max_size - start)
-
-atheris.Setup(sys.argv, play_input, custom_mutator=mutate)
-atheris.Fuzz()
-"""
-HEADER = struct.Struct("<HHH")  # vendor, product, bytes of the descriptor; then reports
-REPORT_HEADER = struct.Struct("<bB")  # pause in steps of 8 ms, bytes of the report
-PAUSE_NS = 8 * MS
-LONGEST_INPUT = 2048
-SLOWEST_INPUT_S = 5
-
-
-def play_input(data: bytes) -> None:
-    """One device and its reports, as `encode_input` writes them; whatever is cut off is played as far as it goes."""
-    vendor_id, product_id, size = HEADER.unpack(data[: HEADER.size].ljust(HEADER.size, b"\0"))
-    place = HEADER.size + size
-    digitizer = check_device(data[HEADER.size : place], vendor_id, product_id)
-    now_ns = 0
-    while digitizer is not None and place + REPORT_HEADER.size <= len(data):
-        pause, size = REPORT_HEADER.unpack_from(data, place)
-        place += REPORT_HEADER.size
-        now_ns += pause * PAUSE_NS
-        check_frame(digitizer, digitizer.expire(now_ns))
-        check_frame(digitizer, digitizer.decode_report(data[place : place + size], now_ns))
-        place += size
-
-
-def reports_start(data: bytes) -> int:
-    """Where the reports of an input begin, perhaps behind its end."""
-    *_, size = HEADER.unpack(data[: HEADER.size].ljust(HEADER.size, b"\0"))
-    return HEADER.size + int(size)
-
-
-def encode_input(seed: Seed) -> bytes:
-    """The seed with as many of its reports as fit, 8 ms apart."""
-    data = HEADER.pack(seed.vendor_id, seed.product_id, len(seed.descriptor)) + seed.descriptor
-    for report in seed.reports:
-        if len(report) < 256 and len(data) + REPORT_HEADER.size + len(report) <= LONGEST_INPUT:
-            data += REPORT_HEADER.pack(1, len(report)) + report
-    return data
-
-
-def with_noise(seed: Seed) -> Seed:
-    """The seed with reports: where it has none, eight of noise under its first ID."""
-    rng = random.Random(SEED)
-    return seed if seed.reports else replace(seed, reports=tuple(b"\1" + rng.randbytes(20) for _ in range(8)))
-
-
-def test_inputs_of_the_guided_run_open_their_devices() -> None:
-    for seed in map(with_noise, read_seeds()):
-        play_input(encode_input(seed))
-        assert HEADER.unpack_from(encode_input(seed)) == (seed.vendor_id, seed.product_id, len(seed.descriptor))
-    whole = encode_input(with_noise(Seed(MADE_UP[0], 0, 0, ())))
-    for size in range(len(whole)):
-        play_input(whole[:size])
-
-
-@pytest.mark.skipif(
-    importlib.util.find_spec("atheris") is None, reason="atheris is not installed: run `pip install atheris`"
-)
-@pytest.mark.skipif(not ATHERIS_S, reason="guided run: set TACTABLE_FUZZ_ATHERIS_S, such as 180 (seconds)")
-def test_guided_run_with_atheris(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    corpus = tmp_path / "corpus"
-    corpus.mkdir()
-    for number, seed in enumerate(map(with_noise, read_seeds())):
-        (corpus / str(number)).write_bytes(encode_input(seed))
-    limits = (f"-max_total_time={ATHERIS_S}", f"-max_len={LONGEST_INPUT}", f"-timeout={SLOWEST_INPUT_S}")
-    command = (sys.executable, "-c", ATHERIS, *limits, f"-seed={SEED}", f"-artifact_prefix={tmp_path}/", str(corpus))
-    with allowed("libFuzzer ends the process that it runs in"):
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    said = done.stdout + done.stderr
-    assert done.returncode == 0, said[-5000:]
-    executions = re.search(r"Done (\d+) runs in (\d+) second", said)
-    assert executions is not None, said[-5000:]
-    progress = re.findall(r"cov: \d+ ft: \d+ corp: \S+", said)
-    assert len(set(progress)) > 1, "nothing new was reached: is engine instrumented?"
-    with capsys.disabled():
-        print(f"\n{executions[0]}, {progress[-1]}, seed {SEED}")  # noqa: T201  # the run's result

@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from engine.device import Actuator, Device, Zone
 from engine.device.file import ROMAN
-
-unhurried = settings(deadline=None)
-"""A property's first example may pay for a compilation, and the machine may be busy."""
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 RANDOM = "random-20230247606"

@@ -11,7 +11,6 @@ from engine.device import Device, DeviceError, Finger
 from engine.device.finger import impedance_of
 from engine.device.named_files import IMPEDANCE_HEADER
 from tactable.shipped import device_folder, find_device
-from tests.precompute.devices import unhurried
 
 TEXT = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
 BARE = TEXT[: TEXT.index("[finger]")] + TEXT[TEXT.index("[spread]") :]
@@ -38,7 +37,6 @@ def test_the_shipped_finger_is_that_of_the_shipped_devices() -> None:
     assert Device.parse(named.text, "again").finger_origin == named.finger_origin
 
 
-@unhurried
 @given(st.floats(0.01, 10), st.floats(0.03, 30), st.floats(30, 3e4))
 def test_a_mass_damper_and_spring_is_found_from_its_impedance(mass_g: float, damping: float, stiffness: float) -> None:
     finger = Finger(1e-3 * mass_g, damping, stiffness, 3.0)

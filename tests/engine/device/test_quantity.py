@@ -3,13 +3,12 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device.quantity import QuantityError, interval_text, quantity_text, read_quantity
 from engine.device.uncertainty import FITTED_UNITS
 
-unhurried = settings(deadline=None)
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
 KINDS = {
     "m": "a length",
@@ -74,13 +73,11 @@ def test_values_come_out_in_si(text: str, unit: str, value: float) -> None:
     assert read_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 
 
-@unhurried
 @given(st.floats(-1e200, 1e200), st.sampled_from(sorted(PREFIXES)))
 def test_a_prefix_multiplies(number: float, prefix: str) -> None:
     assert read_quantity(f"{number!r} {prefix}m", "m") == pytest.approx(number * PREFIXES[prefix], rel=4e-16)
 
 
-@unhurried
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([unit for unit in KINDS if unit]))
 def test_a_number_in_the_wanted_unit_is_read_exactly(number: float, unit: str) -> None:
     assert read_quantity(f"{number!r} {unit}", unit) == number
@@ -115,7 +112,6 @@ def test_hostile_text_is_refused(text: str) -> None:
         read_quantity(text, "m")
 
 
-@unhurried
 @given(st.text(max_size=80) | st.from_regex(r"[0-9.e+-]{1,8} [a-zA-Z%µ^*/0-9]{1,12}", fullmatch=True))
 def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
     for unit in ("m", "", "N*s/m"):

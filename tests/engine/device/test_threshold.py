@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from engine.device import Device, DeviceError, Threshold
 from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
 from tactable.shipped import device_folder, find_device
-from tests.precompute.devices import unhurried
 from tests.precompute.sampled import THRESHOLD_DB, threshold
 
 OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")
@@ -49,7 +48,6 @@ def test_androids_curve_has_the_41_points_of_its_source() -> None:
     assert ANDROID.measured_hz is None
 
 
-@unhurried
 @given(st.floats(40, 300))
 def test_between_points_each_curve_is_what_numpy_interpolates(frequency_hz: float) -> None:
     assert OWN.peak_m_per_s2(np.array([frequency_hz]))[0] == pytest.approx(threshold(frequency_hz))
@@ -57,7 +55,6 @@ def test_between_points_each_curve_is_what_numpy_interpolates(frequency_hz: floa
     assert level_db(ANDROID, frequency_hz, reference=GRAVITY_M_PER_S2) == pytest.approx([between])
 
 
-@unhurried
 @given(st.floats(0.05, 1.0))
 def test_beyond_the_points_one_goes_on_and_the_other_is_held(octaves: float) -> None:
     first, second = level_db(OWN, 40 / 2**octaves, 40.0)

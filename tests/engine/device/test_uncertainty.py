@@ -1,6 +1,5 @@
 """The [calibration] table: read, counted in the fingerprint, and refused by key where it cannot be."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -32,12 +31,6 @@ def test_what_was_fitted_is_read_in_si() -> None:
     assert (stiffness.name, stiffness.low, stiffness.high, stiffness.knee) == ("actuator[1].stiffness", 1e4, 3e4, 0.0)
     assert (damping.low, damping.knee) == (0.0, 0.3)
     assert uncertainty.covariance == ((4e-6, 1e-6), (1e-6, 9e-4))
-
-
-def test_a_file_without_it_has_no_uncertainty() -> None:
-    device = Device.parse(TEXT, "x.toml")
-    assert device.uncertainty is None
-    assert device.fingerprint == replace(Device.parse(TEXT + TABLE, "x.toml"), uncertainty=None).fingerprint
 
 
 def test_the_fingerprint_is_of_the_uncertainty_not_of_its_making() -> None:

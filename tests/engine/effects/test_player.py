@@ -133,17 +133,6 @@ def test_a_finger_in_a_gap_feels_and_is_kept_quiet_as_any_other() -> None:
     assert seen.player.placement == Placement((0.02, 0.12), (True, False))
 
 
-def test_an_envelope_is_played_segment_by_segment_without_drift() -> None:
-    seen = story(Rule(Trigger.TOUCH, pulse((20, 30.0), (10, None), (20, 15.0))))
-    seen.at(0.5, touch(1, 10))
-    assert seen.until(1000).moments == [
-        (0.5, "F----", 30.0),
-        (20.5, "-----", None),
-        (30.5, "F----", 15.0),
-        (50.5, "-----", None),
-    ]
-
-
 @given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
 def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)))
@@ -191,19 +180,6 @@ def test_of_several_levels_the_greatest_is_played() -> None:
     seen.at(0, touch(1, 10))
     seen.at(10, touch(1, 10), touch(2, 60))
     assert seen.until(100).moments == [(0, "F----", 10.0), (10, "FF---", 30.0), (50, "FF---", 10.0)]
-
-
-def test_two_fingers_in_one_zone_are_felt_if_one_of_them_feels() -> None:
-    seen = Story(BURSTS)
-    seen.at(0, touch(1, 10))
-    seen.at(100, touch(1, 10), touch(2, 30))
-    seen.at(200, touch(1, 10))
-    assert seen.moments == [
-        (0, "F----", 20.0),
-        (50, "-----", None),
-        (100, "F----", 20.0),
-        (150, "-----", None),
-    ]
 
 
 def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
@@ -257,14 +233,6 @@ def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
     felt_ms = [time_ms for time_ms, _, level_db in seen.moments if level_db is not None]
     # Marks at 10, 15, 20, 25 mm, each felt when it is reached from another one: 15, 10, 15, then 25 past 20.
     assert felt_ms == [30, 60, 80, 90]
-
-
-def test_a_mark_of_a_drag_does_not_move_with_the_finger_that_has_passed_it() -> None:
-    seen = story(Rule(Trigger.DRAG, burst(20.0, 1), every_m=10 * MM))
-    for time_ms, place_mm in ((0, 100.0), (10, 114.0), (20, 119.0), (30, 121.0), (40, 112.0), (50, 109.0)):
-        seen.at(time_ms, touch(1, place_mm))
-    # The marks are 110, 120 and, on the way back, 110 mm.
-    assert [time_ms for time_ms, _, level_db in seen.until(1000).moments if level_db] == [10, 30, 50]
 
 
 def test_a_finger_that_trembles_is_not_dragged() -> None:

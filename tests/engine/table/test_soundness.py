@@ -6,14 +6,12 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import h5py
 import numpy as np
 import pytest
 
-from engine.table import Table, TableError, best_rows, click_columns, receptance_columns
-from engine.table.file import Variable
+from engine.table import Table, TableError
 from engine.table.schema import SCHEMA
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
@@ -160,21 +158,6 @@ def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
 def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, change: dict[str, object]) -> None:
     found = refusal(changed(whole, tmp_path / "attribute.nc", lambda file: file.attrs.update(change)))
     assert "corrupted" in found
-
-
-@pytest.mark.parametrize(
-    ("group", "written"), [("best_rows", best_rows), ("clicks", click_columns), ("receptances", receptance_columns)]
-)
-def test_every_array_that_is_written_is_declared(group: str, written: ModuleType) -> None:
-    """The declaration and the writers agree on names, dimensions and what is text."""
-    variables = [value for value in vars(written).values() if isinstance(value, Variable)]
-    for value in vars(written).values():
-        if isinstance(value, dict) and all(isinstance(each, Variable) for each in value.values()):
-            variables += value.values()
-    declared = SCHEMA[group]
-    assert {variable.name for variable in variables} <= set(declared)
-    for variable in variables:
-        assert variable.dimensions == declared[variable.name].dimensions, variable.name
 
 
 def test_a_table_of_real_arrays_is_declared_whole(whole: Path) -> None:

@@ -23,7 +23,6 @@ from tests.engine.touch.descriptors import (
     TOUCH_PAD,
     application,
     finger,
-    mutated,
 )
 
 SCREEN = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
@@ -181,11 +180,6 @@ def test_an_empty_position_range_is_refused(logical_range: str) -> None:
 
 @given(st.binary(min_size=1, max_size=300))
 def test_any_bytes_give_surfaces_or_a_descriptor_error(descriptor: bytes) -> None:
-    _read_or_refuse(descriptor)
-
-
-@given(mutated(SCREEN))
-def test_any_mutation_gives_surfaces_or_a_descriptor_error(descriptor: bytes) -> None:
     _read_or_refuse(descriptor)
 
 

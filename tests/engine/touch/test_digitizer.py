@@ -25,7 +25,6 @@ from tests.engine.touch.descriptors import (
     TOUCH_PAD,
     application,
     finger,
-    mutated,
 )
 
 MS = 1_000_000
@@ -232,17 +231,6 @@ def test_any_reports_give_bounded_contacts_inside_the_surface(
     device: tuple[bytes, int, int], reports: list[tuple[bytes, int]]
 ) -> None:
     play(open_digitizer(*device), reports)
-
-
-@given(mutated(CERTIFIED) | mutated(HYBRID), timed_reports)
-def test_any_device_gives_bounded_contacts_inside_its_surface_or_is_refused(
-    descriptor: bytes, reports: list[tuple[bytes, int]]
-) -> None:
-    try:
-        digitizer = open_digitizer(descriptor)
-    except (DescriptorError, DigitizerError):
-        return
-    play(digitizer, reports)
 
 
 def play(digitizer: Digitizer, reports: list[tuple[bytes, int]]) -> None:

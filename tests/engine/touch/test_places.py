@@ -1,6 +1,5 @@
 """Laws of places: an even grid from end to end, the nearest one, and keys that lead back to their placements."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -50,9 +49,3 @@ def test_a_key_is_that_of_its_own_placement(fingers: list[tuple[int, bool]]) -> 
 def test_a_finger_at_the_edge_between_two_places_takes_the_upper_one() -> None:
     places = Places(0.1, 11)
     assert places.key(Placement((0.0049, 0.0151), (True, False))) == (1, 4)
-
-
-@pytest.mark.parametrize("place", range(95))
-def test_every_place_is_its_own_nearest(place: int) -> None:
-    places = Places(LENGTH_M, 95)
-    assert places.nearest(places.position_m[place]) == place

@@ -6,12 +6,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from precompute.calibration.least_absolute import solve_least_absolute
-from tests.precompute.devices import unhurried
 
 Array = NDArray[np.float64]
 FAR = np.full(3, 10.0)
 seeds = st.integers(0, 2**32 - 1)
-few = settings(unhurried, max_examples=settings().max_examples // 3)
+few = settings(max_examples=settings().max_examples // 3)
 
 
 def curve(seed: int, data: int = 40) -> tuple[Array, Array]:

@@ -73,10 +73,6 @@ def test_units_of_the_header_are_heeded_and_absent_columns_have_their_meaning() 
     assert np.isnan(found.finger_m[0]) and not found.is_simulated
 
 
-def test_a_comment_that_says_simulated_is_believed() -> None:
-    assert parse_csv(f"# SIMULATED by hand\n{HEADER}\n1,150,130,2\n", DEVICE, 0.0, "x.csv").is_simulated
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -78,15 +78,6 @@ def test_derivatives_are_those_of_differences(name: str, kind: Kind, device: Dev
     assert np.abs(found - numeric).max() <= 1e-5 * np.abs(numeric).max()
 
 
-def test_a_row_without_a_finger_does_not_feel_one() -> None:
-    with_one, without = (rows_of(DEVICE, np.array([[150, 130]]), finger=finger) for finger in (True, False))
-    found, alone = (
-        MeasurementModel(DEVICE, rows, ()).predict(np.zeros(0)).log_acceleration for rows in (with_one, without)
-    )
-    assert found[1::2] == pytest.approx(alone[1::2], rel=1e-9)
-    assert np.abs(found[::2] - alone[::2]).min() > 1e-3
-
-
 def test_frequencies_beyond_one_chunk_are_solved_alike() -> None:
     drives_hz = np.column_stack([np.linspace(60, 300, 150), np.full(150, NAN)])
     rows = lay_out(drives_hz, even_places(DEVICE, 2), 2e-3, Kind.RESPONSE)

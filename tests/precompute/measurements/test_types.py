@@ -20,14 +20,6 @@ def test_drives_are_numbered_as_they_appear() -> None:
     assert turned.drive_of_row.tolist() == [0, 1, 0, 1]
 
 
-def test_a_part_keeps_rows_together() -> None:
-    part = READ.part(READ.drive_of_row == 1)
-    assert len(part) == 3
-    assert (part.position_m == READ.position_m[3:]).all()
-    assert np.isnan(part.frequency_hz[:, 1]).all()
-    assert part.is_simulated and part.kind is Kind.PEAK
-
-
 def test_a_drive_is_named_as_one_says_it() -> None:
     assert READ.drive_text(0) == "150 Hz and 130 Hz"
     assert READ.drive_text(3) == "140 Hz and still"

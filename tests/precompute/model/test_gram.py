@@ -14,7 +14,7 @@ from engine.device import Device, Zone
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import Response, solve_response
-from tests.precompute.devices import every_device, on_each, shipped, unhurried
+from tests.precompute.devices import every_device, on_each, shipped
 
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([20.0, 60.0, 112.0, 140.0, 179.35, 208.57, 230.0, 300.0])
@@ -59,7 +59,6 @@ def test_total_gram_equals_brute_force_quadrature_of_the_whole_bar(device: Devic
     assert np.abs(compute_gram(response)[1] - expected).max() <= 1e-5 * np.abs(expected).max()
 
 
-@unhurried
 @given(st.lists(st.floats(0.001, 0.999), min_size=1, max_size=7, unique_by=lambda x: round(x, 4)))
 def test_cutting_zones_anywhere_neither_makes_nor_loses_energy(cuts: list[float]) -> None:
     device = shipped("reference-a")

@@ -16,7 +16,6 @@ from tests.precompute.devices import (
     every_device,
     mirrored,
     on_each,
-    unhurried,
 )
 
 Complex = NDArray[np.complex128]
@@ -54,7 +53,6 @@ def test_banded_solve_equals_numpys_dense_solve(device: Device) -> None:
         assert_close(row[:, 1::2], expected[:, 1::2], 1e-8)
 
 
-@unhurried
 @given(st.integers(1, 40), st.integers(0, 2**32))
 def test_banded_kernel_solves_any_band_even_where_pivots_are_small(size: int, seed: int) -> None:
     random = np.random.default_rng(seed)

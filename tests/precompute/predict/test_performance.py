@@ -75,24 +75,3 @@ def test_under_fingers_magnitudes_of_tones_add_and_powers_over_their_thresholds(
         assert found.acceleration[case] == pytest.approx(each.sum(axis=0), rel=1e-5)
         levels = each / np.array([threshold(tone) for tone in tones])[:, None]
         assert found.power[case] == pytest.approx((levels**2).sum(axis=0), rel=1e-5)
-
-
-@any_device
-@either
-def test_the_standard_touch_comes_first(device: Device, coherent: bool) -> None:
-    found = figures_of(device, coherent)
-    assert found.share[0] == pytest.approx(found.standard.share, rel=1e-6)
-    assert (found.peak[0] <= found.standard.peak * (1 + 1e-9)).all()
-    assert found.peak[0] == pytest.approx(found.standard.peak, rel=5e-3)
-
-
-@any_device
-def test_all_but_the_shares_is_proportional_to_the_amplitude(device: Device) -> None:
-    hz, amplitude = drive_of(device, coherent=False)
-    half = compute_figures(assemble(device), sample_fingers(device), TOUCHED, hz, amplitude / 2)
-    whole = figures_of(device, coherent=False)
-    assert half.share == pytest.approx(whole.share)
-    assert 2 * half.peak == pytest.approx(whole.peak)
-    assert 2 * half.acceleration == pytest.approx(whole.acceleration)
-    assert 4 * half.power == pytest.approx(whole.power)
-    assert 2 * half.standard.dead == pytest.approx(whole.standard.dead)

@@ -10,7 +10,7 @@ from precompute.sweep.kernels import fill_coherent_sweep, fill_pair_sweep, fold_
 
 Single = NDArray[np.float32]
 Complex = NDArray[np.complex128]
-few = settings(deadline=None, max_examples=settings().max_examples // 3)
+few = settings(max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 small = st.integers(1, 4)
 eights = st.integers(1, 3).map(lambda count: 8 * count)

@@ -8,7 +8,7 @@ import select
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
@@ -115,7 +115,6 @@ def test_a_page_that_is_gone_releases_everything_and_ends(pipe: Pipe) -> None:
     assert (source.fileno(), source.next_time_ns(), source.silent_pointers) == (None, None, 0)
 
 
-@settings(deadline=None)  # the machine may be busy
 @given(st.floats(), st.floats(), st.integers(-(2**31), 2**31 - 1))
 def test_any_place_is_on_the_bar_or_refused(x: float, y: float, pointer_id: int) -> None:
     source, feed = open_pointer_pipe()
@@ -173,7 +172,6 @@ contacts = st.lists(
 )
 
 
-@settings(deadline=None)  # the machine may be busy
 @given(axes, axes, contacts)
 def test_what_is_encoded_is_decoded_clamped_to_the_surface(x: Axis, y: Axis, down: list[Contact]) -> None:
     reports = ContactReports(x, y, contacts=max(2, len(down)), maximum_contacts=2 * MOST_CONTACTS)
