@@ -12,7 +12,6 @@ import pytest
 
 from base.files import (
     WriteError,
-    partial_path,
     remove_all_partials,
     remove_partials,
     replace_file,
@@ -52,13 +51,6 @@ def test_until_the_rename_the_old_file_stays_and_what_a_crash_left_beside_it_is_
         assert path.read_text() == "old"
         remove_partials(path)
         assert names(tmp_path) == {"report.json", partial.name}
-
-
-def test_partial_files_of_living_processes_stay(tmp_path: Path) -> None:
-    path = tmp_path / "report.json"
-    partial_path(path).write_text("being written")
-    remove_partials(path)
-    assert names(tmp_path) == {partial_path(path).name}
 
 
 def test_the_file_is_flushed_before_the_rename_and_the_folder_after_it(
@@ -150,14 +142,6 @@ def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, is_linked: bool
     with pytest.raises(WriteError, match="is not a plain file, and is not replaced"), replace_file(path) as partial:
         partial.write_text("new")
     assert stat.S_ISFIFO(pipe.stat().st_mode)
-
-
-def test_a_folder_that_a_killed_process_left_is_removed(tmp_path: Path) -> None:
-    left = tmp_path / f".made.so.{NO_PROCESS}.partial"
-    left.mkdir()
-    (left / "layout.h").write_text("half")
-    remove_partials(tmp_path / "made.so")
-    assert names(tmp_path) == set()
 
 
 @pytest.mark.parametrize("process", ["one that is gone", "one that had the number of this one"])

@@ -7,19 +7,15 @@ import numpy as np
 
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
-from engine.loop import Dispatcher, Loop, Trace, connect, open_pipeline
 from engine.render import Renderer, Rendering, link_configuration
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
 from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
-from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DeviceConfiguration, Outcome
-from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
-from firmware_link.host.session import Session
-from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, Rig, held, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import MadeSteady
@@ -61,45 +57,29 @@ class Later:
         return None
 
 
-@dataclass
-class SwapRig:
-    recording: Recording
-    effects: Effects = HELD
-    clicks: Clicks = NO_CLICKS
-    capacity_bytes: int = 1 << 18
+class SwapRig(Rig):
+    """A run to which other tables come."""
 
-    def __post_init__(self) -> None:
-        self.line = VirtualLine(DeviceConfiguration(0, basis_capacity_bytes=self.capacity_bytes))
-        configuration = link_configuration(DEVICE, 1_000_000)
-        self.capabilities = connect(Session(Link(configuration), self.line, self.line.now_ns), self.line)
-        first = self.rendering(100.0, self.clicks)
-        session = self.session = Session(Link(first.configuration), self.line, self.line.now_ns)
-        connect(session, self.line)
-        self.trace = Trace()
-        self.updates = Later(self.line)
-        source = Playback(self.recording, 1.0)
-        self.start_ns = self.line.time_ns
-        pipeline = open_pipeline(source, DEVICE, self.effects, first.renderer)
-        dispatcher = Dispatcher(session, self.line.now_ns)
-        edges = (source, self.line, self.trace)
-        self.loop = Loop(pipeline, dispatcher, *edges, updates=self.updates)
+    def __init__(
+        self, recording: Recording, effects: Effects = HELD, clicks: Clicks = NO_CLICKS, capacity_bytes: int = 1 << 18
+    ) -> None:
+        line = VirtualLine(DeviceConfiguration(0, basis_capacity_bytes=capacity_bytes))
+        self.later = Later(line)
+        super().__init__(recording, line, effects=effects, clicks=clicks, updates=self.later)
+        assert self.session.link.capabilities is not None
+        self.capabilities = self.session.link.capabilities
 
-    def rendering(self, frequency_hz: float, clicks: Clicks = NO_CLICKS) -> Rendering:
+    def table(self, frequency_hz: float, clicks: Clicks = NO_CLICKS) -> Rendering:
         return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)
 
-    def run(self, *coming: tuple[float, Rendering]) -> "SwapRig":
+    def run_over(self, *coming: tuple[float, Rendering]) -> None:
         """Tables come so many ms after the first report."""
-        self.updates.coming = [(self.start_ns + round(after_ms * MS), rendering) for after_ms, rendering in coming]
-        self.loop.run()
-        return self
-
-    def played_hz(self) -> list[float]:
-        log = self.line.firmware.drive_log
-        return [round(e.channels[0].frequency_hz * bool(e.channels[0].amplitude), 2) for e in log]
+        self.later.coming = [(self.start_ns + round(after_ms * MS), rendering) for after_ms, rendering in coming]
+        self.run()
 
     def played_samples(self) -> list[int]:
         """The number in the samples of each click that was played."""
-        found = [e.waveform for e in self.line.firmware.drive_log if e.waveform is not None]
+        found = [event.waveform for event in self.log if event.waveform is not None]
         return [int(each.samples[1, 0]) for each in found]
 
     def transfers(self) -> int:
@@ -112,12 +92,12 @@ class SwapRig:
 
 def test_a_resting_finger_feels_the_new_table_from_the_next_frame_on() -> None:
     rig = SwapRig(recording_of(*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1]))))
-    rig.run((200.0, rig.rendering(150.0)))
-    assert rig.played_hz() == [100.0, 150.0, 0.0]
-    first, second, _ = (event.device_time_us for event in rig.line.firmware.drive_log)
+    rig.run_over((200.0, rig.table(150.0)))
+    assert rig.played() == [101.0, 150.0, 0.0]
+    first, second, _ = (event.device_time_us for event in rig.log)
     assert 198_000 <= second - first <= 210_000
     assert rig.loop.counters.swaps == 1
-    assert all(event.cause is Cause.SET for event in rig.line.firmware.drive_log)
+    assert all(event.cause is Cause.SET for event in rig.log)
 
 
 def taps(count: int) -> Recording:
@@ -131,7 +111,7 @@ def taps(count: int) -> Recording:
 
 def test_clicks_play_on_while_the_next_basis_comes_and_then_are_the_new_ones() -> None:
     rig = SwapRig(taps(20), CLICKS, clicks_of(1))
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2, longer=4))))
+    rig.run_over((320.0, rig.table(100.0, clicks_of(2, longer=4))))
     played = rig.played_samples()
     assert rig.transfers() == 2
     assert len(played) == 20
@@ -144,7 +124,7 @@ def test_clicks_play_on_while_the_next_basis_comes_and_then_are_the_new_ones() -
 
 def test_without_room_for_two_bases_the_change_waits_for_a_moment_without_fingers() -> None:
     rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes=600)
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2, longer=4))))
+    rig.run_over((320.0, rig.table(100.0, clicks_of(2, longer=4))))
     played = rig.played_samples()
     assert played == sorted(played)
     assert set(played) == {1, 2}
@@ -154,7 +134,7 @@ def test_without_room_for_two_bases_the_change_waits_for_a_moment_without_finger
 
 def test_other_clicks_of_the_same_basis_need_no_transfer() -> None:
     rig = SwapRig(taps(6), CLICKS, clicks_of(1))
-    rig.run((120.0, rig.rendering(100.0, clicks_of(2))))
+    rig.run_over((120.0, rig.table(100.0, clicks_of(2))))
     assert rig.loop.counters.swaps == 1
     assert rig.transfers() == 1
     assert rig.played_samples() == [1, 1, 2, 2, 2, 2]
@@ -162,16 +142,16 @@ def test_other_clicks_of_the_same_basis_need_no_transfer() -> None:
 
 def test_other_limits_begin_a_new_session_when_nobody_touches() -> None:
     rig = SwapRig(taps(6))
-    softer = rig.rendering(150.0)
-    rig.run((120.0, replace(softer, configuration=replace(softer.configuration, amplitude_limits=(0.5, 0.5)))))
-    log = rig.line.firmware.drive_log
+    softer = rig.table(150.0)
+    rig.run_over((120.0, replace(softer, configuration=replace(softer.configuration, amplitude_limits=(0.5, 0.5)))))
+    log = rig.log
     assert {round(event.channels[0].amplitude, 2) for event in log} == {0.0, 0.5, 1.0}
-    assert 150.0 in rig.played_hz()
+    assert 150.0 in rig.played()
 
 
 def test_a_newer_table_takes_the_place_of_one_that_is_under_way() -> None:
     rig = SwapRig(taps(20), CLICKS, clicks_of(1))
-    rig.run((320.0, rig.rendering(100.0, clicks_of(2, 4))), (323.0, rig.rendering(100.0, clicks_of(3, 8))))
+    rig.run_over((320.0, rig.table(100.0, clicks_of(2, 4))), (323.0, rig.table(100.0, clicks_of(3, 8))))
     played = rig.played_samples()
     assert played[-1] == 3
     assert played == sorted(played)
@@ -180,16 +160,16 @@ def test_a_newer_table_takes_the_place_of_one_that_is_under_way() -> None:
 def test_a_table_for_another_wire_is_left() -> None:
     rig = SwapRig(taps(4))
     foreign = rendering_of(replace(rig.capabilities, frequency_resolution_hz=0.02), 150.0)
-    rig.run((120.0, foreign))
+    rig.run_over((120.0, foreign))
     assert rig.loop.counters.swaps == 0
-    assert set(rig.played_hz()) == {100.0, 0.0}
+    assert set(rig.played()) == {101.0, 0.0}
 
 
 def test_1000_changes_lose_no_report_and_no_command() -> None:
     count = 1000
     rig = SwapRig(taps(40))
-    tables = [rig.rendering(100.0 + i % 7) for i in range(7)]
-    rig.run(*((3.9 * i, tables[i % 7]) for i in range(count)))
+    tables = [rig.table(100.0 + i % 7) for i in range(7)]
+    rig.run_over(*((3.9 * i, tables[i % 7]) for i in range(count)))
     assert rig.loop.counters.swaps == count
     assert rig.loop.counters.reports == len(rig.recording.reports)
     touched = [change for change in rig.trace if change.report_index is not None]

@@ -41,16 +41,6 @@ def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses
     assert evaluation.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95), abs=0.05)
 
 
-def test_twice_the_waveform_is_6_db_more(responses: Responses, waveform: Array) -> None:
-    one, two = (evaluate_waveform(factor * waveform, responses, [0], [1, 2], 0.05) for factor in (1, 2))
-    assert one.quiet is not None and two.quiet is not None
-    gain_db = 20 * np.log10(2)
-    assert two.felt.low_db - one.felt.low_db == pytest.approx(gain_db)
-    assert two.quiet.high_db - one.quiet.high_db == pytest.approx(gain_db)
-    assert two.residual_db - one.residual_db == pytest.approx(gain_db)
-    assert two.peak_s == one.peak_s
-
-
 def test_times_are_those_of_the_nominal_course(responses: Responses, waveform: Array) -> None:
     evaluation = evaluate_waveform(waveform, responses, [1], [], 0.05)
     course = abs(responses.play(waveform)[0, 1])

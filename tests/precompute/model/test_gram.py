@@ -50,15 +50,6 @@ def test_zone_gram_equals_brute_force_quadrature_of_velocity(device: Device) -> 
         assert np.abs(gram[:, index] - expected).max() <= 1e-5 * np.abs(expected).max()
 
 
-@any_device
-def test_total_gram_equals_brute_force_quadrature_of_the_whole_bar(device: Device) -> None:
-    response = solved(device)
-    places_m, step_m = middles(0.0, device.bar.length_m, 20000)
-    field = velocity(response, places_m)
-    expected = np.einsum("fap,fbp->fab", field.conj(), field) * step_m
-    assert np.abs(compute_gram(response)[1] - expected).max() <= 1e-5 * np.abs(expected).max()
-
-
 @given(st.lists(st.floats(0.001, 0.999), min_size=1, max_size=7, unique_by=lambda x: round(x, 4)))
 def test_cutting_zones_anywhere_neither_makes_nor_loses_energy(cuts: list[float]) -> None:
     device = shipped("reference-a")

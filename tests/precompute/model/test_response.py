@@ -119,15 +119,6 @@ def test_power_in_is_power_dissipated(device: Device) -> None:
     assert power_in == pytest.approx(dissipated, rel=1e-7)
 
 
-@any_device
-def test_acceleration_is_minus_omega_squared_times_displacement(device: Device) -> None:
-    response = solve_response(assemble(device), FREQUENCY_HZ)
-    found = response.acceleration(response.plant.node_m)
-    assert found.shape == (len(FREQUENCY_HZ), len(device.actuators), len(response.plant.node_m))
-    omega = 2 * np.pi * FREQUENCY_HZ[:, None, None]
-    assert_close(found, -(omega**2) * response.displacement_m[:, :, 0::2], 1e-12)
-
-
 def fields(device: Device, frequency_hz: NDArray[np.float64]) -> tuple[Complex, Response]:
     """Displacements at 101 even places (frequency, actuator, place)."""
     response = solve_response(assemble(device), frequency_hz)

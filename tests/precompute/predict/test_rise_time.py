@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from engine.device import Device, Finger
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
-from precompute.model.transient import TransientPlant
 from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import LONGEST_RISE_S, WITHIN, compute_rise_model, compute_rise_time
 from tests.precompute.dense_model import DenseModel
@@ -23,7 +22,6 @@ Complex = NDArray[np.complex128]
 Fingers = list[tuple[float, Finger]]
 STEP_S = 5e-5
 """Steps of the brute force: 1/40 of the fastest beat at 250 Hz."""
-both_devices = pytest.mark.parametrize("device", [shipped("reference-a"), shipped("reference-d")], ids=["A", "D"])
 DRIVES = {
     "coherent": ((111.7, 111.7), (1.0, 0.09)),
     "one alone": ((141.2, 141.2), (0.0, 1.0)),
@@ -92,30 +90,6 @@ def test_t90_is_the_time_after_which_the_acceleration_stays_within_a_tenth(
     assert_between(rise_times(device, fingers, drive, places_m), course.T, final)
 
 
-@both_devices
-@pytest.mark.parametrize("drive", ["coherent", "two tones"])
-def test_the_bar_in_time_under_fingers_rises_as_long(device: Device, drive: str) -> None:
-    """TransientPlant knows nothing of rise times."""
-    rate_hz, (frequency_hz, amplitude), places_m = 24000.0, drive_of(drive), places_on(device)
-    time_s = np.arange(1, round(1.5 * rate_hz) + 1) / rate_hz
-    total = np.zeros((len(time_s), len(places_m)))
-    for hz in np.unique(frequency_hz[amplitude != 0]):
-        weight = np.where(frequency_hz == hz, amplitude, 0)
-        turning = np.exp(2j * np.pi * hz * time_s)[:, None]
-        parts = []  # of exp(j omega t): from a base already out there, as the cosine starts, and from one at 0
-        for start, wave in ((weight.real, (weight * turning).real), (weight.imag, (weight * turning).imag)):
-            plant = TransientPlant(basis_of(device), places_m, rate_hz)
-            plant.touch(fingers_on(device))
-            plant._last = start
-            parts.append(plant.run(wave)[0])
-        total += np.hypot(*parts)
-    final = total[-200:].mean(axis=0)
-    found = rise_times(device, fingers_on(device), drive, places_m)
-    for envelope, steady, rise_s in zip(total.T, final, found, strict=True):
-        least, most = (last_outside(envelope, steady, 1 / rate_hz, WITHIN * (1 + margin)) for margin in (0.04, -0.04))
-        assert least - 2 / rate_hz <= rise_s <= most + 2 / rate_hz
-
-
 def test_rise_does_not_depend_on_the_level() -> None:
     device = shipped("reference-a")
     model = compute_rise_model(basis_of(device), [[]], np.array([[0.01, 0.2]]))
@@ -133,13 +107,6 @@ def test_every_touch_rises_as_it_does_alone() -> None:
     for case, places, found in zip(cases, places_m, together, strict=True):
         model = compute_rise_model(basis_of(device), [case], places[None])
         assert compute_rise_time(model, frequency_hz, amplitude)[0] == pytest.approx(found)
-
-
-def test_a_finger_makes_a_light_bar_rise_sooner() -> None:
-    device, places_m = shipped("reference-a"), np.array([0.03])
-    bare = rise_times(device, [], "coherent", places_m)
-    touched = rise_times(device, [(0.03, device.finger)], "coherent", places_m)
-    assert touched[0] < 0.6 * bare[0]
 
 
 ANY_BAR = {name: shipped(name) for name in ("reference-a", "reference-t")} | {
@@ -169,10 +136,6 @@ def lightly_damped(factor: float) -> Device:
     device = with_bar(shipped("reference-a"), mass_damping_per_s=0.0, stiffness_damping_s=5.00456e-5 * factor)
     actuators = tuple(replace(one, damping_n_s_per_m=0.045 * factor) for one in device.actuators)
     return replace(device, actuators=actuators)
-
-
-def test_what_rises_for_longer_than_ten_seconds_has_the_rise_time_that_stands_for_longer() -> None:
-    assert (rise_times(lightly_damped(1e-4), [], "coherent", places_on(lightly_damped(1))) == LONGEST_RISE_S).all()
 
 
 def test_the_rise_time_grows_as_damping_falls_until_it_is_cut_off() -> None:

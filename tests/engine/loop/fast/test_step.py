@@ -45,7 +45,6 @@ CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
 EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS, WIDE)}
 TOUCH = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 TOUCH_AND_LIFT = Effects((*TOUCH.rules, Rule(Trigger.LIFT, click(LOUD_DB))))
-FAST_LINE_HZ = 1_000_000
 STARTED_NS = 1_234_567_000
 """When the device started, by the clock of the host."""
 
