@@ -6,7 +6,6 @@ import ctypes
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import ClassVar
 
 from engine.device import Device
@@ -47,9 +46,10 @@ from tests.engine.made_clicks import made_clicks
 from tests.engine.made_states import LEVEL_DB, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+from tests.precompute.devices import shipped
 from tests.tools.virtual import VirtualLine
 
-DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+DEVICE = shipped("reference-a")
 NO_CLICKS = made_clicks(DEVICE, ())
 DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
 BIT_RATE_HZ = 1_000_000

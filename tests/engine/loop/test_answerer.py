@@ -1,8 +1,5 @@
 """Laws of the command for what is wanted: at once where it is known, and within the patience where it is awaited."""
 
-from pathlib import Path
-
-from engine.device import Device
 from engine.loop.answerer import ANSWER_WITHIN_NS, NOTHING, Answerer, Wanted
 from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
 from engine.render.chosen_basis import ChosenBasis
@@ -10,13 +7,14 @@ from engine.render.clicks import RenderedClicks
 from engine.table import Clicks
 from engine.touch import Placement
 from engine.touch.places import Places
-from firmware_link.host.link_values import Capabilities
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
 from tests.engine.made_states import LEVEL_DB
+from tests.engine.render.boards import plain_board
 from tests.engine.render.made_steady import MadeSteady
+from tests.precompute.devices import shipped
 
-DEVICE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
-CAPABILITIES = Capabilities(2, 0.01, 1.0, 655.35, (0.52e-6, 0.52e-6), 100, 48_000, 1, 0, (0, 1, 0))
+DEVICE = shipped("reference-a")
+CAPABILITIES = plain_board()
 HELD = ChosenBasis(basis_of(2, 121), {0: 0})
 KNOWN, UNKNOWN = in_zones(DEVICE, [0]), in_zones(DEVICE, [1], [3, 4])
 NOW_NS = 7_000_000

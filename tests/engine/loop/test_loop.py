@@ -18,6 +18,7 @@ from firmware_link.emulator import Cause
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.messages import DeviceState
 from tests.engine.loop.rig import BURSTS, DEVICE, Rig, held, index_of, recording_of, report
+from tests.engine.loop.test_pipeline import EVERY_TRIGGER
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS, VirtualLine
@@ -261,16 +262,6 @@ def test_virtual_time_is_real_time_in_little_time() -> None:
     rig = Rig(recording_of(*held(0.0, 20.0, (1, 0.1)))).run()
     assert rig.line.time_ns - rig.start_ns >= 20_000 * MS + RELEASE_AFTER_NS - 8 * MS
     assert rig.loop.counters.frames == 2500
-
-
-EVERY_TRIGGER = Effects(
-    (
-        Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),
-        Rule(Trigger.DRAG, Effect("texture", (Segment(20 * MS, 30.0), Segment(None, LEVEL_DB))), every_m=5e-3),
-        Rule(Trigger.HOLD, Effect("purr", (Segment(None, LEVEL_DB),)), after_ns=200 * MS),
-        Rule(Trigger.LIFT, burst(30.0, 20)),
-    )
-)
 
 
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=3))

@@ -16,6 +16,7 @@ from engine.touch import Contact, DescriptorError, Digitizer, DigitizerError, To
 from engine.touch.descriptor import SurfaceKind
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.shared_recordings import RECORDINGS, recording_params
+from tests.engine.test_fuzz import check_frame
 from tests.engine.touch.descriptors import (
     BLOB,
     CONTACT_COUNT,
@@ -230,25 +231,11 @@ timed_reports = st.lists(st.tuples(bodies, st.integers(0, 60 * MS)), max_size=30
 def test_any_reports_give_bounded_contacts_inside_the_surface(
     device: tuple[bytes, int, int], reports: list[tuple[bytes, int]]
 ) -> None:
-    play(open_digitizer(*device), reports)
-
-
-def play(digitizer: Digitizer, reports: list[tuple[bytes, int]]) -> None:
-    now_ns = 0
+    digitizer, now_ns = open_digitizer(*device), 0
     for report, pause_ns in reports:
         now_ns += pause_ns
         for frame in (digitizer.expire(now_ns), digitizer.decode_report(report, now_ns)):
-            if frame is not None:
-                assert_inside(digitizer, frame)
-
-
-def assert_inside(digitizer: Digitizer, frame: TouchFrame) -> None:
-    x, y = digitizer.surface.x, digitizer.surface.y
-    names = ids(frame) or []
-    assert len(names) == len(set(names)) <= digitizer.maximum_contacts
-    for contact in frame.contacts:
-        assert x.logical_minimum <= contact.x <= x.logical_maximum
-        assert y.logical_minimum <= contact.y <= y.logical_maximum
+            check_frame(digitizer, frame)
 
 
 # ---- recordings ------------------------------------------------------------------------------------------
@@ -347,7 +334,7 @@ def test_no_contact_stays_down_150_ms_after_the_last_report(path: Path) -> None:
         assert now_ns - last_ns < 150 * MS or not frame.contacts
         frame = digitizer.decode_report(data, now_ns) or frame
         last_ns = now_ns
-        assert_inside(digitizer, frame)
+        check_frame(digitizer, frame)
 
 
 @pytest.mark.parametrize("path", recording_params("not_touch", "*.hid"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -15,8 +14,9 @@ from engine.touch import Contact, FingerTracker, Touch, TouchFrame, TouchPositio
 from engine.touch.descriptor import read_surfaces
 from engine.touch.finger_tracker import ZoneEdges
 from tests.engine.touch.descriptors import application, finger
+from tests.precompute.devices import shipped
 
-REFERENCE = Device.read(Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml")
+REFERENCE = shipped("reference-a")
 LENGTH_M = REFERENCE.bar.length_m
 SURFACE = read_surfaces(application(finger(), finger()))[0]  # x and y from 0 to 1000
 LAST = 1000

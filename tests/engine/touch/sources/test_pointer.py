@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
-from engine.touch.sources import Source
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource
 from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
+from tests.engine.touch.sources.test_evdev import frames
 
 MS = 1_000_000
 Pipe = tuple[PointerSource, PointerFeed]
@@ -26,16 +26,6 @@ def pipe() -> Iterator[Pipe]:
     source, feed = open_pointer_pipe()
     yield source, feed
     source.close()
-
-
-def frames(source: Source, now_ns: int) -> list[TouchFrame]:
-    digitizer = open_digitizer(source.descriptor)
-    found = []
-    while (report := source.read(now_ns)) is not None:
-        frame = digitizer.decode_report(report, source.report_time_ns)
-        assert frame is not None
-        found.append(frame)
-    return found
 
 
 def ids(frame: TouchFrame) -> list[int]:
