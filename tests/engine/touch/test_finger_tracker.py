@@ -69,20 +69,6 @@ def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_b
     assert position_m == pytest.approx(sorted([0.0, touched_m, LENGTH_M])[1], abs=1e-12)
 
 
-@given(touch_axes(), logical)
-def test_flip_twice_is_no_flip(axis: TouchAxis, value: int) -> None:
-    position = TouchPosition(with_axis(axis), SURFACE)
-    flipped = TouchPosition(with_axis(replace(axis, flip=not axis.flip)), SURFACE)
-    assert flipped.position_m(at(LAST - value)) == pytest.approx(position.position_m(at(value)), abs=1e-12)
-
-
-@given(touch_axes(), logical, logical)
-def test_positions_run_one_way_along_the_axis(axis: TouchAxis, value: int, other: int) -> None:
-    position = TouchPosition(with_axis(axis), SURFACE)
-    low, high = sorted([value, other], reverse=axis.flip)
-    assert position.position_m(at(low)) <= position.position_m(at(high))
-
-
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str) -> None:
     touch_axis = TouchAxis("x" if axis == "x" else "y", False, 0.01, 0.02, None)
