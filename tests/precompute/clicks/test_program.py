@@ -5,10 +5,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from precompute.clicks import ClickSolver
 from precompute.clicks import program as program_module
+from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, make_tones, orthogonalised
+from precompute.clicks.design import drive_rows
 from precompute.clicks.program import TOLERANCE
 from precompute.clicks.simplex import Outcome
+from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.clicks.dense_rows import program_of
+from tests.precompute.devices import shipped
 
 Array = NDArray[np.float64]
 seeds = pytest.mark.parametrize("seed", range(6))
@@ -123,3 +128,26 @@ def test_where_the_simplex_fails_highs_finds_the_same(seed: int, aims: int, monk
     assert program.effort.fallbacks > 0
     assert found.value == pytest.approx(expected.value, rel=2 * TOLERANCE)
     assert found.bound.at(1.0) == pytest.approx(expected.bound.at(1.0), rel=2 * TOLERANCE)
+
+
+@pytest.mark.parametrize("letters", ["F--q-", "qF-Fq", "q--qF"])
+def test_highs_finds_the_same_optimum_of_a_click_s_program(letters: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Values within the tolerance of both, and each below the bound that the other proves."""
+    device = shipped("reference-a")
+    placement, tones = placed(device, letters), orthogonalised(make_tones(device, 0.02))
+    plants = ClickSolver(device, CHEAP).plants_of(placement.position_m)
+    played = plants.optimised.play_each(tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
+    watched = played[:, placement.quiet].reshape(-1, *played.shape[2:])
+    drive, course = drive_rows(tones, device.limits.amplitude, None), played[:, placement.felt].mean(axis=0)
+    ours, highs = (program_of(drive, watched, len(placement.felt)) for _ in range(2))
+    for instant, limit in ((60, 1.0), (75, 1.0), (60, 0.7)):
+        ours.set_limit(limit)
+        highs.set_limit(limit)
+        own = ours.maximise(course[:, instant])
+        with monkeypatch.context() as patch:
+            patch.setattr(program_module, "maximise", lambda *_: (Outcome.FAILED, 0))
+            other = highs.maximise(course[:, instant])
+        assert own.value == pytest.approx(other.value, rel=2 * TOLERANCE)
+        assert own.value <= other.bound.at(limit) * (1 + 2e-5)
+        assert other.value <= own.bound.at(limit) * (1 + 2e-5)
+    assert highs.effort.fallbacks > 0 == ours.effort.fallbacks
