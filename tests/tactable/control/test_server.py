@@ -123,7 +123,6 @@ def test_one_program_too_many_is_told_so() -> None:
     run(act)
 
 
-@pytest.mark.machine
 def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not() -> None:
     async def act(server: ControlServer, _loop: VirtualSlot) -> None:
         silent, babbling, greeting = Line(), Line(), Line()

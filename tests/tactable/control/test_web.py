@@ -15,7 +15,7 @@ from tactable.control.web import WebControl
 from tests.tactable.control.messages import HELLO, VALID
 from tests.tactable.control.virtual import FINGERS, VirtualSlot, server_of
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.usefixtures("both_ends")
 
 
 def run(act: Callable[[WebControl, ControlServer, VirtualSlot], Awaitable[None]]) -> None:
