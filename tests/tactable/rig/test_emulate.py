@@ -64,33 +64,31 @@ def ready_link(name: str) -> Link:
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize("is_compiled", [False, True], ids=["Python", "C core"])
-def test_it_is_listed_as_simulated_and_any_host_can_open_it_by_its_link_and_it_counts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_compiled: bool
+def test_either_core_is_listed_as_simulated_and_any_host_can_open_it_by_its_link_and_it_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    link = tmp_path / "board"
-    words = ["--device", "reference-a", "--seed", "3", "--faults", "at_noise", "--link", str(link)]
-    if is_compiled:
-        need("make", "cc")
-        make(tmp_path, "host")
-        words += ["--core", str(tmp_path / LIBRARY)]
-    with emulator(tmp_path, *words) as running:
-        told = running.line()
-        monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-        listed = run_here(tmp_path, "list", "--json")
-        capabilities = ready_link(told["stable_name"]).capabilities
-        assert str(link.readlink()) == told["port"]
-        summary = running.end()
-    assert told["simulated"]
-    assert (told["number_of_actuators"], told["seed"], told["stable_name"]) == (2, 3, str(link))
-    (row,) = (row for row in json.loads(listed.stdout)["serial_ports"] if row["path"] == told["port"])
-    assert row["simulated"]
+    need("make", "cc")
+    make(tmp_path, "host")
+    words = ["--device", "reference-a", "--seed", "3", "--faults", "at_noise"]
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     device = find_device("reference-a")
-    assert capabilities is not None
-    assert capabilities.full_scales_m == pytest.approx([actuator.full_scale_m for actuator in device.actuators])
-    assert summary["boots"][0]["ok"] > 16
-    assert summary["faults"]["at_noises"] == 1
-    assert not link.is_symlink() and not list((tmp_path / "tactable").iterdir())
+    for name, core in (("python", ()), ("c", ("--core", str(tmp_path / LIBRARY)))):
+        link = tmp_path / name
+        with emulator(tmp_path, *words, "--link", str(link), *core) as running:
+            told = running.line()
+            listed = run_here(tmp_path, "list", "--json")
+            capabilities = ready_link(told["stable_name"]).capabilities
+            assert str(link.readlink()) == told["port"]
+            summary = running.end()
+        assert told["simulated"]
+        assert (told["number_of_actuators"], told["seed"], told["stable_name"]) == (2, 3, str(link))
+        (row,) = (row for row in json.loads(listed.stdout)["serial_ports"] if row["path"] == told["port"])
+        assert row["simulated"]
+        assert capabilities is not None
+        assert capabilities.full_scales_m == pytest.approx([actuator.full_scale_m for actuator in device.actuators])
+        assert summary["boots"][0]["ok"] > 16
+        assert summary["faults"]["at_noises"] == 1
+        assert not link.is_symlink() and not list((tmp_path / "tactable").iterdir())
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,8 @@
-"""The first table of a device: made of modes, without a compiler."""
+"""The first table of a device: made of modes."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from engine.table import Table
 from engine.touch.places import Places
@@ -24,18 +21,6 @@ from tactable.rig.first_table import (
     write_first_table,
 )
 from tactable.shipped import find_device
-
-WITHOUT_A_COMPILER = """
-import sys
-from pathlib import Path
-from engine.steady.plain import PlainSolver
-from tactable.rig.first_table import open_first_table
-from tactable.shipped import find_device
-device = find_device("reference-a")
-with open_first_table(device, Path("first.nc")) as table:
-    drive = PlainSolver(device, table.receptances).solve([0.03, 0.2], [True, False], 20.0)
-assert drive.achieved and "numba" not in sys.modules
-"""
 
 
 def test_its_receptances_are_those_of_the_finite_elements() -> None:
@@ -73,8 +58,3 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
         assert table.clicks.basis.hash == click_basis(device, DEFAULT_OPTIONS.coarse).hash
         assert table.places == Places.every(device.bar.length_m, DEFAULT_OPTIONS.coarse.pitch_m)
         assert table.clicks.tolerance_m == DEFAULT_OPTIONS.at(table.places).tolerance_m
-
-
-@pytest.mark.machine
-def test_it_and_its_drives_need_no_compiler(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-c", WITHOUT_A_COMPILER], cwd=tmp_path, check=True)

@@ -111,7 +111,9 @@ class Run:
 
 
 @pytest.mark.machine
-def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator: RunningEmulator) -> None:
+def test_a_run_changes_over_to_each_new_table_and_back_and_outlives_the_process_that_looks_for_them(
+    tmp_path: Path, emulator: RunningEmulator
+) -> None:
     run = Run(tmp_path, emulator)
     write(run.path, 2.0)
     second = run.wait_for_other_than(run.first)
@@ -119,8 +121,11 @@ def test_a_run_changes_over_to_each_new_table_and_back(tmp_path: Path, emulator:
     run.wait_for_other_than(second)
     roll_back(run.path)
     run.wait_for(second)
-    summary = run.end()
-    assert summary["changes_of_table"] == 3
+    words = ["pgrep", "-P", str(run.process.pid), "-f", "base.child tactable.run.table_watch"]
+    os.kill(int(subprocess.run(words, capture_output=True, check=True).stdout), signal.SIGKILL)
+    run.say_until("no longer watched for")
+    assert run.drive() == second, "the run goes on with the table that it has"
+    assert run.end()["changes_of_table"] == 3
 
 
 def test_each_new_table_is_taken_once_and_one_that_fails_a_check_is_refused_by_name(
@@ -148,22 +153,6 @@ def test_each_new_table_is_taken_once_and_one_that_fails_a_check_is_refused_by_n
     assert look.take_new() is not None
     assert look.take_new() is None
     assert not capsys.readouterr().err
-
-
-@pytest.mark.machine
-def test_a_run_outlives_the_process_that_looks_for_tables(tmp_path: Path, emulator: RunningEmulator) -> None:
-    run = Run(tmp_path, emulator)
-    found = subprocess.run(
-        ["pgrep", "-P", str(run.process.pid), "-f", "base.child tactable.run.table_watch"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    (watcher,) = (int(line) for line in found.stdout.split())
-    os.kill(watcher, signal.SIGKILL)
-    run.say_until("no longer watched for")
-    assert run.drive() == run.first
-    assert run.end()["changes_of_table"] == 0
 
 
 def test_a_rendered_table_comes_over_the_pipe_as_it_was_and_without_a_copy() -> None:
