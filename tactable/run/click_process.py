@@ -12,7 +12,7 @@ import contextlib
 import os
 import pickle
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
@@ -34,8 +34,8 @@ _NAME = "the solver of clicks"
 class ClickProcess:
     """The child, as the loop asks it (engine.loop.ClickSolving)."""
 
-    def __init__(self, table: Path) -> None:
-        self._child = Child("tactable.run.click_process", {"table": str(table)}, name=_NAME)
+    def __init__(self, table: Path, start: Callable[..., Child] = Child) -> None:
+        self._child = start("tactable.run.click_process", {"table": str(table)}, name=_NAME)
         self._descriptor = self._child.fileno()
         os.set_blocking(self._descriptor, False)
         self.process_id = self._child.process_id

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from base.child import Child, Parent
+import tactable
 from base.plain import to_plain
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Outcome, SceneSettings
@@ -30,6 +30,7 @@ from tactable.control.slot import ControlOf, ControlProcess
 from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram
 from tests.tactable.control.virtual import BASE, DEVICE, FINGER, run_virtual, settle
+from tests.tools.child_here import ChildHere, ParentHere
 
 pytestmark = pytest.mark.usefixtures("both_ends")
 LONGER = DEVICE.with_values({"bar.length": "350 mm"})
@@ -37,26 +38,6 @@ FULL_SCALES_M = tuple(each.full_scale_m for each in DEVICE.actuators)
 CAPABILITIES = Capabilities(2, 0.01, 10.0, 1000.0, FULL_SCALES_M, 80, 48_000, 1, 0, (1, 0, 0))
 BUZZ = {"type": "trigger", "effect": "buzz", "finger": 3}
 REGION = {"type": "region", "name": "a", "region": ["0 mm", "90 mm"], "rules": [{"on": "touch", "effect": "press"}]}
-
-
-class ParentHere(Parent):
-    """The child's end of a socket pair."""
-
-    def __init__(self, end: socket.socket) -> None:
-        self._socket, self._received, self.descriptors = end, bytearray(), []
-
-
-class ChildHere(Child):
-    """The parent's end; the child is a task of the same process."""
-
-    def __init__(self, end: socket.socket) -> None:
-        self._socket, self._received, self._name, self.process_id = end, bytearray(), "the control channel", 0
-
-    def end(self, _timeout_s: float | None = None) -> int:
-        self._socket.close()
-        return 0
-
-    kill = end
 
 
 @dataclass
@@ -157,6 +138,11 @@ def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_p
         assert run.player.level_db is None and run.slot.scene().rules == ()
 
     act(tmp_path, story)
+
+
+def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
+    with pytest.raises(ClientError, match=r"nobody.sock: no run listens there .*tactable run ... --control"):
+        tactable.connect(tmp_path / "nobody.sock")
 
 
 def test_before_the_device_is_connected_nothing_is_handed_over(tmp_path: Path) -> None:

@@ -1,9 +1,7 @@
 """Laws of the process that solves clicks beside a loop: it answers with the table's own words, and may be lost."""
 
 import json
-import os
-import select
-import signal
+import socket
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from precompute.clicks import ClickSolver
 from precompute.clicks.columns import ClickTabulator
 from tactable.run.click_process import Answers, ClickProcess, Service, question_of
 from tests.precompute.builder.test_build_clicks import CHEAP, DEVICE
+from tests.tools.child_here import ChildHere, ParentHere
 
 
 @pytest.fixture(scope="module")
@@ -89,16 +88,22 @@ def test_a_question_for_a_device_that_the_table_is_not_of_is_dropped(path: Path)
     ]
 
 
-@pytest.mark.machine
+@pytest.mark.usefixtures("both_ends")
 def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    with ClickProcess(path) as process:
-        (placement,) = placements(path, 1)
+    ours, theirs = socket.socketpair()
+    (placement,) = placements(path, 1)
+    with theirs, ClickProcess(path, lambda *_, **__: ChildHere(ours)) as process:
+        assert not process.poll()
         process.ask(placement, DEVICE)
-        while not process.poll():
-            select.select([process], [], [])
-        os.kill(process.process_id, signal.SIGKILL)
-        select.select([process], [], [])
+        parent = ParentHere(theirs)
+        service = Service(path, parent)
+        service._answer(parent.read() or {})
+        solved = list[tuple[str, ClickEntry]]()
+        while not solved:
+            solved += process.poll()
+        assert [click.placement for _, click in solved] == [placement]
+        theirs.close()
         assert not process.poll() and not process.poll()
         process.ask(placement, DEVICE)
         assert not process.poll()
-    assert "are no longer solved: the solving process has ended" in capfd.readouterr().err
+    assert capfd.readouterr().err.count("are no longer solved: the solving process has ended") == 1
