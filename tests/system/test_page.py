@@ -9,20 +9,13 @@ import signal
 import struct
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import pytest
 from playwright.sync_api import Browser, expect
 
-from engine.table import Table
-from engine.touch import Placement
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import run_emulator
-from tactable.page.live_bar import LiveBar
-from tactable.page.messages import encode_picture
-from tactable.page.ring_drive import RingDrive
-from tactable.page.view import View
-from tactable.shipped import find_device_file
 from tests.system.page import (
     CHROMIUM,
     CLICK,
@@ -46,135 +39,162 @@ from tests.system.page import (
     lift,
     opened,
 )
-from tests.tactable.click_table import build_click_table
-from tests.tactable.page.played import RESOLUTION_HZ, record_of
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 pytestmark = [
     pytest.mark.machine,
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
+DRAWN = ["bar", "paper-bar", "course"]
+SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 HOUR_PICTURES = 3600 * 60
 PATIENCE_MS = 1000 * PATIENCE_S
 
 
-def device_file(name: str) -> str:
-    return find_device_file(name).read_text(encoding="utf-8")
-
-
-def test_touches_of_several_fingers_have_their_roles_their_command_and_their_levels(
-    demo: Demo, browser: Browser
-) -> None:
+def test_touches_are_felt_where_fingers_are_and_nowhere_else(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
-        choose(visit, source="steady", quiet_zones=["III"], level_db=20)
-        visit.touch(f1=THIRD)
-        visit.until("p.fingerCount === 1 && !p.isPlaying")
-        for fingers, roles in (
-            ({"f2": FIRST}, f"0:{FELT},2:{QUIET}"),
-            ({"f3": SECOND}, f"0:{FELT},1:{FELT},2:{QUIET}"),
-            ({"f1": None}, f"0:{FELT},1:{FELT}"),
-        ):
-            visit.touch(**fingers)
-            held = kept(visit, roles)
-            assert sorted(finger["zone"] for finger in held["fingers"]) == [finger["zone"] for finger in held["made"]]
-            assert held["drive"] == STEADY
-            assert all(stage > 0 for stage in held["last_ns"])
-        visit.touch(f2=None, f3=None)
-        visit.until("p.fingerCount === 0 && !p.isPlaying")
+        touches_have_their_roles_their_command_and_their_levels(visit)
+        two_fingers_in_one_zone_have_roles_of_their_own(visit)
+        a_click_is_felt_by_one_finger_and_not_by_the_other(visit)
+        a_finger_that_is_drawn_along_the_bar_is_followed(visit)
+        what_a_finger_felt_is_heard(visit)
 
 
-def test_two_fingers_in_one_zone_have_roles_of_their_own(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        for _ in range(20):  # again where the machine stalled, which lifts fingers
-            visit.touch(f1=0.37)
-            visit.until("p.fingerCount === 1 && p.age_s > 1")
-            visit.touch(f2=0.6)
-            shown = visit.until("p.fingerCount === 2 && p.age_s > 0.4")
-            if [(finger["zone"], finger["role"]) for finger in shown["made"]] == [(1, QUIET), (1, FELT)]:
-                break
-            lift(visit)
-        else:
-            raise AssertionError("no click of two fingers came through")
-        assert {finger["number"]: finger["role"] for finger in shown["fingers"]} == {
-            finger["number"]: finger["role"] for finger in shown["made"]
-        }
+def touches_have_their_roles_their_command_and_their_levels(visit: Visit) -> None:
+    choose(visit, source="steady", quiet_zones=["III"], level_db=20)
+    visit.touch(f1=THIRD)
+    visit.until("p.fingerCount === 1 && !p.isPlaying")
+    for fingers, roles in (
+        ({"f2": FIRST}, f"0:{FELT},2:{QUIET}"),
+        ({"f3": SECOND}, f"0:{FELT},1:{FELT},2:{QUIET}"),
+        ({"f1": None}, f"0:{FELT},1:{FELT}"),
+    ):
+        visit.touch(**fingers)
+        held = kept(visit, roles)
+        assert sorted(finger["zone"] for finger in held["fingers"]) == [finger["zone"] for finger in held["made"]]
+        assert held["drive"] == STEADY
+        assert all(stage > 0 for stage in held["last_ns"])
+    visit.touch(f2=None, f3=None)
+    visit.until("p.fingerCount === 0 && !p.isPlaying")
+
+
+def two_fingers_in_one_zone_have_roles_of_their_own(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    for _ in range(20):  # again where the machine stalled, which lifts fingers
+        visit.touch(f1=0.37)
+        visit.until("p.fingerCount === 1 && p.age_s > 1")
+        visit.touch(f2=0.6)
+        shown = visit.until("p.fingerCount === 2 && p.age_s > 0.4")
+        if [(finger["zone"], finger["role"]) for finger in shown["made"]] == [(1, QUIET), (1, FELT)]:
+            break
         lift(visit)
+    else:
+        raise AssertionError("no click of two fingers came through")
+    assert {finger["number"]: finger["role"] for finger in shown["fingers"]} == {
+        finger["number"]: finger["role"] for finger in shown["made"]
+    }
+    lift(visit)
 
 
-def test_a_click_is_felt_by_one_finger_and_not_by_the_other(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        shown = clicked(visit)
-        assert shown["drive"] == CLICK
-        felt, quiet = shown["made"]
-        assert felt["simulated"] == pytest.approx(felt["promised"], abs=50)
-        assert quiet["simulated"] < felt["promised"] - 600
-        lift(visit)
+def a_click_is_felt_by_one_finger_and_not_by_the_other(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    shown = clicked(visit)
+    assert shown["drive"] == CLICK
+    felt, quiet = shown["made"]
+    assert felt["simulated"] == pytest.approx(felt["promised"], abs=50)
+    assert quiet["simulated"] < felt["promised"] - 600
+    lift(visit)
 
 
-def test_a_finger_that_is_drawn_along_the_bar_is_followed(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        choose(visit, source="steady", quiet_zones=[])
-        visit.touch(f1=0.02)
-        for step in range(1, 50):
-            visit.touch(f1=0.02 + 0.96 * step / 49)
-        visit.until(f"p.fingerCount === 1 && p.fingers[0].zone === 2 && {is_made_for(f'2:{FELT}')} && p.age_s > 2")
-        lift(visit)
-        visit.until("!p.isPlaying")
+def a_finger_that_is_drawn_along_the_bar_is_followed(visit: Visit) -> None:
+    choose(visit, source="steady", quiet_zones=[])
+    visit.touch(f1=0.02)
+    for step in range(1, 50):
+        visit.touch(f1=0.02 + 0.96 * step / 49)
+    visit.until(f"p.fingerCount === 1 && p.fingers[0].zone === 2 && {is_made_for(f'2:{FELT}')} && p.age_s > 2")
+    lift(visit)
+    visit.until("!p.isPlaying")
 
 
-def test_switches_work_by_the_keyboard_and_keys_are_fingers(demo: Demo, browser: Browser) -> None:
+def what_a_finger_felt_is_heard(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    visit.touch(f1=FIRST)
+    visit.until("p.fingerCount === 1 && p.command > 0 && p.age_s > 0.6")
+    visit.page.click("#hear")
+    visit.wait("tactable.sound.played === 1")
+    lift(visit)
+
+
+def test_everything_can_be_done_by_keyboard_and_mouse(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser, has_touch=False) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        visit.page.focus("#source input >> nth=0")
-        visit.page.keyboard.press("ArrowRight")
-        visit.wait("tactable.scene.plays?.source === 'steady'")
-        visit.page.focus("#zones input >> nth=2")
-        visit.page.keyboard.press("Space")
-        visit.wait("tactable.scene.plays?.quiet_zones.length === 1")
-        visit.page.keyboard.down("1")
-        visit.page.keyboard.down("3")
-        assert kept(visit, f"0:{FELT},2:{QUIET}")["drive"] == STEADY
-        visit.page.keyboard.up("1")
-        visit.page.keyboard.up("3")
-        visit.until("p.fingerCount === 0")
-        choose(visit, source="click", quiet_zones=[])
+        switches_work_by_the_keyboard_and_keys_are_fingers(visit)
+        fingers_of_a_mouse_stay_where_they_are_put_and_lift_at_a_tap(visit)
+        an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit)
 
 
-def test_fingers_of_a_mouse_stay_where_they_are_put_and_lift_at_a_tap(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser, has_touch=False) as visit:
-        box = visit.page.locator("#bar").bounding_box()
-        assert box is not None
-        visit.page.check("#keep")
-        for share in (0.2, 0.8):
-            visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
-        visit.until("p.fingerCount === 2")
-        visit.page.mouse.click(box["x"] + 0.2 * box["width"], box["y"] + 0.7 * box["height"])
-        visit.until("p.fingerCount === 1")
-        visit.page.click("#lift")
-        visit.until("p.fingerCount === 0")
-        assert visit.page.locator("#lift").is_hidden()
+def switches_work_by_the_keyboard_and_keys_are_fingers(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    visit.page.focus("#source input >> nth=0")
+    visit.page.keyboard.press("ArrowRight")
+    visit.wait("tactable.scene.plays?.source === 'steady'")
+    visit.page.focus("#zones input >> nth=2")
+    visit.page.keyboard.press("Space")
+    visit.wait("tactable.scene.plays?.quiet_zones.length === 1")
+    visit.page.keyboard.down("1")
+    visit.page.keyboard.down("3")
+    assert kept(visit, f"0:{FELT},2:{QUIET}")["drive"] == STEADY
+    visit.page.keyboard.up("1")
+    visit.page.keyboard.up("3")
+    visit.until("p.fingerCount === 0")
+    choose(visit, source="click", quiet_zones=[])
 
 
-def test_what_a_finger_felt_is_heard(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        visit.touch(f1=FIRST)
-        visit.until("p.fingerCount === 1 && p.command > 0 && p.age_s > 0.6")
-        visit.page.click("#hear")
-        visit.wait("tactable.sound.played === 1")
-        lift(visit)
+def fingers_of_a_mouse_stay_where_they_are_put_and_lift_at_a_tap(visit: Visit) -> None:
+    box = visit.page.locator("#bar").bounding_box()
+    assert box is not None
+    visit.page.check("#keep")
+    for share in (0.2, 0.8):
+        visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+    visit.until("p.fingerCount === 2")
+    visit.page.mouse.click(box["x"] + 0.2 * box["width"], box["y"] + 0.7 * box["height"])
+    visit.until("p.fingerCount === 1")
+    visit.page.click("#lift")
+    visit.until("p.fingerCount === 0")
+    assert visit.page.locator("#lift").is_hidden()
 
 
-def test_the_tour_shows_a_felt_and_a_quiet_finger(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        visit.page.click("#show-me")
-        felt, quiet = visit.until(f"{is_made_for(f'0:{FELT},1:{QUIET}')} && p.age_s > 0.3")["made"]
-        assert felt["promised"] > quiet["promised"]
-        visit.ask("tactable.fingers.liftAll()")
-        visit.until("p.fingerCount === 0")
+def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    visit.page.check("#keep")
+    box = visit.page.locator("#bar").bounding_box()
+    assert box is not None
+    for count, share in enumerate((0.8, 0.2), 1):
+        visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+        visit.until(f"p.fingerCount === {count} && p.age_s > 1")
+    foot = visit.ask("(() => { const f = tactable.bar._footOf(0); return [f.x, f.y + 4]; })()")
+    visit.page.mouse.move(box["x"] + foot[0], box["y"] + foot[1])
+    visit.page.mouse.down()
+    for step in range(1, 11):
+        visit.page.mouse.move(box["x"] + foot[0] + 9 * step, box["y"] + foot[1])
+    visit.page.mouse.up()
+    visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
+    # Both fingers play on; a machine that stalled took them together, and then both feel.
+    steady = f"p.drive === {STEADY} && p.age_s > 0.5"
+    visit.until(f"{steady} && p.fingerCount === 2 && p.madeCount === 2")
+    # Where one comes after the other, the last one alone feels.
+    visit.page.click("#lift")
+    visit.until("p.fingerCount === 0")
+    for count, share in enumerate((0.8, 0.2), 1):
+        visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+        visit.until(f"{steady} && p.fingerCount === {count}")
+    visit.until(f"{steady} && {MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'")
+    text = visit.page.inner_text("#what-if-text")
+    assert text.startswith("What if: actuator left at") and "(device file: 44.7 mm). Steady drives play" in text
+    assert "feels the vibration" in visit.page.inner_text("#outcome")
+    visit.page.click("#reset-actuators")
+    visit.wait("tactable.scene.what_if === null && tactable.scene.plays?.actuators_m.length === 0")
+    visit.page.click("#lift")
+    visit.until("p.fingerCount === 0")
 
 
 def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser) -> None:
@@ -192,124 +212,67 @@ def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser
         choose(visit, source="click", quiet_zones=[], level_db=20)
 
 
-def test_an_actuator_that_is_dragged_moves_both_bars_and_is_reset(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser, has_touch=False) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        visit.page.check("#keep")
-        box = visit.page.locator("#bar").bounding_box()
-        assert box is not None
-        for count, share in enumerate((0.8, 0.2), 1):
-            visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
-            visit.until(f"p.fingerCount === {count} && p.age_s > 1")
-        foot = visit.ask("(() => { const f = tactable.bar._footOf(0); return [f.x, f.y + 4]; })()")
-        visit.page.mouse.move(box["x"] + foot[0], box["y"] + foot[1])
-        visit.page.mouse.down()
-        for step in range(1, 11):
-            visit.page.mouse.move(box["x"] + foot[0] + 9 * step, box["y"] + foot[1])
-        visit.page.mouse.up()
-        visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
-        # Both fingers play on; a machine that stalled took them together, and then both feel.
-        steady = f"p.drive === {STEADY} && p.age_s > 0.5"
-        visit.until(f"{steady} && p.fingerCount === 2 && p.madeCount === 2")
-        # Where one comes after the other, the last one alone feels.
-        visit.page.click("#lift")
-        visit.until("p.fingerCount === 0")
-        for count, share in enumerate((0.8, 0.2), 1):
-            visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
-            visit.until(f"{steady} && p.fingerCount === {count}")
-        visit.until(f"{steady} && {MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'")
-        text = visit.page.inner_text("#what-if-text")
-        assert text.startswith("What if: actuator left at") and "(device file: 44.7 mm). Steady drives play" in text
-        assert "feels the vibration" in visit.page.inner_text("#outcome")
-        visit.page.click("#reset-actuators")
-        visit.wait("tactable.scene.what_if === null && tactable.scene.plays?.actuators_m.length === 0")
-        visit.page.click("#lift")
-        visit.until("p.fingerCount === 0")
-
-
-def test_a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told(demo: Demo, browser: Browser) -> None:
-    drop = """([name, text]) => { const dataTransfer = new DataTransfer();
-        dataTransfer.items.add(new File([text], name));
-        window.dispatchEvent(new DragEvent("drop", { dataTransfer, cancelable: true })); }"""
-    text = device_file("reference-d").replace('name = "reference-d"', 'name = "dropped"')
+def test_it_is_drawn_in_time_and_an_hour_leaves_nothing_behind(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        clicked(visit)
-        visit.wait("tactable.courses.isDrawn")
-        lift(visit)
-        visit.page.evaluate(drop, ["wrong.toml", text.replace('length = "', 'length = "x')])
-        visit.wait("tactable.scene.trouble.startsWith('wrong.toml: bar.length: ')")
-        assert "expected a length such as" in visit.page.inner_text("#notice")
-        visit.page.evaluate(drop, ["my bar.toml", text])
-        visit.wait("tactable.scene.device.name === 'dropped' && tactable.scene.plays?.device.endsWith('/my-bar.toml')")
-        assert not visit.ask("tactable.courses.isDrawn")  # they are another bar's
-        visit.touch(f1=FIRST)
-        assert visit.until("p.fingerCount === 1 && p.command > 0 && p.age_s < 0.6")["drive"] == STEADY
-        lift(visit)
-        choose(visit, device="small.toml", source="click")
+        it_is_drawn_at_once_and_sixty_times_a_second_with_ten_fingers(visit)
+        an_hour_leaves_nothing_behind(visit)
 
 
-def test_it_is_drawn_at_once_and_sixty_times_a_second_with_ten_fingers(
-    demo: Demo, browser: Browser, record_property: Any
-) -> None:
+def it_is_drawn_at_once_and_sixty_times_a_second_with_ten_fingers(visit: Visit) -> None:
     """Reported: when the first drawing was, how many of the screen's frames were drawn, how many pictures came."""
-    with opened(demo, browser) as visit:
-        (first_ms,) = visit.ask("performance.getEntriesByName('first-drawing').map((mark) => mark.startTime)")
-        choose(visit, source="steady")
-        visit.touch(**{f"f{number}": 0.05 + 0.09 * number for number in range(10)})
-        visit.until("p.fingerCount === 10 && p.isPlaying")
-        visit.ask(
-            """(() => { window.counted = { screen: 0, start_ms: performance.now(), drawn: tactable.bar.frames,
-            received: tactable.wire.received };
-            const count = () => { window.counted.screen++; requestAnimationFrame(count); };
-            requestAnimationFrame(count); })()"""
-        )
-        for step in range(30):
-            visit.touch(**{f"f{number}": 0.05 + 0.09 * number + 0.0005 * step for number in range(10)})
-        found = visit.ask(
-            """(() => { const c = window.counted, seconds = (performance.now() - c.start_ms) / 1000; return {
-            seconds, screen: c.screen, drawn: tactable.bar.frames - c.drawn,
-            received: tactable.wire.received - c.received }; })()"""
-        )
-        record_property("first_drawing_ms", first_ms)
-        record_property("with_ten_fingers", found)
-        print(f"first drawing {first_ms:.0f} ms; ten fingers: {found}")  # noqa: T201  # reported, not asserted
-        assert found["drawn"] >= 0.9 * found["screen"] > 0
-        lift(visit)
-        choose(visit, source="click")
+    (first_ms,) = visit.ask("performance.getEntriesByName('first-drawing').map((mark) => mark.startTime)")
+    choose(visit, source="steady")
+    visit.touch(**{f"f{number}": 0.05 + 0.09 * number for number in range(10)})
+    visit.until("p.fingerCount === 10 && p.isPlaying")
+    visit.ask(
+        """(() => { window.counted = { screen: 0, start_ms: performance.now(), drawn: tactable.bar.frames,
+        received: tactable.wire.received };
+        const count = () => { window.counted.screen++; requestAnimationFrame(count); };
+        requestAnimationFrame(count); })()"""
+    )
+    for step in range(30):
+        visit.touch(**{f"f{number}": 0.05 + 0.09 * number + 0.0005 * step for number in range(10)})
+    found = visit.ask(
+        """(() => { const c = window.counted, seconds = (performance.now() - c.start_ms) / 1000; return {
+        seconds, screen: c.screen, drawn: tactable.bar.frames - c.drawn,
+        received: tactable.wire.received - c.received }; })()"""
+    )
+    print(f"first drawing {first_ms:.0f} ms; ten fingers: {found}")  # noqa: T201  # reported, not asserted
+    assert found["drawn"] >= 0.9 * found["screen"] > 0
+    lift(visit)
+    choose(visit, source="click")
 
 
-def test_an_hour_leaves_nothing_behind(demo: Demo, browser: Browser) -> None:
+def an_hour_leaves_nothing_behind(visit: Visit) -> None:
     """Accelerated: as many pictures as in an hour, drawn and told, clicks and scenes among them."""
-    with opened(demo, browser) as visit:
-        visit.ask(
-            """(() => { const take = tactable.wire._take.bind(tactable.wire); window.kept = {};
-            tactable.wire._take = (data) => {
-                window.kept[new Uint8Array(data)[1]] = data.slice(0); take(data); }; })()"""
-        )
-        visit.touch(f1=FIRST)
-        visit.wait("Boolean(window.kept[2] && window.kept[3])")
-        visit.ask("tactable.wire.choose({ level_db: 20 })")
-        visit.wait("Boolean(window.kept[1])")
-        hour = """(pictures) => { const { wire, bar, panel } = tactable; let now_ms = performance.now();
-            for (let i = 0; i < pictures; i++) {
-                now_ms += 1000 / 60;
-                if (i % 600 === 0) wire._take(window.kept[1]);
-                if (i % 60 === 0) wire._take(window.kept[3]);
-                wire._take(window.kept[2]);
-                if (i % 4 === 0) bar.draw(now_ms);
-                if (i % 8 === 0) panel.update(wire.picture, wire.received);
-            } }"""
-        parts = 20
+    visit.ask(
+        """(() => { const take = tactable.wire._take.bind(tactable.wire); window.kept = {};
+        tactable.wire._take = (data) => {
+            window.kept[new Uint8Array(data)[1]] = data.slice(0); take(data); }; })()"""
+    )
+    visit.touch(f1=FIRST)
+    visit.wait("Boolean(window.kept[2] && window.kept[3])")
+    visit.ask("tactable.wire.choose({ level_db: 20 })")
+    visit.wait("Boolean(window.kept[1])")
+    hour = """(pictures) => { const { wire, bar, panel } = tactable; let now_ms = performance.now();
+        for (let i = 0; i < pictures; i++) {
+            now_ms += 1000 / 60;
+            if (i % 600 === 0) wire._take(window.kept[1]);
+            if (i % 60 === 0) wire._take(window.kept[3]);
+            wire._take(window.kept[2]);
+            if (i % 4 === 0) bar.draw(now_ms);
+            if (i % 8 === 0) panel.update(wire.picture, wire.received);
+        } }"""
+    parts = 20
+    visit.page.evaluate(hour, HOUR_PICTURES // parts)
+    before = memory_of(visit)
+    for _ in range(parts):
         visit.page.evaluate(hour, HOUR_PICTURES // parts)
-        before = memory_of(visit)
-        for _ in range(parts):
-            visit.page.evaluate(hour, HOUR_PICTURES // parts)
-        after = memory_of(visit)
-        assert after["nodes"] <= before["nodes"] + 20
-        assert after["jsEventListeners"] <= before["jsEventListeners"]
-        assert after["usedSize"] <= before["usedSize"] + (1 << 20)
-        visit.touch(f1=None)
+    after = memory_of(visit)
+    assert after["nodes"] <= before["nodes"] + 20
+    assert after["jsEventListeners"] <= before["jsEventListeners"]
+    assert after["usedSize"] <= before["usedSize"] + (1 << 20)
+    visit.touch(f1=None)
 
 
 def memory_of(visit: Visit) -> dict[str, float]:
@@ -319,86 +282,77 @@ def memory_of(visit: Visit) -> dict[str, float]:
     return {**used, **visit.cdp.send("Memory.getDOMCounters")}
 
 
-def test_an_hour_of_the_server_leaves_nothing_behind(tmp_path: Path) -> None:
-    """Accelerated: as many touches as one every ten seconds, one a second; simulated, shown, encoded."""
-    with Table.open(build_click_table(tmp_path)) as table:
-        view, drive = View(table, LiveBar(table.device), RESOLUTION_HZ), RingDrive(table, RESOLUTION_HZ)
-
-        def tap(number: int) -> None:
-            at_ns = round(1000 * view.bar.now_us) + 1
-            placement = Placement.named(table.device, ["35 mm"], ["III"])
-            begun = record_of(table, placement, at_ns, is_click=bool(number % 4))
-            ended = record_of(table, placement, at_ns + 100_000_000, level_db=None)
-            for record in (begun, ended):
-                view.take(drive.events([record]))
-                view.read([record])
-                for _ in range(2):
-                    view.move(view.bar.now_us + 250_000, is_loaded=True)
-                    encode_picture(view.picture())
-
-        for number in range(40):
-            tap(number)
-        before = resident_bytes()
-        for number in range(360):
-            tap(number)
-        assert view.bar.now_us > 360e6
-        assert resident_bytes() < before + (4 << 20)
-
-
-def resident_bytes() -> int:
-    """Memory of this process."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
-def test_the_bar_stays_where_it_is_however_much_the_sentence_says(demo: Demo, browser: Browser, size: Any) -> None:
+def test_it_fits_the_screen(demo: Demo, browser: Browser, size: tuple[int, int], tmp_path: Path) -> None:
+    """It is kept as pictures for people to look at; `TACTABLE_PICTURES` says where they go."""
     with opened(demo, browser, size) as visit:
-        choose(visit, source="steady", quiet_zones=[])
-        visit.ask(
-            """(() => { window.tops = []; const note = () => {
-            const top = tactable.bar.canvas.getBoundingClientRect().top + scrollY;
-            if (window.tops.at(-1) !== top) window.tops.push(top);
-            requestAnimationFrame(note); }; note(); })()"""
-        )
-        longest = 0
-        for count in 1, 2, 3, 4, 10:
-            visit.touch(f0=0.04)
-            visit.until("p.fingerCount === 1")
-            visit.touch(**{f"f{number}": 0.04 + 0.1 * number for number in range(1, count)})
-            visit.until(f"p.fingerCount === {count} && p.isPlaying && p.age_s > 1 && !p.isLate")
-            longest = max(longest, visit.ask("outcome.textContent.length"))
-            lift(visit)
-            visit.until("!p.isPlaying")
-        choose(visit, source="click")
-        visit.until("p.command === 0")
-        visit.wait("outcome.textContent === 'Touch the bar.'")
-        assert longest > 80
-        assert len(visit.ask("tops")) == 1, visit.ask("tops")
-        assert visit.ask("outcome.scrollHeight <= outcome.clientHeight")
+        no_stem_of_a_finger_crosses_what_the_drawing_says_of_time(visit)
+        the_bar_stays_where_it_is_however_much_the_sentence_says(visit)
+        folder = Path(os.environ.get("TACTABLE_PICTURES") or tmp_path)
+        for scheme in SCHEMES:
+            visit.page.emulate_media(color_scheme=scheme)
+            all_of_it_is_seen_and_kept(visit, folder / f"page-{'phone' if size == PHONE else 'desktop'}-{scheme}.png")
 
 
-def test_an_engine_that_dies_is_started_again_and_the_page_says_so(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        (engine,) = demo.children("processes.engine")
-        os.kill(engine, signal.SIGKILL)
-        visit.wait("tactable.scene.restarts === 1")
-        visit.wait("tactable.scene.status === 'running'")
-        visit.touch(f1=FIRST)
-        visit.until("p.command > 0 && p.fingerCount === 1")
-        assert visit.page.inner_text("#status") == "engine runs"
+def no_stem_of_a_finger_crosses_what_the_drawing_says_of_time(visit: Visit) -> None:
+    stems, (left, right) = visit.ask(
+        f"""(() => {{ const bar = tactable.bar, c = bar._context, draw = c.fillText, said = [];
+        [{FIRST}, {THIRD}].forEach((share, i) => Object.assign(bar._slots[i],
+            {{ position_m: share * bar.shownDevice.length_m, role: {FELT}, seen_ms: bar._last_ms }}));
+        Object.assign(bar, {{ _motion: {{ points: 0 }}, _motionAt_ms: 10 }});
+        c.fillText = (text, x) => said.push(x - c.measureText(text).width, x);
+        bar._drawBar(c);
+        Object.assign(bar, {{ _motion: null }});
+        c.fillText = draw;
+        return [bar._slots.slice(0, 2).map((slot) => bar._x(slot.position_m)), said]; }})()"""
+    )
+    assert 0 < left < right < visit.ask("tactable.bar._width")
+    assert not [x for x in stems if left <= x <= right]
+
+
+def the_bar_stays_where_it_is_however_much_the_sentence_says(visit: Visit) -> None:
+    choose(visit, source="steady", quiet_zones=[])
+    visit.ask(
+        """(() => { window.tops = []; const note = () => {
+        const top = tactable.bar.canvas.getBoundingClientRect().top + scrollY;
+        if (window.tops.at(-1) !== top) window.tops.push(top);
+        requestAnimationFrame(note); }; note(); })()"""
+    )
+    longest = 0
+    for count in 1, 3, 10:
+        visit.touch(f0=0.04)
+        visit.until("p.fingerCount === 1")
+        visit.touch(**{f"f{number}": 0.04 + 0.1 * number for number in range(1, count)})
+        visit.until(f"p.fingerCount === {count} && p.isPlaying && p.age_s > 1 && !p.isLate")
+        longest = max(longest, visit.ask("outcome.textContent.length"))
         lift(visit)
+        visit.until("!p.isPlaying")
+    choose(visit, source="click")
+    visit.until("p.command === 0")
+    visit.wait("outcome.textContent === 'Touch the bar.'")
+    assert longest > 80
+    assert len(visit.ask("tops")) == 1, visit.ask("tops")
+    assert visit.ask("outcome.scrollHeight <= outcome.clientHeight")
 
 
-def test_a_server_that_comes_back_is_found_again(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        demo.stop()
-        visit.wait("document.getElementById('status').textContent === 'the demo is over'")
-        demo.start()
-        visit.wait("tactable.wire.connections === 2 && tactable.scene.status === 'running'")
-        visit.touch(f1=FIRST)
-        visit.until("p.command > 0 && p.fingerCount === 1")
-        lift(visit)
-        visit.complaints[:] = [text for text in visit.complaints if "ERR_CONNECTION_REFUSED" not in text]
+def all_of_it_is_seen_and_kept(visit: Visit, path: Path) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    clicked(visit)
+    visit.page.screenshot(path=path)
+    kept_path = path.with_name(f"kept-{path.name}")
+    with visit.page.expect_download() as kept:
+        visit.page.click("#save")
+    kept.value.save_as(kept_path)
+    width, height = struct.unpack(">II", kept_path.read_bytes()[16:24])
+    sizes = "(names) => names.map((name) => document.getElementById(name)).map((drawn) => [drawn.width, drawn.height])"
+    drawn = visit.page.evaluate(sizes, DRAWN)
+    wide, high = zip(*drawn, strict=True)
+    assert width > max(wide) and height > sum(high) + 40  # beside what is drawn, its words
+    assert visit.ask("document.documentElement.scrollWidth <= innerWidth")
+    bar = visit.page.locator("#bar").bounding_box()
+    assert bar is not None and visit.page.viewport_size is not None
+    assert bar["y"] + bar["height"] < visit.page.viewport_size["height"]
+    lift(visit)
 
 
 def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browser) -> None:
@@ -422,52 +376,3 @@ def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browse
         page.wait_for_timeout(3000)  # it is looked for meanwhile
         expect(status).to_have_text("the run is over")
         page.close()
-
-
-def test_no_stem_of_a_finger_crosses_what_the_drawing_says_of_time(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser, PHONE) as visit:
-        stems, (left, right) = visit.ask(
-            f"""(() => {{ const bar = tactable.bar, c = bar._context, draw = c.fillText, said = [];
-            [{FIRST}, {THIRD}].forEach((share, i) => Object.assign(bar._slots[i],
-                {{ position_m: share * bar.shownDevice.length_m, role: {FELT}, seen_ms: bar._last_ms }}));
-            Object.assign(bar, {{ _motion: {{ points: 0 }}, _motionAt_ms: 10 }});
-            c.fillText = (text, x) => said.push(x - c.measureText(text).width, x);
-            bar._drawBar(c);
-            Object.assign(bar, {{ _motion: null }});
-            c.fillText = draw;
-            return [bar._slots.slice(0, 2).map((slot) => bar._x(slot.position_m)), said]; }})()"""
-        )
-        assert 0 < left < right < visit.ask("tactable.bar._width")
-        assert not [x for x in stems if left <= x <= right]
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
-def test_it_fits_the_screen_and_is_kept_as_a_picture(
-    demo: Demo, browser: Browser, size: tuple[int, int], scheme: str, tmp_path: Path
-) -> None:
-    """Pictures for people to look at; `TACTABLE_PICTURES` says where they go."""
-    folder = Path(os.environ.get("TACTABLE_PICTURES") or tmp_path)
-    with opened(demo, browser, size, scheme) as visit:
-        choose(visit, source="click", quiet_zones=[])
-        clicked(visit)
-        name = f"page-{'desktop' if size == DESKTOP else 'phone'}-{scheme}.png"
-        visit.page.screenshot(path=folder / name)
-        with visit.page.expect_download() as kept:
-            visit.page.click("#save")
-        kept.value.save_as(folder / f"kept-{name}")
-        width, height = struct.unpack(">II", (folder / f"kept-{name}").read_bytes()[16:24])
-        drawn = ("bar", "paper-bar", "course")
-        wide, high = zip(
-            *(
-                visit.ask(f"[document.getElementById('{each}').width, document.getElementById('{each}').height]")
-                for each in drawn
-            ),
-            strict=True,
-        )
-        assert width > max(wide) and height > sum(high) + 40  # beside what is drawn, its words
-        assert visit.ask("document.documentElement.scrollWidth <= innerWidth")
-        bar = visit.page.locator("#bar").bounding_box()
-        assert bar is not None
-        assert bar["y"] + bar["height"] < size[1]
-        lift(visit)

@@ -1,55 +1,61 @@
-"""The process that builds the page's table ends without a word whenever it is asked to."""
+"""The process that builds the page's table: a signal ends it whenever it comes, and what was built is kept."""
 
-import signal
-import subprocess
-import sys
-from pathlib import Path
-
-import pytest
-
-from tests.quick import first_quick
-
-ASKED_TO_END_AFTER_ITS_LAST_WORD = """
+import os
 import signal
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
+import pytest
+
+import precompute.builder.build
+from base.child import Parent
 from tactable.page.processes import build
 
-asked = {"device": "reference-a", "path": sys.argv[1], "first": sys.argv[1] + ".first"}
-is_there = sys.argv[2] == "there"
-build.compile_for_clicks = build.compile_all = lambda *_: None
-build.write_first_table = lambda *_: None
-build.open_cached = lambda *_: SimpleNamespace(path=Path(asked["path"])) if is_there else None
-if not is_there:
-    import precompute.builder.build
 
-    precompute.builder.build.build_table = lambda _, path, **__: path.touch()
+class Page(Parent):
+    """Notes what the process says."""
 
+    def __init__(self) -> None:
+        self.said: list[dict[str, Any]] = []
 
-class Page:
-    def end_with_it(self):
+    def end_with_it(self) -> None:
         pass
 
-    def say(self, document):
-        print(document)
+    def say(self, document: dict[str, Any]) -> None:
+        self.said.append(document)
 
 
-build.main(Page(), asked)
-signal.raise_signal(signal.SIGTERM)
-print("went on")
-"""
+@pytest.fixture
+def page(monkeypatch: pytest.MonkeyPatch) -> Page:
+    """The page of a process that compiles nothing and changes nothing of this one."""
+    monkeypatch.setattr(os, "nice", lambda _: 0)
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
+    for name in ("compile_for_clicks", "compile_all", "write_first_table"):
+        monkeypatch.setattr(build, name, lambda *_: None)
+    return Page()
 
 
-@pytest.mark.machine
-@pytest.mark.parametrize("table", first_quick(["there", "built"]))
-def test_it_is_ended_by_a_signal_that_comes_as_it_ends(table: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_there", [True, False])
+def test_after_its_last_word_a_signal_ends_it_as_it_ends_any_process(
+    is_there: bool, page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "table.nc"
-    ended = subprocess.run(
-        [sys.executable, "-c", ASKED_TO_END_AFTER_ITS_LAST_WORD, str(path), table],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ended.returncode, ended.stderr) == (-signal.SIGTERM, ""), ended
+    monkeypatch.setattr(build, "open_cached", lambda *_: SimpleNamespace(path=path) if is_there else None)
+    monkeypatch.setattr(precompute.builder.build, "build_table", lambda _, early, **__: early.touch())
+    build.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+    assert page.said[-1] == {"usable": str(path)} and path.exists() is not is_there
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_signal_in_a_build_is_an_interrupt_and_ends_it(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(build, "open_cached", lambda *_: None)
+    monkeypatch.setattr(precompute.builder.build, "build_table", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
+    path = tmp_path / "table.nc"
+    with pytest.raises(SystemExit) as ended:
+        build.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+    assert ended.value.code == 1 and not path.exists()
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

@@ -166,7 +166,7 @@ def test_the_command_line_of_the_browser_holds_no_token(monkeypatch: pytest.Monk
     assert len(token) >= 32 and token not in opened and opened.startswith("http://127.0.0.1:")
 
 
-@pytest.mark.machine
+@pytest.mark.usefixtures("both_ends")
 def test_only_a_page_that_others_reach_has_a_warning() -> None:
     (line,) = announcement(AccessPolicy("127.0.0.1", 8000, "secret"))
     assert "http://127.0.0.1:8000/secret/" in line

@@ -29,7 +29,7 @@ from tactable.page.messages import (
 )
 from tactable.page.server import MOST_BROWSERS, AddressError, PageServer, listen_at, serve
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.usefixtures("both_ends")
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
 SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
@@ -195,48 +195,39 @@ def test_a_wrong_token_and_a_foreign_host_see_nothing() -> None:
     visit(visitor)
 
 
-@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "https://127.0.0.1"])
-def test_a_socket_of_a_foreign_page_is_refused(origin: str | None) -> None:
+def test_a_socket_of_a_foreign_page_or_with_a_wrong_token_is_refused() -> None:
     async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        with pytest.raises(InvalidStatus) as caught:
-            async with socket_of(access, origin=origin):
-                pass
-        assert caught.value.response.status_code == 403
+        wrong = AccessPolicy(access.host, access.port, "wrong")
+        foreign = [
+            socket_of(access, origin=each) for each in (None, "http://evil.example", "null", "https://127.0.0.1")
+        ]
+        for socket in (socket_of(wrong), *foreign):
+            with pytest.raises(InvalidStatus) as caught:
+                await socket
+            assert caught.value.response.status_code == 403
 
     assert visit(visitor).left == []
 
 
-def test_a_socket_with_a_wrong_token_is_refused() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        with pytest.raises(InvalidStatus) as caught:
-            async with socket_of(AccessPolicy(access.host, access.port, "wrong")):
-                pass
-        assert caught.value.response.status_code == 403
-
-    visit(visitor)
-
-
-@pytest.mark.parametrize(
-    ("message", "code"),
-    [
-        (b"", CloseCode.MALFORMED),
-        (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
-        (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
-        ("text", CloseCode.NOT_BINARY),
-        (bytes(MOST_BYTES + 1), CloseCode.TOO_BIG),
-        (bytes(1 << 20), CloseCode.TOO_BIG),
-    ],
-)
-def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(message: bytes | str, code: CloseCode) -> None:
+def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else() -> None:
     async def visitor(access: AccessPolicy, backend: Notes) -> None:
-        async with socket_of(access) as other, socket_of(access) as socket:
-            await socket.send(message)
-            assert await closed_with(socket) == code
+        async with socket_of(access) as other:
+            for message, code in (
+                (b"", CloseCode.MALFORMED),
+                (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
+                (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
+                ("text", CloseCode.NOT_BINARY),
+                (bytes(MOST_BYTES + 1), CloseCode.TOO_BIG),
+                (bytes(1 << 20), CloseCode.TOO_BIG),
+            ):
+                async with socket_of(access) as socket:
+                    await socket.send(message)
+                    assert await closed_with(socket) == code
             await other.send(encode_touches([DOWN]))
             await until(lambda: bool(backend.touched))
             await next_of(other, Kind.PICTURE)
 
-    assert len(visit(visitor).left) == 2
+    assert len(visit(visitor).left) == 7
 
 
 def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
