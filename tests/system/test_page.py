@@ -179,7 +179,7 @@ def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> No
     visit.page.mouse.up()
     visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
     # Both fingers play on; a machine that stalled took them together, and then both feel.
-    steady = f"p.drive === {STEADY} && p.age_s > 0.5"
+    steady = f"p.drive === {STEADY} && p.hasPaper && p.age_s > 0.5"
     visit.until(f"{steady} && p.fingerCount === 2 && p.madeCount === 2")
     # Where one comes after the other, the last one alone feels.
     visit.page.click("#lift")
@@ -336,6 +336,7 @@ def the_bar_stays_where_it_is_however_much_the_sentence_says(visit: Visit) -> No
 
 
 def all_of_it_is_seen_and_kept(visit: Visit, path: Path) -> None:
+    visit.ask("scrollTo(0, 0)")
     choose(visit, source="click", quiet_zones=[])
     clicked(visit)
     visit.page.screenshot(path=path)
@@ -359,7 +360,7 @@ def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browse
     (table,) = (path for path in (demo_folder / "tactable").glob("*.nc") if "-early" not in path.name)
     write_recording(make_recording([Stroke(0.0, 200.0, FIRST, FIRST)]), demo_folder / "rest.hid")
     with run_emulator() as emulator:
-        words = ["--touch", "rest.hid", "--port", emulator.port, "--page"]
+        words = ["--touch", "rest.hid", "--port", emulator.port, "--no-watch", "--no-solve", "--page"]
         run = subprocess.Popen(
             [TACTABLE, "run", str(table), *words], cwd=demo_folder, stderr=subprocess.PIPE, text=True
         )

@@ -8,36 +8,105 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from base.child import ChildError
 from engine.device import Device
 from engine.touch.sources.pointer import Phase, PointerEvent
 from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import synthesise
-from tactable.measure import AskedDrive
-from tactable.measure.bar_levels import simulate_levels
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
-from tactable.page.demo_backend import DemoBackend
+from tactable.page.demo_backend import LONGEST_BACK_OFF_S, SHORTEST_BACK_OFF_S, DemoBackend
 from tactable.page.messages import Drive, DroppedFile, Kind, Picture, Role
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
 from tests.precompute.builder.test_build import SMALL
-from tests.quick import first_quick
-
-pytestmark = pytest.mark.machine
+from tests.tactable.control.virtual import run_virtual
 
 TICK_S = 1 / 60
+# Only against a backend that hangs: the first table of a device is compiled and built meanwhile.
+PATIENCE_S = 600
 RATE_HZ = 24_000
 SHORT = SMALL.replace("279.4 mm", "80 mm")
 """Its coarse clicks are for six places."""
 FIRST, LAST = PointerEvent(1, 1 / 6, 0.5, Phase.DOWN), PointerEvent(2, 5 / 6, 0.5, Phase.DOWN)
+
+
+def backend_of(folder: Path, kind: type[DemoBackend] = DemoBackend) -> DemoBackend:
+    """A backend of the small bar, none of whose processes runs."""
+    (folder / "small.toml").write_text(SMALL, encoding="utf-8")
+    name = str(folder / "small.toml")
+    return kind(Choice(name), find_device(name), offered(name), folder / "cache", folder)
+
+
+def test_a_dropped_device_file_is_chosen_and_a_wrong_one_is_told_by_name_place_and_remedy(tmp_path: Path) -> None:
+    backend = backend_of(tmp_path)
+    before = backend.scene()["choice"]["device"]
+    backend.drop(DroppedFile("../my bar.toml", SMALL.replace("279.4 mm", "279.4 kg")))
+    trouble = backend.scene()["trouble"]
+    assert trouble.startswith("my-bar.toml: bar.length: '279.4 kg'") and "expected a length" in trouble
+    assert backend.scene()["choice"]["device"] == before
+    backend.drop(DroppedFile("../my bar.toml", SMALL.replace('name = "reference-a"', 'name = "dropped"')))
+    scene = backend.scene()
+    dropped = Path(scene["choice"]["device"])
+    assert (dropped.name, scene["device"]["name"], scene["trouble"]) == ("my-bar.toml", "dropped", "")
+    assert dropped.is_relative_to(tmp_path / "dropped") and str(dropped) in scene["devices"]
+    backend.choose({"device": before})
+    assert backend.scene()["choice"]["device"] == before
+
+
+def test_a_switch_that_there_is_not_is_told_and_changes_nothing(tmp_path: Path) -> None:
+    backend = backend_of(tmp_path)
+    before = backend.scene()["choice"]
+    backend.choose({"level_db": 17})
+    assert "level_db" in backend.scene()["trouble"] and backend.scene()["choice"] == before
+    backend.choose({"level_db": 30})
+    assert backend.scene()["trouble"] == "" and backend.scene()["choice"] == {**before, "level_db": 30.0}
+
+
+def test_actuators_that_are_moved_are_told_with_their_device_file_until_they_are_reset(tmp_path: Path) -> None:
+    backend = backend_of(tmp_path)
+    file = backend.scene()["device"]["actuators"]
+    backend.choose({"actuators_m": [0.075, file[1]["position_m"]]})
+    scene = backend.scene()
+    assert scene["what_if"]["moved"] == [{"name": "left", "position_m": 0.075, "file_m": file[0]["position_m"]}]
+    assert scene["device"]["actuators"][0]["position_m"] == pytest.approx(0.075, abs=1e-9)
+    assert Device.parse(scene["what_if"]["text"], "saved").actuators[0].position_m == pytest.approx(0.075, abs=1e-9)
+    backend.choose({"actuators_m": []})
+    assert backend.scene()["what_if"] is None
+    backend.choose({"actuators_m": [0.0, 17.0]})
+    assert "actuator[2].position: '17000.00 mm': is off the bar" in backend.scene()["trouble"]
+    assert backend.scene()["choice"]["actuators_m"] == []
+
+
+def test_what_fails_again_and_again_is_started_again_with_growing_pauses_and_told(tmp_path: Path) -> None:
+    class Failing(DemoBackend):
+        async def _follow(self) -> None:
+            tried_s.append(asyncio.get_running_loop().time())
+            raise ChildError("the engine was ended by SIGKILL")
+
+    async def run_for_a_minute(backend: DemoBackend) -> None:
+        running = asyncio.ensure_future(backend.run())
+        await asyncio.sleep(60.0)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    tried_s, backend = list[float](), backend_of(tmp_path, Failing)
+    run_virtual(run_for_a_minute(backend))
+    pauses_s = [later - sooner for sooner, later in pairwise(tried_s)]
+    assert pauses_s[0] == pytest.approx(SHORTEST_BACK_OFF_S) and max(pauses_s) == pytest.approx(LONGEST_BACK_OFF_S)
+    assert pauses_s[1:] == pytest.approx([min(2 * before_s, LONGEST_BACK_OFF_S) for before_s in pauses_s[:-1]])
+    scene = backend.scene()
+    assert (scene["status"], scene["restarts"]) == ("restarting", len(tried_s))
+    assert "was ended by SIGKILL" in scene["trouble"]
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +146,9 @@ class Rig:
         """Until it holds; fingers that are down say so again and again."""
 
         async def wait() -> None:
+            end_s = time.monotonic() + PATIENCE_S
             while not condition():
+                assert time.monotonic() < end_s, self.backend.scene()
                 self.backend.touch(1, [replace(event, phase=Phase.MOVE) for event in self._pressed.values()])
                 messages, _ = self.backend.tick()
                 self.told += [message for message in messages if message[1] != Kind.PICTURE]
@@ -112,21 +183,24 @@ def running(folder: Path, name: str | None = None) -> Iterator[Rig]:
         loop.close()
 
 
-@pytest.fixture(scope="module")
-def shared(folder: Path) -> Iterator[Rig]:
+@pytest.mark.machine
+def test_the_demo_plays_on_through_runs_and_kernels_and_the_deaths_of_its_processes(folder: Path) -> None:
     with running(folder) as rig:
         # Kernels are compiled first; then a new run begins, for which fingers that are down come at once.
         rig.wait(lambda: bool(rig.backend.scene()["has_kernels"]))
-        yield rig
-
-
-@pytest.fixture
-def rig(shared: Rig) -> Iterator[Rig]:
-    """The rig as it plays at first, with no finger on it."""
-    shared.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True, actuators_m=[])
-    yield shared
-    shared.lift()
-    shared.until(lambda picture: not picture.fingers)
+        for step in (
+            a_click_goes_from_finger_to_bar_and_is_felt_as_promised,
+            switches_change_over_without_a_new_process,
+            fingers_that_rest_while_one_run_follows_another_play_in_both,
+            fingers_that_load_nothing_break_the_promise,
+            a_drive_goes_on_without_a_jolt_when_kernels_are_adopted,
+            an_emulated_firmware_that_dies_is_started_again,
+            an_engine_that_dies_is_started_again,
+        ):
+            rig.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True, actuators_m=[])
+            step(rig)
+            rig.lift()
+            rig.until(lambda picture: not picture.fingers)
 
 
 def tap_until(rig: Rig, finger: PointerEvent, condition: Callable[[Picture], bool]) -> Picture:
@@ -139,27 +213,6 @@ def tap_until(rig: Rig, finger: PointerEvent, condition: Callable[[Picture], boo
             return picture
         rig.lift(finger)
         rig.until(lambda picture: len(picture.fingers) == 1 and picture.age_s > 1)
-
-
-@contextmanager
-def paused_at_its_first_table(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Builds stand still once they have said that the first table is there, until the context ends."""
-    stopped, read = list[int](), AsyncChild.read
-
-    async def read_and_stop(child: AsyncChild) -> dict[str, Any]:
-        answer = await read(child)
-        if "first-clicks" in str(answer.get("usable")):
-            stopped.append(child.process.pid)
-            os.kill(child.process.pid, signal.SIGSTOP)
-        return answer
-
-    with monkeypatch.context() as patch:
-        patch.setattr(AsyncChild, "read", read_and_stop)
-        try:
-            yield
-        finally:
-            for process in stopped:
-                os.kill(process, signal.SIGCONT)
 
 
 def is_clicked(picture: Picture) -> bool:
@@ -176,14 +229,11 @@ def _is_first_felt(picture: Picture) -> bool:
     return [made.role for made in picture.made] == [Role.FELT, Role.QUIET] and len(picture.fingers) == 2
 
 
-def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
+def a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
     rig.press(LAST)
     rig.until(lambda picture: picture.command > 0)
     rig.until(lambda picture: picture.age_s > 3.0)
-    rig.press(FIRST)
-    # Where the machine stalls, a finger that is not heard of is lifted and comes down again.
-    picture = rig.until(lambda picture: _is_first_felt(picture) and picture.age_s > 0.6)
-    assert picture.drive is Drive.CLICK
+    picture = tap_until(rig, FIRST, lambda picture: _is_first_felt(picture) and is_clicked(picture))
     assert [finger.zone for finger in picture.fingers] == [2, 0]
     felt, quiet = picture.made
     assert (felt.zone, felt.role, quiet.zone, quiet.role) == (0, Role.FELT, 2, Role.QUIET)
@@ -195,7 +245,7 @@ def test_a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> No
     assert rig.backend.sound(0) is not None
 
 
-def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
+def switches_change_over_without_a_new_process(rig: Rig) -> None:
     processes = rig.backend.process_ids
     rig.choose(source="steady", quiet_zones=["III"], level_db=10)
     rig.press(FIRST, LAST)
@@ -205,9 +255,7 @@ def test_switches_change_over_without_a_new_process(rig: Rig) -> None:
     assert rig.backend.process_ids == processes
 
 
-def test_fingers_that_rest_while_one_run_follows_another_play_in_both(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def fingers_that_rest_while_one_run_follows_another_play_in_both(rig: Rig) -> None:
     class SlowView(View):
         """A view that is made while something is compiled, as the first one with kernels is."""
 
@@ -215,15 +263,16 @@ def test_fingers_that_rest_while_one_run_follows_another_play_in_both(
             super().__init__(*arguments, **options)
             time.sleep(0.5)
 
-    monkeypatch.setattr(demo_backend, "View", SlowView)
-    rig.choose(source="steady", quiet_zones=["III"])
-    rig.press(FIRST, LAST)
-    rig.until(lambda picture: picture.is_playing and picture.wanted_db == 20 and _is_first_felt(picture))
-    rig.choose(level_db=10)
-    rig.until(lambda picture: picture.is_playing and picture.wanted_db == 10 and _is_first_felt(picture))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo_backend, "View", SlowView)
+        rig.choose(source="steady", quiet_zones=["III"])
+        rig.press(FIRST, LAST)
+        rig.until(lambda picture: picture.is_playing and picture.wanted_db == 20 and _is_first_felt(picture))
+        rig.choose(level_db=10)
+        rig.until(lambda picture: picture.is_playing and picture.wanted_db == 10 and _is_first_felt(picture))
 
 
-def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
+def fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     rig.choose(source="steady")
     rig.press(FIRST)
     loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 1.0 and is_kept(picture))
@@ -234,16 +283,7 @@ def test_fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     assert abs(free.made[0].simulated_db - loaded.made[0].simulated_db) > 0.5
 
 
-def _is_as_modelled(picture: Picture, device: Device) -> bool:
-    """Whether the levels along the bar are those of the model for the drive that is shown."""
-    channels = [(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
-    asked = AskedDrive(*(tuple(values) for values in zip(*channels, strict=True)))
-    places_m = np.linspace(0.0, device.bar.length_m, len(picture.counted_db))
-    modelled_db = simulate_levels(device, asked, places_m).level_db
-    return bool(abs(picture.counted_db - modelled_db)[modelled_db > 0].max() < 0.5)
-
-
-def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig) -> None:
     """One run ends and another begins: the drive fades out and in by the slew of the device."""
     events, builder = list[DriveEvent](), rig.backend._builder
 
@@ -252,15 +292,16 @@ def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monke
             events.extend(found)
             super().take(found)
 
-    monkeypatch.setattr(demo_backend, "View", HeardView)
-    rig.choose(source="steady", level_db=10)
-    rig.press(FIRST)
-    for has_compiled in (False, True):
-        rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
-        builder.has_compiled = has_compiled
-        rig.backend.choose({})
-        rig.wait(lambda has=has_compiled: rig.backend.scene()["has_kernels"] is has)  # type: ignore[misc]
-    last = rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo_backend, "View", HeardView)
+        rig.choose(source="steady", level_db=10)
+        rig.press(FIRST)
+        for has_compiled in (False, True):
+            rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
+            builder.has_compiled = has_compiled
+            rig.backend.choose({})
+            rig.wait(lambda has=has_compiled: rig.backend.scene()["has_kernels"] is has)  # type: ignore[misc]
+        last = rig.until(lambda picture: picture.is_playing and picture.age_s > 0.5)
     moved = synthesise(events, events[0].device_time_us, 1e6 * last.time_s, RATE_HZ)
     device = find_device(rig.backend.scene()["choice"]["device"])
     most = max(event.channels[i].amplitude for event in events for i in range(len(device.actuators)))
@@ -270,59 +311,15 @@ def test_a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig, monke
     assert sum(not any(channel.amplitude for channel in event.channels) for event in events) >= 2  # it did fade
 
 
-def test_actuators_that_are_moved_drive_both_bars_from_there_until_they_are_reset(rig: Rig) -> None:
-    file = rig.backend.scene()["device"]["actuators"]
-    processes, at_m = rig.backend.process_ids, [0.075, file[1]["position_m"]]
-    rig.press(LAST)
-    rig.until(lambda picture: bool(picture.fingers))
-    rig.press(FIRST)
-    rig.until(lambda picture: len(picture.fingers) == 2)
-    rig.choose(actuators_m=at_m)
-    scene = rig.backend.scene()
-    assert scene["what_if"]["moved"] == [{"name": "left", "position_m": 0.075, "file_m": file[0]["position_m"]}]
-    assert scene["device"]["actuators"][0]["position_m"] == pytest.approx(at_m[0], abs=1e-9)
-    assert Device.parse(scene["what_if"]["text"], "saved").actuators[0].position_m == pytest.approx(at_m[0], abs=1e-9)
-    # Fingers that rest come down again one after another: the last one feels, of both bars. Where the machine stalls,
-    # they come together and both feel: then one taps again.
-    picture = tap_until(rig, FIRST, lambda picture: {made.role for made in picture.made} == {Role.FELT, Role.QUIET})
-    assert (picture.drive, picture.paper is not None) == (Drive.STEADY, True)
-    assert rig.backend.process_ids == processes
-    rig.choose(actuators_m=[])
-    assert rig.backend.scene()["what_if"] is None and rig.backend.scene()["clicks"] > 0
-    rig.backend.choose({"actuators_m": [0.0, 17.0]})
-    assert "actuator[2].position: '17000.00 mm': is off the bar" in rig.backend.scene()["trouble"]
-    assert rig.backend.scene()["choice"]["actuators_m"] == []
+def an_emulated_firmware_that_dies_is_started_again(rig: Rig) -> None:
+    kill(rig, 0)
 
 
-def test_a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told_by_name_place_and_remedy(rig: Rig) -> None:
-    before = rig.backend.scene()["choice"]["device"]
-    rig.backend.drop(DroppedFile("../my bar.toml", SMALL.replace("279.4 mm", "279.4 kg")))
-    trouble = rig.backend.scene()["trouble"]
-    assert trouble.startswith("my-bar.toml: bar.length: '279.4 kg'") and "expected a length" in trouble
-    assert rig.backend.scene()["choice"]["device"] == before
-    rig.backend.drop(DroppedFile("../my bar.toml", SMALL.replace('name = "reference-a"', 'name = "dropped"')))
-    dropped = rig.backend.scene()["choice"]["device"]
-    rig.wait(lambda: (rig.backend.scene()["plays"] or {}).get("device") == dropped)
-    scene = rig.backend.scene()
-    assert (Path(dropped).name, scene["device"]["name"], scene["trouble"]) == ("my-bar.toml", "dropped", "")
-    assert dropped in scene["devices"]
-    rig.press(FIRST)
-    assert rig.until(lambda picture: picture.command > 0).drive is Drive.STEADY
-    rig.lift()
-    rig.choose(device=before)
+def an_engine_that_dies_is_started_again(rig: Rig) -> None:
+    kill(rig, 1)
 
 
-def test_a_switch_that_there_is_not_is_told_and_changes_nothing(rig: Rig) -> None:
-    before = rig.backend.scene()["choice"]
-    rig.backend.choose({"level_db": 17})
-    assert "level_db" in rig.backend.scene()["trouble"]
-    assert rig.backend.scene()["choice"] == before
-    rig.choose(level_db=30)
-    assert rig.backend.scene()["trouble"] == ""
-
-
-@pytest.mark.parametrize("which", first_quick([0, 1]))
-def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, which: int) -> None:
+def kill(rig: Rig, which: int) -> None:
     before, restarts = rig.backend.process_ids, rig.backend.restarts
     os.kill(before[which], signal.SIGKILL)
     rig.wait(lambda: rig.backend.restarts > restarts)
@@ -333,6 +330,7 @@ def test_a_process_that_dies_is_started_again_and_the_show_goes_on(rig: Rig, whi
     rig.until(lambda picture: picture.command > 0 and picture.age_s > 0.1)
 
 
+@pytest.mark.machine
 def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_they_are_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -383,6 +381,28 @@ def test_a_device_without_a_table_plays_steady_drives_at_once_then_clicks_as_the
     assert not list(tmp_path.glob("ring-*"))
 
 
+@contextmanager
+def paused_at_its_first_table(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Builds stand still once they have said that the first table is there, until the context ends."""
+    stopped, read = list[int](), AsyncChild.read
+
+    async def read_and_stop(child: AsyncChild) -> dict[str, Any]:
+        answer = await read(child)
+        if "first-clicks" in str(answer.get("usable")):
+            stopped.append(child.process.pid)
+            os.kill(child.process.pid, signal.SIGSTOP)
+        return answer
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AsyncChild, "read", read_and_stop)
+        try:
+            yield
+        finally:
+            for process in stopped:
+                os.kill(process, signal.SIGCONT)
+
+
+@pytest.mark.machine
 def test_a_shipped_device_plays_clicks_before_anything_is_compiled(tmp_path: Path) -> None:
     with running(tmp_path, "reference-a") as own:
         own.wait(lambda: own.backend.scene()["status"] == "running")

@@ -20,6 +20,7 @@ from websockets.typing import Origin
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.page.messages import Kind
+from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 pytestmark = pytest.mark.machine
@@ -90,6 +91,9 @@ def page_of(process: "subprocess.Popen[str]") -> int:
 def test_a_run_is_shown_to_a_page_that_only_looks_on_and_goes_on_when_that_is_killed(
     folder: Path, emulator: RunningEmulator
 ) -> None:
+    words = ["bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--no-watch", "--no-solve"]
+    refused = run_here(folder, "run", *words, "--page", "--page-host", "192.0.2.1")  # before it begins
+    assert refused.returncode == 1 and refused.stderr.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
     with started(folder, emulator, "--page", "--json") as process:
         address = address_of(process)
         scene, told = asyncio.run(looked_on(address, 3))
@@ -105,10 +109,3 @@ def test_a_run_is_shown_to_a_page_that_only_looks_on_and_goes_on_when_that_is_ki
     assert scene["mode"] == "live"
     assert [zone["name"] for zone in scene["device"]["zones"]] == ["I", "II", "III"]
     assert {message[1] for message in told} == {Kind.SCENE, Kind.PICTURE, Kind.MOTION}
-
-
-def test_a_page_that_finds_no_place_is_refused_before_the_run_begins(folder: Path, emulator: RunningEmulator) -> None:
-    with started(folder, emulator, "--page", "--page-host", "192.0.2.1") as process:
-        _, said = process.communicate()
-    assert process.returncode == 1
-    assert said.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
