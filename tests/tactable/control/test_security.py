@@ -10,44 +10,38 @@ LOOPBACK = AccessPolicy("127.0.0.1", 8000, "secret")
 OPEN = AccessPolicy("0.0.0.0", 8000, "secret")
 
 
-def test_only_the_token_opens_the_door() -> None:
+def test_only_the_token_opens_the_door_and_none_is_like_another() -> None:
     assert LOOPBACK.knows("secret")
     assert not any(LOOPBACK.knows(token) for token in ("", "secre", "secret ", "Secret", "sécret"))
-
-
-def test_tokens_are_never_the_same_and_long_enough() -> None:
     tokens = {new_token() for _ in range(100)}
-    assert len(tokens) == 100
-    assert min(map(len, tokens)) >= 32
+    assert len(tokens) == 100 and min(map(len, tokens)) >= 32
 
 
-def test_the_token_is_in_the_address_and_in_no_text_of_the_door() -> None:
+def test_the_token_is_in_the_address_and_in_no_text_of_the_door_nor_of_a_command_line() -> None:
     assert LOOPBACK.url == "http://127.0.0.1:8000/secret/"
     assert AccessPolicy("::1", 8000, "secret").url == "http://[::1]:8000/secret/"
     assert "secret" not in repr(LOOPBACK)
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1:8000", "localhost:8000", "[::1]:8000"])
-def test_a_loopback_door_admits_the_names_of_loopback(host: str) -> None:
-    assert LOOPBACK.admits_host(host)
-    assert LOOPBACK.admits_origin(f"http://{host}", host)
+    assert "secret" not in LOOPBACK.opening_url and LOOPBACK.ticket in LOOPBACK.opening_url
+    assert LOOPBACK.ticket != OPEN.ticket
 
 
 @pytest.mark.parametrize(
-    "host", [None, "", "127.0.0.1", "127.0.0.1:8001", "evil.example:8000", "192.168.1.2:8000", "localhost.evil:8000"]
+    ("policy", "host", "is_admitted"),
+    [
+        *((LOOPBACK, host, True) for host in ("127.0.0.1:8000", "localhost:8000", "[::1]:8000")),
+        *((LOOPBACK, host, False) for host in (None, "", "127.0.0.1", "127.0.0.1:8001", "evil.example:8000")),
+        *((LOOPBACK, host, False) for host in ("192.168.1.2:8000", "localhost.evil:8000")),
+        (OPEN, "192.168.1.2:8000", True),
+        (OPEN, "evil.example:8000", False),
+        (AccessPolicy("bar.example", 8000, "secret"), "bar.example:8000", True),
+    ],
 )
-def test_a_loopback_door_admits_no_other_name(host: str | None) -> None:
-    assert not LOOPBACK.admits_host(host)
-    assert not LOOPBACK.admits_origin(f"http://{host}", host)
-
-
-@pytest.mark.parametrize(("host", "is_admitted"), [("192.168.1.2:8000", True), ("evil.example:8000", False)])
-def test_an_open_door_admits_addresses_but_no_foreign_names(host: str, is_admitted: bool) -> None:
-    assert OPEN.admits_host(host) == is_admitted
-
-
-def test_a_door_admits_the_name_that_it_is_bound_to() -> None:
-    assert AccessPolicy("bar.example", 8000, "secret").admits_host("bar.example:8000")
+def test_a_door_admits_the_names_that_it_is_bound_to_and_pages_of_theirs(
+    policy: AccessPolicy, host: str | None, is_admitted: bool
+) -> None:
+    assert policy.admits_host(host) == is_admitted
+    assert policy.admits_origin(f"http://{host}", host) == is_admitted
+    assert policy.is_loopback is (policy is LOOPBACK)
 
 
 @pytest.mark.parametrize(
@@ -91,13 +85,3 @@ CONNECTIONS = """\
 def test_the_user_at_the_other_end_is_read_from_the_system_s_list(host: str, port: int, user: int | None) -> None:
     server = ("::1" if ":" in host else "127.0.0.1", 8000)
     assert user_of((host, port), server, CONNECTIONS.splitlines()) == user
-
-
-def test_an_address_for_a_command_line_holds_no_token() -> None:
-    assert "secret" not in LOOPBACK.opening_url and LOOPBACK.ticket in LOOPBACK.opening_url
-    assert LOOPBACK.ticket != OPEN.ticket
-
-
-def test_only_loopback_is_called_so() -> None:
-    assert LOOPBACK.is_loopback
-    assert not OPEN.is_loopback

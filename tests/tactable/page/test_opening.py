@@ -4,6 +4,7 @@ import asyncio
 import stat
 import webbrowser
 from pathlib import Path
+from typing import Any
 
 import pytest
 import segno
@@ -22,31 +23,12 @@ SCREEN = {"DISPLAY": ":0"}
 
 
 @pytest.fixture
-def reported(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """The figures of the reports that were asked for; none is made."""
-    figures: list[Path] = []
-
-    def report(
-        _device: object, _recording: object, _table: object, _effects: object, figure: Path, _json: bool
-    ) -> None:
-        figures.append(figure)
-
-    monkeypatch.setattr(cli, "report_demo", report)
-    return figures
-
-
-@pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch) -> list[opening.Address]:
-    """Where pages were asked for; none is served."""
-    addresses: list[opening.Address] = []
-
-    def show(
-        _name: str, _device: object, _rules: object, _cache: Path, address: opening.Address, *_more: object
-    ) -> None:
-        addresses.append(address)
-
-    monkeypatch.setattr(opening, "show_demo", show)
-    return addresses
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What was asked for, in order: the figure of a report, or the address of a page; nothing is made or served."""
+    asked: list[Any] = []
+    monkeypatch.setattr(cli, "report_demo", lambda *values: asked.append(values[4]))
+    monkeypatch.setattr(opening, "show_demo", lambda *values: asked.append(values[4]))
+    return asked
 
 
 def demo(*words: str) -> str:
@@ -55,79 +37,46 @@ def demo(*words: str) -> str:
     return found.output
 
 
-def test_a_browser_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("true"))
-    assert not has_browser({})
-    assert has_browser(SCREEN)
-    assert has_browser({"WAYLAND_DISPLAY": "wayland-0"})
-
-
-def test_a_screen_without_a_browser_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_needs_a_screen_and_a_screen_a_browser(monkeypatch: pytest.MonkeyPatch) -> None:
     def none() -> webbrowser.BaseBrowser:
         raise webbrowser.Error("none")
 
+    monkeypatch.setattr(webbrowser, "get", lambda: webbrowser.GenericBrowser("true"))
+    assert [has_browser(screen) for screen in ({}, SCREEN, {"WAYLAND_DISPLAY": "wayland-0"})] == [False, True, True]
     monkeypatch.setattr(webbrowser, "get", none)
     assert not has_browser(SCREEN)
 
 
-@pytest.mark.parametrize(
-    "words", [("--headless",), ("--json",), ("--figure", "demo.png"), ("--recording", "a.hid"), ("--table", "a.nc")]
-)
-def test_what_asks_for_the_report_opens_no_page(
-    words: tuple[str, ...], shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("has_one", [True, False])
+def test_the_demo_is_the_page_where_there_is_a_browser_or_it_is_asked_for_and_else_the_report(
+    has_one: bool, opened: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(opening, "has_browser", lambda: True)
-    demo(*words)
-    assert (len(reported), shown) == (1, [])
+    monkeypatch.setattr(opening, "has_browser", lambda: has_one)
+    figure = Path("tactable-demo.png")
+    for words, expected in (
+        ((), opening.Address("127.0.0.1", 0, opens_browser=True) if has_one else figure),
+        (("--no-open",), opening.Address(opens_browser=False)),
+        (("--host", "0.0.0.0"), opening.Address("0.0.0.0", opens_browser=False)),
+        (("--page-port", "8123"), opening.Address(port=8123, opens_browser=has_one)),
+        (("--headless",), figure),
+        (("--json",), figure),
+        (("--figure", "other.png"), Path("other.png")),
+        (("--recording", "a.hid"), figure),
+        (("--table", "a.nc"), figure),
+        (("--headless", "--no-open"), "refused"),
+    ):
+        demo(*words)
+        assert (opened or ["refused"]) == [expected], words
+        opened.clear()
 
 
-def test_without_a_browser_it_is_the_report_and_says_so(
-    shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(opening, "has_browser", lambda: False)
-    demo()
-    assert (reported, shown) == ([Path("tactable-demo.png")], [])
-
-
-def test_with_a_browser_it_is_the_page_on_loopback(
-    shown: list[opening.Address], reported: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(opening, "has_browser", lambda: True)
-    demo()
-    assert (shown, reported) == ([opening.Address("127.0.0.1", 0, opens_browser=True)], [])
-
-
-@pytest.mark.parametrize(
-    ("words", "address"),
-    [
-        (("--no-open",), opening.Address()),
-        (("--host", "0.0.0.0"), opening.Address("0.0.0.0")),
-        (("--page-port", "8123"), opening.Address(port=8123)),
-    ],
-)
-def test_a_page_that_is_asked_for_needs_no_browser(
-    words: tuple[str, ...],
-    address: opening.Address,
-    shown: list[opening.Address],
-    reported: list[Path],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(opening, "has_browser", lambda: False)
-    demo(*words)
-    assert [(found.host, found.port) for found in shown] == [(address.host, address.port)]
-    assert not shown[0].opens_browser
-    assert reported == []
-
-
-def test_a_control_channel_is_the_page_s_and_stands_where_it_was_asked_for(
-    reported: list[Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_control_channel_is_the_page_s_and_stands_where_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
     monkeypatch.setattr(opening, "has_browser", lambda: False)
     monkeypatch.setattr(opening, "show_demo", lambda *values: asked.append(values[-1]))
     demo("--control", "--control-socket", "/tmp/some.sock", "--control-port", "0")
     demo("--no-open")
-    assert asked == [ProgramsAt("/tmp/some.sock", 0, None), None] and reported == []
+    assert asked == [ProgramsAt("/tmp/some.sock", 0, None), None]
     assert "--control are the page's" in demo("--control", "--headless")
 
 
@@ -141,11 +90,6 @@ def test_the_page_begins_with_the_drives_that_were_asked_for(tmp_path: Path, mon
         app, ["demo", "--no-open", "--drives", "zones", "--effects", str(tmp_path / "rules.toml")]
     )
     assert "its key `drives`" in str(found.exception)
-
-
-def test_a_report_and_a_page_are_not_asked_for_at_once(shown: list[opening.Address], reported: list[Path]) -> None:
-    demo("--headless", "--no-open")
-    assert (shown, reported) == ([], [])
 
 
 @pytest.mark.usefixtures("both_ends")
@@ -193,31 +137,20 @@ def test_a_page_that_is_bound_to_one_address_is_reached_there(host: str) -> None
     assert reachable(host) == host
 
 
-def test_the_token_of_a_stated_port_is_kept_for_its_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert token_for(0) != token_for(0)
-    assert token_for(8123) == token_for(8123)
-    (kept,) = (tmp_path / "tactable").iterdir()
-    assert stat.S_IMODE(kept.stat().st_mode) == 0o600
-
-
-def test_a_kept_token_that_others_could_have_written_is_not_believed(
+def test_the_token_of_a_stated_port_is_kept_for_its_user_alone_and_not_believed_where_others_could_have_written_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert token_for(0) != token_for(0)
     planted = token_for(8123)
-    tmp_path.chmod(0o777)
-    assert token_for(8123) != planted
-
-
-@pytest.mark.parametrize("damaged", ["", "\n", "a b", "\N{GREEK SMALL LETTER ALPHA}" * 32])
-def test_a_damaged_token_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: str) -> None:
-    """A disk that was full when it was written locked everybody out."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kept = tmp_path / "tactable" / "page-token"
-    kept.parent.mkdir()
-    kept.write_text(damaged, encoding="utf-8")
-    token = token_for(8123)
-    assert len(token) >= 32
-    assert token_for(8123) == kept.read_text(encoding="utf-8") == token
+    assert token_for(8123) == planted
+    (kept,) = (tmp_path / "tactable").iterdir()
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+    for damaged in ("", "\n", "a b", "\N{GREEK SMALL LETTER ALPHA}" * 32):  # such as by a disk that was full
+        kept.write_text(damaged, encoding="utf-8")
+        token = token_for(8123)
+        assert len(token) >= 32
+        assert token_for(8123) == kept.read_text(encoding="utf-8") == token
+        assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+    tmp_path.chmod(0o777)
+    assert token_for(8123) != token
