@@ -48,26 +48,18 @@ def run(bar: LiveBar, seconds: float, step_us: float = FRAME_US) -> tuple[dict[i
 
 
 @pytest.mark.parametrize("placement", [ALONE, PAIR, ONE_ZONE])
-def test_a_click_is_felt_at_its_positions_as_promised(table: Table, placement: Placement) -> None:
-    record = record_of(table, placement, START_NS, is_click=True)
-    bar = bar_of(table, [record])
-    bar.touch(fingers_of(table, placement), is_loaded=True)
-    greatest, _ = run(bar, 0.3)
-    found = Promises(table).of_tabulated_click(placement, 20.0)
-    assert found is not None
-    assert list(greatest.values()) == pytest.approx(found[1].level_db.tolist(), abs=0.25)
-
-
-@pytest.mark.parametrize("placement", [ALONE, PAIR, ONE_ZONE])
-def test_a_steady_drive_becomes_what_was_promised_for_its_positions(table: Table, placement: Placement) -> None:
-    record = record_of(table, placement, START_NS)
-    bar = bar_of(table, [record])
-    bar.touch(fingers_of(table, placement), is_loaded=True)
-    _, last = run(bar, 2.0)
-    _, promise = Promises(table).of_drive(placement, 20.0)
+def test_a_click_and_a_steady_drive_do_at_their_positions_what_was_promised(table: Table, placement: Placement) -> None:
+    promises, found = Promises(table), list[list[float]]()
+    for is_click, seconds in ((True, 0.3), (False, 2.0)):
+        bar = bar_of(table, [record_of(table, placement, START_NS, is_click=is_click)])
+        bar.touch(fingers_of(table, placement), is_loaded=True)
+        greatest, last = run(bar, seconds)
+        found.append([*(greatest if is_click else last).values()])
+    click, (_, promise) = promises.of_tabulated_click(placement, 20.0), promises.of_drive(placement, 20.0)
+    assert click is not None
+    assert found[0] == pytest.approx(click[1].level_db.tolist(), abs=0.25)
     # Far below what is felt, the steps of the wire are heard.
-    levels_db = [np.maximum(levels_db, -20.0) for levels_db in (list(last.values()), promise.level_db)]
-    assert levels_db[0] == pytest.approx(levels_db[1], abs=0.1)
+    assert np.maximum(found[1], -20.0) == pytest.approx(np.maximum(promise.level_db, -20.0), abs=0.1)
 
 
 def test_the_motion_is_that_of_the_whole_plant(table: Table) -> None:
@@ -114,13 +106,10 @@ def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: 
             assert moved.levels_db == pytest.approx(alone.levels_db, abs=1e-6)
 
 
-def test_a_bar_that_nothing_drives_is_at_rest(table: Table) -> None:
+def test_a_bar_that_nothing_drives_is_at_rest_and_a_click_rings_down_to_it(table: Table) -> None:
     bar = bar_of(table, [])
     bar.touch(fingers_of(table, PAIR), is_loaded=True)
     assert [bar.advance(stop * FRAME_US) for stop in range(1, 20)] == [None] * 19
-
-
-def test_a_click_rings_down_to_rest(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     run(bar, 8.0, 1e6 * LONGEST_STEP_S / 4)
     assert bar.advance(bar.now_us + FRAME_US) is None

@@ -63,45 +63,31 @@ PICTURE = Picture(
 )
 
 
-def refused(data: bytes) -> CloseCode:
-    with pytest.raises(PageMessageError) as caught:
-        decode_message(data)
-    return caught.value.code
-
-
-@given(st.lists(EVENTS, min_size=1, max_size=MOST_TOUCHES))
-def test_touches_come_back_as_they_were(events: list[PointerEvent]) -> None:
-    assert decode_message(encode_touches(events)) == tuple(events)
-
-
 @given(
+    st.lists(EVENTS, min_size=1, max_size=MOST_TOUCHES),
     st.dictionaries(
         st.text(max_size=20), st.none() | st.booleans() | st.floats(allow_nan=False) | st.text(max_size=20), max_size=8
-    )
+    ),
+    st.integers(0, 2**32 - 1),
+    st.text(max_size=99),
+    st.text(max_size=999),
 )
-def test_switches_come_back_as_they_were(switches: dict[str, object]) -> None:
+def test_what_a_browser_says_comes_as_it_was(
+    events: list[PointerEvent], switches: dict[str, object], finger: int, name: str, text: str
+) -> None:
+    assert decode_message(encode_touches(events)) == tuple(events)
     assert decode_message(encode_choice(switches)) == switches
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_the_finger_to_hear_comes_back(finger: int) -> None:
     assert decode_message(encode_listen(finger)) == finger
+    assert decode_message(encode_device(name, text)) == DroppedFile(name, text)
 
 
-@given(st.binary(max_size=2 * MOST_BYTES))
-def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
-    try:
-        decode_message(data)
-    except PageMessageError as error:
-        assert error.code in CloseCode
-
-
-@given(st.binary(max_size=64), st.sampled_from(Kind))
-def test_any_body_of_a_kind_is_a_message_or_refused(body: bytes, kind: Kind) -> None:
-    try:
-        decode_message(bytes([VERSION, kind]) + body)
-    except PageMessageError as error:
-        assert error.code is CloseCode.MALFORMED
+@given(st.binary(max_size=2 * MOST_BYTES), st.binary(max_size=64), st.sampled_from(Kind))
+def test_any_bytes_are_a_message_or_refused(data: bytes, body: bytes, kind: Kind) -> None:
+    for each, codes in ((data, [*CloseCode]), (bytes([VERSION, kind]) + body, [CloseCode.MALFORMED])):
+        try:
+            decode_message(each)
+        except PageMessageError as error:
+            assert error.code in codes
 
 
 @pytest.mark.parametrize(
@@ -127,7 +113,9 @@ def test_any_body_of_a_kind_is_a_message_or_refused(body: bytes, kind: Kind) -> 
     ],
 )
 def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -> None:
-    assert refused(data) is code
+    with pytest.raises(PageMessageError) as caught:
+        decode_message(data)
+    assert caught.value.code is code
 
 
 def test_a_picture_lies_as_its_definition_says() -> None:
@@ -172,10 +160,7 @@ def test_a_motion_is_told_to_the_greatest_acceleration_of_all_bars() -> None:
     words = np.frombuffer(data[18:], "<i2").reshape(2, 3, 2)
     assert words * scale / 32767 == pytest.approx(acceleration, abs=2e-4)
     assert scale == 4.0
-
-
-def test_a_bar_at_rest_is_a_motion_too() -> None:
-    assert not any(encode_motion(np.zeros((1, 2, 3)), 0.001, 1, is_click=False)[18:])
+    assert not any(encode_motion(np.zeros((1, 2, 3)), 0.001, 1, is_click=False)[18:])  # at rest
 
 
 def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:
@@ -183,11 +168,6 @@ def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:
     data = encode_sound(3, 12_000, samples)
     assert struct.unpack_from("<II", data, 2) == (3, 12_000)
     assert np.frombuffer(data[10:], "<i2").tolist() == samples.tolist()
-
-
-@given(st.text(max_size=99), st.text(max_size=999))
-def test_a_device_file_comes_as_it_was_dropped(name: str, text: str) -> None:
-    assert decode_message(encode_device(name, text)) == DroppedFile(name, text)
 
 
 def test_a_scene_is_json_that_browsers_read() -> None:

@@ -78,17 +78,11 @@ def test_what_was_not_sent_drives_nothing(table: Table, drive: RingDrive) -> Non
     assert drive.events([record_of(table, FINGERS, 0, level_db=None, is_sent=False)]) == []
 
 
-def test_silence_ends_a_drive(table: Table, drive: RingDrive) -> None:
-    records = [record_of(table, FINGERS, 0), record_of(table, FINGERS, 9_000_000, level_db=None)]
-    _, event = drive.events(records)
-    assert event.device_time_us == 9050
-    assert not any(channel.amplitude for channel in event.channels)
-
-
-def test_silence_on_a_lost_port_ends_the_drive_though_it_has_no_sequence(table: Table, drive: RingDrive) -> None:
-    begun = record_of(table, FINGERS, 0)
-    ended = begun._replace(stamps_ns=(0, 30_000_000, 0, 0, 0, 0), drive_sequence=None, drive=b"")
-    first, last = drive.events([begun, ended])
-    assert any(channel.amplitude for channel in first.channels)
-    assert (last.device_time_us, last.waveform) == (30_000, None)
-    assert not any(channel.amplitude for channel in last.channels)
+def test_silence_ends_a_drive_even_on_a_lost_port_where_it_has_no_sequence(table: Table, drive: RingDrive) -> None:
+    begun, silence = record_of(table, FINGERS, 0), record_of(table, FINGERS, 9_000_000, level_db=None)
+    lost = begun._replace(stamps_ns=(0, 30_000_000, 0, 0, 0, 0), drive_sequence=None, drive=b"")
+    for ended, at_us in ((silence, 9050), (lost, 30_000)):
+        first, last = drive.events([begun, ended])
+        assert any(channel.amplitude for channel in first.channels)
+        assert (last.device_time_us, last.waveform) == (at_us, None)
+        assert not any(channel.amplitude for channel in last.channels)
