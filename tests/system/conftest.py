@@ -15,7 +15,7 @@ from tests.system.page import CHROMIUM, Demo
 from tests.tactable.click_table import build_click_table
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small bar and its table."""
     folder = tmp_path_factory.mktemp("demo")

@@ -1,8 +1,5 @@
 """The bar as time goes on: it gives what the table promises, however time is cut, and nothing of it grows."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -24,12 +21,6 @@ ALONE = Placement((0.05,), (True,))
 ONE_ZONE = Placement((0.11, 0.15), (False, True))
 """Both in zone II."""
 START_NS = 1_000_000
-
-
-@pytest.fixture(scope="module")
-def table(click_table: Path) -> Iterator[Table]:
-    with Table.open(click_table) as opened:
-        yield opened
 
 
 def fingers_of(table: Table, placement: Placement) -> list[BarFinger]:

@@ -1,8 +1,5 @@
 """The bar that rows of the sweep move: as loud and as localized as finite elements say, and no longer than ours."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
 from engine.table import Table
@@ -21,21 +18,16 @@ from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, record_of
 PAIR = Placement((0.035, 0.22), (True, False))
 
 
-@pytest.fixture(scope="module")
-def table(click_table: Path) -> Iterator[Table]:
-    with Table.open(click_table) as opened:
-        yield opened
-
-
-def played(table: Table, seconds: float, *, is_click: bool, step_us: float = FRAME_US) -> View:
-    """A view of a command at 50 ms, so many seconds after it."""
-    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, table.best_rows))
+def played(table: Table, seconds: float, *, is_click: bool, rows: BestRows | None = None) -> View:
+    """A view of a command at 50 ms, so many seconds after it; the second bar plays rows, by default the table's."""
+    paper = PaperBar(table.device, table.best_rows if rows is None else rows)
+    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=paper)
     view.move(50_000.0, is_loaded=True)
     record = record_of(table, PAIR, 50_001_000, is_click=is_click)
     view.take(RingDrive(table, RESOLUTION_HZ).events([record]))
     view.read([record])
     while view.bar.now_us < 50_000 + 1e6 * seconds:
-        view.move(view.bar.now_us + step_us, is_loaded=True)
+        view.move(view.bar.now_us + FRAME_US, is_loaded=True)
     return view
 
 
@@ -48,12 +40,7 @@ def test_the_row_of_the_sweep_comes_to_what_finite_elements_say(table: Table) ->
 
 
 def test_a_row_of_two_frequencies_moves_the_bar_with_both(table: Table) -> None:
-    bar = PaperBar(table.device, rows_of(table.device))
-    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=bar)
-    view.move(50_000.0, is_loaded=True)
-    view.read([record_of(table, PAIR, 50_001_000, is_click=False)])
-    while view.bar.now_us < 2_050_000:
-        view.move(view.bar.now_us + FRAME_US, is_loaded=True)
+    view = played(table, 2.0, is_click=False, rows=rows_of(table.device))
     row = row_of(table.device, (0,))
     channels = [ChannelDrive(*each) for each in zip(row.frequencies_hz, row.amplitudes, row.phases_rad, strict=True)]
     paper = view.picture().paper
@@ -79,11 +66,7 @@ def test_beside_a_click_the_drive_ends_when_the_click_does(table: Table) -> None
 
 
 def test_zones_without_a_row_leave_the_second_bar_at_rest(table: Table) -> None:
-    view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, BestRows([], 1.0)))
-    view.move(50_000.0, is_loaded=True)
-    view.read([record_of(table, PAIR, 50_001_000, is_click=False)])
-    view.move(400_000.0, is_loaded=True)
-    paper = view.picture().paper
+    paper = played(table, 0.4, is_click=False, rows=BestRows([], 1.0)).picture().paper
     assert paper is not None and paper.levels_db.max() == LOWEST_DB
 
 

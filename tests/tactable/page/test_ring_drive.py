@@ -1,8 +1,5 @@
 """Records of a ring to what the firmware drives."""
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,12 +11,6 @@ from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
 FINGERS = Placement((0.035, 0.22), (True, False))
-
-
-@pytest.fixture(scope="module")
-def table(click_table: Path) -> Iterator[Table]:
-    with Table.open(click_table) as opened:
-        yield opened
 
 
 @pytest.fixture
