@@ -54,7 +54,6 @@ PATIENCE_MS = 1000 * PATIENCE_S
 def test_touches_are_felt_where_fingers_are_and_nowhere_else(demo: Demo, browser: Browser) -> None:
     with opened(demo, browser) as visit:
         touches_have_their_roles_their_command_and_their_levels(visit)
-        two_fingers_in_one_zone_have_roles_of_their_own(visit)
         a_click_is_felt_by_one_finger_and_not_by_the_other(visit)
         a_finger_that_is_drawn_along_the_bar_is_followed(visit)
         what_a_finger_felt_is_heard(visit)
@@ -76,24 +75,6 @@ def touches_have_their_roles_their_command_and_their_levels(visit: Visit) -> Non
         assert all(stage > 0 for stage in held["last_ns"])
     visit.touch(f2=None, f3=None)
     visit.until("p.fingerCount === 0 && !p.isPlaying")
-
-
-def two_fingers_in_one_zone_have_roles_of_their_own(visit: Visit) -> None:
-    choose(visit, source="click", quiet_zones=[])
-    for _ in range(20):  # again where the machine stalled, which lifts fingers
-        visit.touch(f1=0.37)
-        visit.until("p.fingerCount === 1 && p.age_s > 1")
-        visit.touch(f2=0.6)
-        shown = visit.until("p.fingerCount === 2 && p.age_s > 0.4")
-        if [(finger["zone"], finger["role"]) for finger in shown["made"]] == [(1, QUIET), (1, FELT)]:
-            break
-        lift(visit)
-    else:
-        raise AssertionError("no click of two fingers came through")
-    assert {finger["number"]: finger["role"] for finger in shown["fingers"]} == {
-        finger["number"]: finger["role"] for finger in shown["made"]
-    }
-    lift(visit)
 
 
 def a_click_is_felt_by_one_finger_and_not_by_the_other(visit: Visit) -> None:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -188,15 +189,15 @@ def test_the_demo_plays_on_through_runs_and_kernels_and_the_deaths_of_its_proces
     with running(folder) as rig:
         # Kernels are compiled first; then a new run begins, for which fingers that are down come at once.
         rig.wait(lambda: bool(rig.backend.scene()["has_kernels"]))
-        for step in (
-            a_click_goes_from_finger_to_bar_and_is_felt_as_promised,
+        steps: tuple[Callable[[Rig], None], ...] = (
             switches_change_over_without_a_new_process,
             fingers_that_rest_while_one_run_follows_another_play_in_both,
             fingers_that_load_nothing_break_the_promise,
             a_drive_goes_on_without_a_jolt_when_kernels_are_adopted,
-            an_emulated_firmware_that_dies_is_started_again,
-            an_engine_that_dies_is_started_again,
-        ):
+            partial(a_process_that_dies_is_started_again, which=0),  # the emulated firmware
+            partial(a_process_that_dies_is_started_again, which=1),  # the engine
+        )
+        for step in steps:
             rig.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True, actuators_m=[])
             step(rig)
             rig.lift()
@@ -227,22 +228,6 @@ def is_kept(picture: Picture) -> bool:
 
 def _is_first_felt(picture: Picture) -> bool:
     return [made.role for made in picture.made] == [Role.FELT, Role.QUIET] and len(picture.fingers) == 2
-
-
-def a_click_goes_from_finger_to_bar_and_is_felt_as_promised(rig: Rig) -> None:
-    rig.press(LAST)
-    rig.until(lambda picture: picture.command > 0)
-    rig.until(lambda picture: picture.age_s > 3.0)
-    picture = tap_until(rig, FIRST, lambda picture: _is_first_felt(picture) and is_clicked(picture))
-    assert [finger.zone for finger in picture.fingers] == [2, 0]
-    felt, quiet = picture.made
-    assert (felt.zone, felt.role, quiet.zone, quiet.role) == (0, Role.FELT, 2, Role.QUIET)
-    assert felt.promised_db is not None and quiet.promised_db is not None
-    assert felt.simulated_db == pytest.approx(felt.promised_db, abs=0.5)
-    assert quiet.simulated_db is not None and quiet.simulated_db < felt.promised_db - 6
-    assert sum(picture.last_ns) > 0
-    assert {message[1] for message in rig.told} == {Kind.MOTION}
-    assert rig.backend.sound(0) is not None
 
 
 def switches_change_over_without_a_new_process(rig: Rig) -> None:
@@ -311,15 +296,7 @@ def a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig) -> None:
     assert sum(not any(channel.amplitude for channel in event.channels) for event in events) >= 2  # it did fade
 
 
-def an_emulated_firmware_that_dies_is_started_again(rig: Rig) -> None:
-    kill(rig, 0)
-
-
-def an_engine_that_dies_is_started_again(rig: Rig) -> None:
-    kill(rig, 1)
-
-
-def kill(rig: Rig, which: int) -> None:
+def a_process_that_dies_is_started_again(rig: Rig, which: int) -> None:
     before, restarts = rig.backend.process_ids, rig.backend.restarts
     os.kill(before[which], signal.SIGKILL)
     rig.wait(lambda: rig.backend.restarts > restarts)

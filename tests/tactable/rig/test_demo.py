@@ -339,19 +339,6 @@ def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has
     assert is_felt(fast[0].touches[0], fast[0])
 
 
-def test_every_click_of_the_demo_does_what_was_promised(
-    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
-) -> None:
-    _, applied = clicked
-    assert len(applied) >= 4
-    assert all(wanted.is_click for wanted in applied)
-    for wanted, event in applied.items():
-        report = reporter.report_click(wanted, event)
-        assert report.disagreement <= AGREEMENT
-        at_promise = report.level_db(0, float(report.promise.acceleration_m_per_s2[0]))
-        assert at_promise == pytest.approx(report.promise.level_db[0])
-
-
 def test_a_broken_promise_of_a_click_is_found(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
