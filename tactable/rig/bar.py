@@ -119,6 +119,8 @@ class SimulatedBar:
             displacement = synthesise(run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz)
             if not len(displacement):
                 continue
+            if not run.log.events:  # the board never heard of a drive
+                displacement = np.zeros((len(displacement), len(self.device.actuators)))
             if stretch.finger_m != fingers_m:
                 fingers_m = stretch.finger_m
                 plant.look_at(np.array(fingers_m))

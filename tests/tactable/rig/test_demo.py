@@ -362,3 +362,13 @@ def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
     ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
     assert felt.felt[ringing].max() > 0
     assert not felt.quiet[ringing].any()
+
+
+def test_a_board_that_was_never_driven_moves_nothing(
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    """Such as where the only click of a run came too late."""
+    run, _ = clicked
+    felt = reporter.bar.feel(replace(run, log=replace(run.log, events=())), 1.0)
+    assert len(felt.time_s) > 10
+    assert not felt.drive.any() and not felt.felt.any() and not felt.quiet.any()
