@@ -34,13 +34,14 @@ BEFORE_OTHERS = ("nice", "-n", "-10")
 _TERMINALS = re.compile(r"redirected to (\S+) \(label serial0\)\s+.*redirected to (\S+) \(label serial1\)\n")
 _PROMPT = re.compile(r"\(qemu\) $")
 # A reset cuts a line short, and the next one follows in it.
-_REPORT = re.compile(r"[0-9a-f]{8} [0-9a-f]{8} [0-3] [01]( [0-9a-f]{4})+")
+_REPORT = re.compile(r"([0-9a-f]{8} ){3}[0-3] [01]( [0-9a-f]{4})+")
 
 
 @dataclass(frozen=True)
 class Report:
     """A line of boards/report.h: peaks are the greatest |output| of each actuator since the last, in fractions."""
 
+    boot_id: int
     device_us: int
     renewed_us: int
     state: DeviceState
@@ -154,10 +155,10 @@ class FirmwareImage:
     def _take(self, line: str) -> None:
         if not _REPORT.fullmatch(line):
             return
-        device_us, renewed_us, state, has_high_voltage, *peaks = (int(word, 16) for word in line.split())
+        boot_id, device_us, renewed_us, state, has_high_voltage, *peaks = (int(word, 16) for word in line.split())
         fractions = tuple(peak / FULL_OUTPUT for peak in peaks)
-        report = Report(device_us, renewed_us, DeviceState(state), bool(has_high_voltage), fractions)
-        if not self._reports or report.device_us < self._reports[-1].device_us:
+        report = Report(boot_id, device_us, renewed_us, DeviceState(state), bool(has_high_voltage), fractions)
+        if not self._reports or boot_id != self._reports[-1].boot_id:
             self._reports.clear()
             self._boots += 1
         self._reports.append(report)

@@ -31,6 +31,7 @@ static uint16_t take_peak(uint8_t actuator)
 
 static void put_line(void (*put)(uint8_t))
 {
+    put_hexadecimal(put, the_device.configuration.boot_id, 8, ' ');
     put_hexadecimal(put, (uint32_t)the_device.now_us, 8, ' ');
     put_hexadecimal(put, (uint32_t)the_device.lease.renewed_us, 8, ' ');
     put_hexadecimal(put, (uint32_t)the_device.state, 1, ' ');

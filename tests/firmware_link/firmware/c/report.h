@@ -1,8 +1,8 @@
 /* Report of an emulated board, as text on a second line: what it really did, for tests, beside what it says by protocol.
  *
- * One line each millisecond, in hexadecimal: device time, and when the drive was last set or renewed, in us; state, high
- * voltage, greatest |output| of each actuator since the line before. Two letters cause faults that only the hardware
- * watchdog can mend: `w` wedges the main loop, `s` stops the samples.
+ * One line each millisecond, in hexadecimal: boot id; device time, and when the drive was last set or renewed, in us;
+ * state, high voltage, greatest |output| of each actuator since the line before. Two letters cause faults that only the
+ * hardware watchdog can mend: `w` wedges the main loop, `s` stops the samples.
  */
 #ifndef TACTABLE_REPORT_H
 #define TACTABLE_REPORT_H
