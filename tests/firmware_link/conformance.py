@@ -6,7 +6,7 @@ time are given slack by the tier.
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -66,6 +66,7 @@ SAMPLE_RATE_HZ = 2_000
 WAVEFORM_US = 40 * US_PER_MS
 
 M = TypeVar("M", bound=Message)
+T = TypeVar("T", bound="Tier")
 
 
 class Tier(Protocol):
@@ -958,6 +959,16 @@ def hang_up_law_a_dropped_line_latches_at_once(tier: HangUpTier) -> None:
     silent_us = applied.applied_time_us + tier.lease_ms * US_PER_MS + RAMP_US + tier.slack_us
     again.pass_until(silent_us + 20 * US_PER_MS)
     assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+
+
+def keep_laws(laws: Iterable[Callable[[T], None]], boot: Callable[[], T]) -> None:
+    """Each law over a device that has just booted; a failure names its law."""
+    for law in laws:
+        try:
+            law(boot())
+        except AssertionError as error:
+            error.add_note(f"law: {law.__name__}")
+            raise
 
 
 def _laws(prefix: str) -> Iterator[Callable[..., None]]:

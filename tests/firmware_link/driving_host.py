@@ -1,8 +1,13 @@
 """A host process that drives, and then fails as it is told: `python -m tests.firmware_link.driving_host PORT HOW`."""
 
+import contextlib
 import select
+import signal
+import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
@@ -18,6 +23,33 @@ RENEWALS = 8
 DRIVING = "driving"
 ENDED = "ended"
 RESOLUTION_HZ = 0.01
+Process = subprocess.Popen[str]
+
+
+@contextlib.contextmanager
+def host_process(port: str, how: str, *before: str) -> Iterator[tuple[Process, bool]]:
+    """Such a process, and whether it drives; otherwise it has ended."""
+    command = [*before, sys.executable, "-m", "tests.firmware_link.driving_host", port, how]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=Path(__file__).parents[2], stdin=pipe, stdout=pipe, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, process.stdout.readline().strip() == DRIVING
+        finally:
+            process.kill()
+
+
+def strike(process: Process, how: str) -> None:
+    """Make it fail."""
+    if how == "killed":
+        process.kill()
+    elif how == "stopped":
+        process.send_signal(signal.SIGSTOP)
+    else:
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it stalled and has ended by itself, which is a failure too
+            process.stdin.write("\n")
+            process.stdin.flush()
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
 """Some laws of every device, kept by the emulator's process behind a real pseudo-terminal, in real time."""
 
+import contextlib
 import time
-from collections.abc import Callable, Iterator
+from typing import Self
 
 import numpy as np
 import pytest
@@ -26,7 +27,11 @@ class PortTier:
     def __init__(self, emulator: RunningEmulator) -> None:
         self._emulator = emulator
         self._port: SerialPort | None = None
+
+    def rebooted(self) -> Self:
+        self.hang_up()
         self.reboot()
+        return self
 
     def now_us(self) -> int:
         return time.monotonic_ns() // NS_PER_US
@@ -60,11 +65,7 @@ class PortTier:
             self._port.close()
         self._port = None
 
-
-@pytest.fixture(scope="module")
-def emulator() -> Iterator[RunningEmulator]:
-    with run_emulator() as running:
-        yield running
+    close = hang_up
 
 
 # The real line takes part in these: a hang-up, what comes in pieces, much in a row, and leases that run meanwhile.
@@ -79,10 +80,6 @@ REAL = (
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize("law", REAL, ids=lambda law: law.__name__)
-def test_the_emulator_behind_its_port_keeps(law: Callable[[PortTier], None], emulator: RunningEmulator) -> None:
-    tier = PortTier(emulator)
-    try:
-        law(tier)
-    finally:
-        tier.hang_up()
+def test_the_emulator_behind_its_port_keeps_the_laws() -> None:
+    with run_emulator() as emulator, contextlib.closing(PortTier(emulator)) as tier:
+        conformance.keep_laws(REAL, tier.rebooted)
