@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -20,16 +21,28 @@ from tests.firmware_link.conformance import (
     WaveLaw,
 )
 from tests.firmware_link.firmware.compiled_core import (
-    LIBRARY,
     CompiledTier,
     WatchedTier,
-    make,
     need,
     with_sanitizers,
 )
+from tests.firmware_link.firmware.twins import make_sanitized, run_apart
 from tests.firmware_link.sensing_laws import SENSING_LAWS
 
 ROOT = Path(__file__).parents[3]
+LONG_RUN = int(os.environ.get("TACTABLE_FUZZ_SESSIONS", "0"))
+
+
+@pytest.fixture(scope="module")
+def sanitized(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a core that stops at what is undefined.
+
+    It has room for its actuators only, as a board builds it: room for 255 hides an index that is one too great.
+    """
+    need("make", "cc")
+    folder = tmp_path_factory.mktemp("sanitized")
+    make_sanitized(folder)
+    return folder
 
 
 @pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
@@ -38,33 +51,37 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
 
 
 @pytest.mark.machine
-@pytest.mark.parametrize(
-    "files",
-    ["test_core.py", "test_*.py"],
-    ids=["by the laws", "at all"],
-)
-def test_the_c_core_does_nothing_undefined(tmp_path: Path, files: str) -> None:
-    need("make", "cc")
-    make(tmp_path, "host", "SANITIZE=address,undefined")
-    tests = [str(path) for path in sorted(Path(__file__).parent.glob(files))]
-    options = ["-n", "0", "-p", "no:cacheprovider", "-k", "not undefined and not tone"]
-    command = [sys.executable, "-m", "pytest", *options, *tests]
-    done = subprocess.run(command, cwd=ROOT, env=with_sanitizers(tmp_path), capture_output=True, text=True, check=False)
+def test_the_c_core_does_nothing_undefined_in_its_tests(sanitized: Path) -> None:
+    tests = [str(path) for path in sorted(Path(__file__).parent.glob("test_*.py"))]
+    # A board of two actuators has no room for the frames of more.
+    chosen = "not undefined and not tone and not (longest and (36 or 100 or 255))"
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-k", chosen, *tests]
+    done = subprocess.run(
+        command, cwd=ROOT, env=with_sanitizers(sanitized), capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
     assert " passed" in done.stdout
 
 
 @pytest.mark.machine
-def test_with_room_for_its_actuators_only_the_c_core_stays_within_its_arrays(tmp_path: Path) -> None:
-    """As a board builds it; elsewhere there is room for 255, which hides an index that is one too great."""
-    need("make", "cc")
-    # Without a runtime: what is out of bounds ends the process.
-    make(tmp_path, "host", "ACTUATORS=2", "SANITIZE=undefined -fsanitize-undefined-trap-on-error")
-    environment = os.environ | {"TACTABLE_CORE_LIBRARY": str(tmp_path / LIBRARY)}
-    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", __file__, "-k", "keeps or voltage"]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-4_000:] + done.stderr[-4_000:]
-    assert "[100%]" in done.stdout
+@pytest.mark.parametrize(
+    "frames",
+    [
+        100_000,
+        pytest.param(
+            LONG_RUN,
+            marks=pytest.mark.skipif(
+                not LONG_RUN, reason="long run: set TACTABLE_FUZZ_SESSIONS, such as 1000000 (5 minutes)"
+            ),
+        ),
+    ],
+)
+def test_nothing_undefined_happens_in_random_sessions(frames: int, sanitized: Path) -> None:
+    """Two seeds at once, of half of the frames each."""
+    with ThreadPoolExecutor(2) as pool:
+        for done in pool.map(lambda seed: run_apart(sanitized, ["--seed", seed, "--frames", str(frames // 2)]), "23"):
+            assert done.returncode == 0, done.stderr[-6_000:]
+            print(done.stdout)  # noqa: T201  # the counts
 
 
 def test_high_voltage_is_allowed_while_armed_and_until_what_sounds_has_faded() -> None:

@@ -430,13 +430,16 @@ def run_sessions(seed: int, first: int, frames: int) -> Counter[str]:
     raise AssertionError
 
 
-def run_with_sanitizers(arguments: list[str], *, captures: bool = True) -> "subprocess.CompletedProcess[str]":
-    """Build the C core with sanitizers, and run this module's sessions over it in another process."""
-    with tempfile.TemporaryDirectory() as folder:
-        make(Path(folder), "host", "SANITIZE=address,undefined", f"ACTUATORS={ACTUATORS}")
-        command = [sys.executable, "-m", "tests.firmware_link.firmware.twins", *arguments]
-        environment = with_sanitizers(Path(folder))
-        return subprocess.run(command, cwd=ROOT, env=environment, capture_output=captures, text=True, check=False)
+def make_sanitized(folder: Path) -> None:
+    """Build the C core with sanitizers and room for its actuators only."""
+    make(folder, "host", "SANITIZE=address,undefined", f"ACTUATORS={ACTUATORS}")
+
+
+def run_apart(folder: Path, arguments: list[str], *, captures: bool = True) -> "subprocess.CompletedProcess[str]":
+    """Run sessions in another process, over the sanitized core in a folder."""
+    command = [sys.executable, "-m", "tests.firmware_link.firmware.twins", *arguments]
+    environment = with_sanitizers(folder)
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=captures, text=True, check=False)
 
 
 def main() -> None:
@@ -447,7 +450,9 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1_000_000)
     options = parser.parse_args()
     if "TACTABLE_CORE_LIBRARY" not in os.environ:
-        raise SystemExit(run_with_sanitizers(sys.argv[1:], captures=False).returncode)
+        with tempfile.TemporaryDirectory() as folder:
+            make_sanitized(Path(folder))
+            raise SystemExit(run_apart(Path(folder), sys.argv[1:], captures=False).returncode)
     counts = run_sessions(options.seed, options.first, options.frames)
     for kind, count in sorted(counts.items()):
         print(f"{kind:24}{count:10}")  # noqa: T201  # the report
