@@ -24,7 +24,7 @@ def test_a_tap_may_get_the_old_or_the_new_level_only_during_a_change() -> None:
 
 @pytest.mark.machine
 def test_a_short_run_loses_no_report_and_has_no_wrong_effect() -> None:
-    found: dict[str, Any] = run(100, 2)
+    found: dict[str, Any] = run(50, 2)
     assert found["wrong"] == found["lost_frames"] == found["mispredicted"] == found["events_lost"] == 0
-    assert found["reports"] == found["reports_of_the_recording"] and found["control_steps"] == 100
+    assert found["reports"] == found["reports_of_the_recording"] and found["control_steps"] == 50
     assert found["taps_heard"] > 50

@@ -292,8 +292,7 @@ def _patience() -> Iterator[None]:
 def outcome_of(fuzzed: Fuzzed, seed: int, number: int, folder: Path) -> str:
     """Taken, refused, or the fault."""
     try:
-        with _patience():
-            fuzzed.play(random.Random(f"{seed} {number}"), folder)
+        fuzzed.play(random.Random(f"{seed} {number}"), folder)
     except fuzzed.family as refusal:
         return "refused" if str(refusal) else "fault: a refusal without words"
     except Exception as error:  # that is what is looked for
@@ -306,7 +305,9 @@ def _play_batch(
     fuzzed: Fuzzed, seed: int, numbers: range, folder: Path, outcomes: "multiprocessing.SimpleQueue[str]"
 ) -> None:
     for number in numbers:
-        outcomes.put(outcome_of(fuzzed, seed, number, folder))
+        with _patience():
+            outcome = outcome_of(fuzzed, seed, number, folder)
+        outcomes.put(outcome)
 
 
 def fuzz(
