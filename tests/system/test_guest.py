@@ -73,17 +73,11 @@ def guest(tmp_path_factory: pytest.TempPathFactory) -> Guest:
     return Guest(pickle.loads(results.read_bytes()), console)
 
 
-@pytest.fixture(scope="module")
-def beside() -> tuple[ChainRun, EmulatorLog]:
+def play_beside() -> tuple[ChainRun, EmulatorLog]:
     """The same recording without a kernel's drivers: played into the engine, to an emulator behind a pty."""
     with run_emulator(number_of_actuators=2) as emulator:
         run = run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ), None, lambda: None)
         return run, emulator.stop()
-
-
-@pytest.fixture(scope="module")
-def whole_chain(guest: Guest) -> Happened:
-    return guest.result("whole_chain", Happened)
 
 
 def index_of(zone: int) -> int:
@@ -105,61 +99,42 @@ def played_for(happened: Happened, change: CommandRecord) -> DriveEvent | None:
     return next((event for event in near if event.sequence == change.drive_sequence), None)
 
 
-def test_the_kernel_takes_the_virtual_device_for_a_touch_screen(guest: Guest) -> None:
-    device = guest.result("kernel_device", KernelDevice)
+def test_the_guest_renders_what_a_run_beside_it_renders_and_every_drive_reaches_the_firmware(guest: Guest) -> None:
+    device, happened = guest.result("kernel_device", KernelDevice), guest.result("whole_chain", Happened)
+    (run,), log = happened.runs, happened.log
+    run_beside, log_beside = play_beside()
     assert (device.driver, device.product_name) == ("hid-multitouch", DEMO.name)
     assert device.descriptor == DEMO.descriptor
 
-
-def test_the_guest_renders_the_states_of_the_run_beside_it(
-    whole_chain: Happened, beside: tuple[ChainRun, EmulatorLog]
-) -> None:
-    (run,) = whole_chain.runs
     assert run.link_error is None
-    assert run.states() == beside[0].states()
+    assert run.states() == run_beside.states()
     assert len(run.states()) == 17
+    assert driven_hz(log) == driven_hz(log_beside)
 
-
-def test_the_firmware_plays_what_it_plays_beside(whole_chain: Happened, beside: tuple[ChainRun, EmulatorLog]) -> None:
-    assert driven_hz(whole_chain.log) == driven_hz(beside[1])
-
-
-def test_every_report_reaches_the_engine_and_completes_a_frame(whole_chain: Happened) -> None:
-    (run,) = whole_chain.runs
-    assert run.counters.reports == run.counters.frames == len(DEMO.reports)
-    assert (whole_chain.source.overflows, whole_chain.source.losses) == (0, 0)
-
-
-def test_every_drive_sent_reaches_the_firmware_which_takes_it_or_finds_it_stale(whole_chain: Happened) -> None:
-    (run,) = whole_chain.runs
-    outcomes = [frame.outcome for frame in whole_chain.log.received if frame.message == "SET"]
-    assert len(outcomes) == run.link_counters.sent + run.link_counters.renewed
+    assert run.counters.reports == run.counters.frames == len(DEMO.reports), "a report was lost"
+    assert (happened.source.overflows, happened.source.losses) == (0, 0)
+    outcomes = [frame.outcome for frame in log.received if frame.message == "SET"]
+    assert len(outcomes) == run.link_counters.sent + run.link_counters.renewed, "a drive was lost"
     assert set(outcomes) <= {Outcome.ACCEPTED, Outcome.STALE, Outcome.REFUSED}
-    assert outcomes.count(Outcome.ACCEPTED) == whole_chain.log.counters["applied"] > len(outcomes) / 2
-    assert [whole_chain.log.counters[name] for name in ("crc", "framing", "length", "overrun")] == [0] * 4
+    assert outcomes.count(Outcome.ACCEPTED) == log.counters["applied"] > len(outcomes) / 2
+    assert [log.counters[name] for name in ("crc", "framing", "length", "overrun")] == [0] * 4
 
-
-def test_every_command_that_is_played_is_that_of_its_state(whole_chain: Happened) -> None:
-    (run,) = whole_chain.runs
     made = MadeSteady(DEVICE)
     frequencies_hz = [
         (channel.frequency_hz, made.frequency_hz(change.placement))
         for change in run.trace
-        if change.placement is not None and (event := played_for(whole_chain, change)) is not None
+        if change.placement is not None and (event := played_for(happened, change)) is not None
         for channel in event.channels
     ]
     assert len(frequencies_hz) >= 12
-    assert all(is_hz == expected_hz for is_hz, expected_hz in frequencies_hz)
+    assert all(is_hz == expected_hz for is_hz, expected_hz in frequencies_hz), "a drive is not that of its state"
+
+    assert is_silent(log.events[-1]), "a run that is stopped leaves the firmware silent and latched"
+    assert (log.received[-1].message, log.received[-1].outcome) == ("STOP", Outcome.ACCEPTED)
+    assert run.link_counters.acknowledged >= 2
 
 
-def test_a_stopped_run_leaves_the_firmware_silent_and_latched(whole_chain: Happened) -> None:
-    assert is_silent(whole_chain.log.events[-1])
-    last = whole_chain.log.received[-1]
-    assert (last.message, last.outcome) == ("STOP", Outcome.ACCEPTED)
-    assert whole_chain.runs[0].link_counters.acknowledged >= 2
-
-
-def test_an_unplugged_touch_screen_is_silent_and_goes_on_when_it_is_back(guest: Guest) -> None:
+def test_what_is_unplugged_is_silent_and_goes_on_when_it_is_back(guest: Guest) -> None:
     happened = guest.result("touch_screen_unplugged", Happened)
     (run,) = happened.runs
     assert run.link_error is None
@@ -169,24 +144,14 @@ def test_an_unplugged_touch_screen_is_silent_and_goes_on_when_it_is_back(guest: 
     assert is_silent(last_before(happened, "plugged in again"))
     assert driven_hz(happened.log) == [101.0, 116.0]
 
-
-def test_an_unplugged_port_is_a_link_error_that_says_what_to_do(guest: Guest) -> None:
-    first, second = guest.result("gadget_unplugged", Happened).runs
-    assert re.fullmatch(r"/dev/ttyACM\d+ is gone \(.+\): plug the device in and connect again", first.link_error or "")
-    assert second.link_error is None
-
-
-def test_the_firmware_of_an_unplugged_port_falls_silent_by_itself(guest: Guest) -> None:
-    happened = guest.result("gadget_unplugged", Happened)
-    last = last_before(happened, "plugged in again")
-    assert is_silent(last)
-    # But for a guest that stalled at the last moment, so that the engine took the finger for gone.
-    assert last.cause is Cause.LEASE_EXPIRED or happened.runs[0].trace[-1].placement is None
-
-
-def test_a_port_that_is_back_is_found_by_its_stable_id_and_driven_anew(guest: Guest) -> None:
     happened = guest.result("gadget_unplugged", Happened)
     first, second = happened.runs
+    assert re.fullmatch(r"/dev/ttyACM\d+ is gone \(.+\): plug the device in and connect again", first.link_error or "")
+    last = last_before(happened, "plugged in again")
+    assert is_silent(last), "the firmware of a port that is gone falls silent by itself"
+    # But for a guest that stalled at the last moment, so that the engine took the finger for gone.
+    assert last.cause is Cause.LEASE_EXPIRED or first.trace[-1].placement is None
+    assert second.link_error is None, "a port that is back is found by its stable id"
     assert first.states() == [index_of(0)]
     assert second.states()[-2:] == [index_of(4), 0]
     assert driven_hz(happened.log) == [101.0, 116.0]
@@ -210,18 +175,11 @@ def test_an_overflow_is_counted_released_and_forgotten(guest: Guest) -> None:
     assert is_silent(happened.log.events[-1])
 
 
-def test_a_user_without_rights_is_told_the_udev_rule_that_fits_the_device(guest: Guest) -> None:
-    error = guest.result("refusals", Refusals).digitizer
-    assert re.match(r"DigitizerError: no permission to read /dev/hidraw\d+ ", error)
-    pattern = re.search(r'SUBSYSTEM=="hidraw", KERNELS=="(.+?)", TAG\+="uaccess"', error)
-    assert pattern is not None, error
+def test_a_user_without_rights_is_told_how_to_get_them(guest: Guest) -> None:
+    refusals = guest.result("refusals", Refusals)
+    assert re.match(r"DigitizerError: no permission to read /dev/hidraw\d+ ", refusals.digitizer)
+    pattern = re.search(r'SUBSYSTEM=="hidraw", KERNELS=="(.+?)", TAG\+="uaccess"', refusals.digitizer)
+    assert pattern is not None, refusals.digitizer
     assert fnmatchcase(guest.result("kernel_device", KernelDevice).kernel_name, pattern[1])
-
-
-def test_a_user_without_rights_is_told_which_port_refused(guest: Guest) -> None:
-    error = guest.result("refusals", Refusals).port
-    assert re.match(r"LinkError: cannot open /dev/ttyACM\d+ .*Permission denied", error)
-
-
-def test_a_user_without_rights_is_told_how_to_get_the_port(guest: Guest) -> None:
-    assert re.search(r"dialout|udev", guest.result("refusals", Refusals).port)
+    assert re.match(r"LinkError: cannot open /dev/ttyACM\d+ .*Permission denied", refusals.port)
+    assert re.search(r"dialout|udev", refusals.port)

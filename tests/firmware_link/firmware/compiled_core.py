@@ -62,13 +62,14 @@ def core_library() -> CDLL:
 
 def with_sanitizers(folder: Path) -> dict[str, str]:
     """The environment for a process that loads the library in this folder, built with AddressSanitizer."""
+    return under_sanitizers() | {"TACTABLE_CORE_LIBRARY": str(folder / LIBRARY)}
+
+
+def under_sanitizers() -> dict[str, str]:
+    """The environment for a process of Python that loads what was built with AddressSanitizer."""
     runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
-    return os.environ | {
-        "TACTABLE_CORE_LIBRARY": str(folder / LIBRARY),
-        # Python is not built with the sanitizer, and does not free all that it has when it ends.
-        "LD_PRELOAD": runtime.stdout.strip(),
-        "ASAN_OPTIONS": "detect_leaks=0",
-    }
+    # Python is not built with the sanitizer, and does not free all that it has when it ends.
+    return os.environ | {"LD_PRELOAD": runtime.stdout.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
 
 
 class CompiledLine(VirtualLine):
