@@ -1,13 +1,6 @@
-"""Frames damaged in every way that a line knows: none is accepted that was not sent, and the next one always is.
+"""Frames damaged in every way that a line knows; firmware/compare_decoders.py shows them to both decoders."""
 
-`python -m tests.firmware_link.corrupt COUNT [SEED]` runs COUNT of them, as many of each kind, and prints what came out.
-"""
-
-import argparse
-import json
 import random
-import sys
-import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,7 +8,7 @@ from dataclasses import dataclass
 
 from cobs import cobs
 
-from firmware_link.protocol.framing import FrameDecoder, Signal, encode_frame
+from firmware_link.protocol.framing import Signal, encode_frame
 from firmware_link.protocol.layout import Layout
 from firmware_link.protocol.messages import MESSAGES, Hello, has_exact_length, seed_of
 
@@ -168,36 +161,6 @@ def count_outcomes(batch: Batch, received: Sequence[bytes | Signal]) -> Counter[
     return outcomes
 
 
-def run(count: int, seed: int) -> dict[str, Counter[str]]:
-    """Outcomes by kind of damage, `count` frames in all."""
-    chance = Chance(seed)
-    outcomes: dict[str, Counter[str]] = {}
-    for damage in DAMAGES:
-        total = outcomes[damage.__name__] = Counter()
-        decoder, left = FrameDecoder(ACTUATORS), -(-count // len(DAMAGES))
-        while left:
-            batch = make_batch(damage, min(BATCH, left), chance)
-            total += count_outcomes(batch, decoder.receive(batch.stream))
-            left -= len(batch.whole)
-        counters = decoder.counters
-        assert counters.ok == total["refused"] + 2 * total["what was sent"]
-    return outcomes
-
-
-def main() -> None:
-    """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("count", type=int)
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    arguments = parser.parse_args()
-    started_s = time.monotonic()
-    outcomes = run(arguments.count, arguments.seed)
-    total = sum(sum(counts.values()) for counts in outcomes.values())
-    document = {"frames": total, "seconds": round(time.monotonic() - started_s, 1), "outcomes": outcomes}
-    json.dump(document, sys.stdout, indent=2)
-    sys.stdout.write("\n")
-
-
 def _flip(frame: bytes, bits: int, chance: Chance) -> bytes:
     pattern = 0
     for _ in range(bits):
@@ -236,7 +199,3 @@ BODIES = _make_frames()
 FRAMES = tuple(BODIES)[::2]
 """Those that are damaged, and those that stay whole: what is accepted tells which it was."""
 WHOLE_FRAMES = tuple(BODIES)[1::2]
-
-
-if __name__ == "__main__":
-    main()

@@ -8,16 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.emulator import LONGEST_LEASE_MS, Cause, DeviceConfiguration, EmulatedFirmware, Outcome, synthesise
-from firmware_link.emulator.lease import DISARM_US
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import (
-    Ack,
     Arm,
     ChannelDrive,
     DeviceState,
-    Fault,
-    FaultCode,
-    Result,
     Status,
     encode_drive,
 )
@@ -114,16 +109,6 @@ def test_a_silent_channel_keeps_its_frequency() -> None:
     host = driving_host()
     host.set(bytes(12), 10_000)
     assert [channel.frequency_hz for channel in host.firmware.drive_log[-1].channels] == pytest.approx([60, 90])
-
-
-def test_fault_repeats_until_acknowledged() -> None:
-    host = driving_host()
-    said = decode_messages(host.firmware.advance(700_000))
-    faults = [message for message in said if isinstance(message, Fault)]
-    assert faults == [Fault(FaultCode.SILENT_HOST, 1000 + DISARM_US)] * 5
-    for sequence in range(256):
-        host.send(Ack(Fault.type_byte, sequence, Result.OK), 700_000)
-    assert not [message for message in decode_messages(host.firmware.advance(2_000_000)) if isinstance(message, Fault)]
 
 
 def test_status_tells_the_last_set_applied() -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator.memory import BasisStore
 from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer_messages
-from firmware_link.protocol.messages import BASIS_CHUNK_SIZE, BasisBegin, BasisChunk, BasisCommit, Result
+from firmware_link.protocol.messages import BasisBegin, BasisChunk, BasisCommit, Result
 from tests.firmware_link.strategies import bases, unhurried
 
 ACTUATORS = 3  # as in `bases`
@@ -50,27 +50,6 @@ def test_a_transfer_with_a_wrong_byte_holds_nothing(basis: Basis, data: st.DataO
     _, *chunks, _ = transfer_messages(bytes(content))
     assert transfer(store, begin, *chunks, commit)[-1] is Result.WRONG_HASH
     assert (store.basis, store.held_hash) == (None, 0)
-
-
-def test_a_click_longer_than_the_device_plays_is_out_of_range() -> None:
-    store = BasisStore(1 << 16, 10, 1)
-    for samples, result in ((11, Result.OK), (12, Result.OUT_OF_RANGE)):
-        steps = transfer_messages(silence(samples).data)
-        assert transfer(store, *steps)[-1] is result
-
-
-def test_chunks_out_of_order_are_refused() -> None:
-    store = BasisStore(1 << 16, 10, 1)
-    chunk = bytes(BASIS_CHUNK_SIZE)
-    steps = (
-        BasisBegin(1, 500),
-        BasisChunk(0, chunk),
-        BasisChunk(384, chunk),
-        BasisChunk(100, chunk),
-        BasisChunk(192, chunk),
-    )
-    assert transfer(store, *steps) == [Result.OK, Result.OK, Result.OUT_OF_RANGE, Result.OUT_OF_RANGE, Result.OK]
-    assert transfer(store, BasisChunk(384, chunk), BasisChunk(576, chunk)) == [Result.OK, Result.OUT_OF_RANGE]
 
 
 @given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12))

@@ -60,7 +60,9 @@ def test_both_decoders_do_the_same_in_any_chunking(parts: list[bytes], cuts: lis
 def test_both_decoders_refuse_the_same_damaged_frames() -> None:
     outcomes = compare(core_library(), FRAMES, seed=3)
     assert outcomes.keys() == {damage.__name__ for damage in DAMAGES}
-    assert sum(sum(counts.values()) for counts in outcomes.values()) >= FRAMES
+    for counts in outcomes.values():
+        # Doubling a byte or the like may leave the frame as it was.
+        assert counts.total() >= FRAMES // len(DAMAGES) and counts["refused"] > 0.85 * counts.total()
 
 
 @pytest.mark.parametrize("number_of_actuators", [1, 36, 100, 255])

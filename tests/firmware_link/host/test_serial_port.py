@@ -43,27 +43,24 @@ def refusal(
     return message
 
 
-@pytest.mark.parametrize("number", [errno.EACCES, errno.EPERM])
-@pytest.mark.parametrize("group", ["dialout", "uucp"])
-def test_no_permission_is_told_with_the_group_of_the_port_and_a_udev_rule(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str, number: int
-) -> None:
-    port = tmp_path / "ttyACM7"
-    message = refusal(port, monkeypatch, group=group, number=number)
-    assert f"to get {port}, run `sudo usermod -aG {group} $USER` and log in again, or put this udev rule" in message
-    assert message.endswith('SUBSYSTEM=="tty", KERNEL=="ttyACM7", TAG+="uaccess"')
-
-
 @pytest.mark.parametrize(
-    ("group", "mode"), [("root", 0o660), (None, 0o660), ("dialout", 0o600), ("dialout", 0o640), ("dialout", 0o620)]
+    ("group", "mode", "number", "helps"),
+    [
+        ("dialout", 0o660, errno.EACCES, True),
+        ("uucp", 0o660, errno.EPERM, True),
+        ("root", 0o660, errno.EACCES, False),
+        (None, 0o660, errno.EACCES, False),
+        ("dialout", 0o600, errno.EACCES, False),
+        ("dialout", 0o640, errno.EACCES, False),
+        ("dialout", 0o620, errno.EACCES, False),
+    ],
 )
-def test_nobody_is_sent_into_a_group_that_does_not_help(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str | None, mode: int
+def test_no_permission_is_told_with_a_udev_rule_and_with_the_group_where_that_helps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str | None, mode: int, number: int, helps: bool
 ) -> None:
-    port = tmp_path / "ttyACM7"
-    message = refusal(port, monkeypatch, group=group, mode=mode)
-    assert "usermod" not in message
-    assert f"to get {port}, put this udev rule" in message
+    message = refusal(tmp_path / "ttyACM7", monkeypatch, group=group, mode=mode, number=number)
+    assert (f"usermod -aG {group} $USER" in message) == ("usermod" in message) == helps
+    assert message.endswith('SUBSYSTEM=="tty", KERNEL=="ttyACM7", TAG+="uaccess"')
 
 
 def test_the_rule_names_the_port_that_a_link_leads_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

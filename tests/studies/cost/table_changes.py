@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device import Device
 from engine.device.texts import text_with_values
 from engine.table.history import replace_table
 from precompute.builder.build import build_table
@@ -69,10 +70,6 @@ def measure_chain(device_name: str, folder: Path) -> dict[str, Any]:
 
 def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
     """Two tables of a device on a coarse grid, with all its states, that drive differently."""
-    from engine.device import Device
-    from precompute.builder.build import build_table
-    from precompute.parallel.pool import available_cores
-
     coarse = {"sweep.step": "10 Hz", "sweep.amplitude_steps": "2", "sweep.phase_steps": "8"}
     text, paths = find_device(device_name).text, []
     for number, stiffness in enumerate(_STIFFNESS):
