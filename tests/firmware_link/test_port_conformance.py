@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Self
 
 import numpy as np
@@ -69,7 +70,7 @@ class PortTier:
 
 
 # The real line takes part in these: a hang-up, what comes in pieces, much in a row, and leases that run meanwhile.
-REAL = (
+REAL: tuple[Callable[[PortTier], None], ...] = (
     conformance.hang_up_law_a_dropped_line_latches_at_once,
     conformance.law_a_drive_ends_with_its_lease,
     conformance.law_any_garbage_ends_at_the_next_delimiter,
