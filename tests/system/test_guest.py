@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from fnmatch import fnmatchcase
+from itertools import groupby
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ from engine.touch import state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from firmware_link.emulator import Cause, DriveEvent, Outcome
-from firmware_link.emulator.process import EmulatorLog, run_emulator
+from firmware_link.emulator.process import run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tests.engine.made_states import states_of
 from tests.engine.render.made_steady import MadeSteady
@@ -73,11 +74,10 @@ def guest(tmp_path_factory: pytest.TempPathFactory) -> Guest:
     return Guest(pickle.loads(results.read_bytes()), console)
 
 
-def play_beside() -> tuple[ChainRun, EmulatorLog]:
+def play_beside() -> ChainRun:
     """The same recording without a kernel's drivers: played into the engine, to an emulator behind a pty."""
     with run_emulator(number_of_actuators=2) as emulator:
-        run = run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ), None, lambda: None)
-        return run, emulator.stop()
+        return run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ), None, lambda: None)
 
 
 def index_of(zone: int) -> int:
@@ -102,14 +102,12 @@ def played_for(happened: Happened, change: CommandRecord) -> DriveEvent | None:
 def test_the_guest_renders_what_a_run_beside_it_renders_and_every_drive_reaches_the_firmware(guest: Guest) -> None:
     device, happened = guest.result("kernel_device", KernelDevice), guest.result("whole_chain", Happened)
     (run,), log = happened.runs, happened.log
-    run_beside, log_beside = play_beside()
     assert (device.driver, device.product_name) == ("hid-multitouch", DEMO.name)
     assert device.descriptor == DEMO.descriptor
 
     assert run.link_error is None
-    assert run.states() == run_beside.states()
+    assert run.states() == play_beside().states()
     assert len(run.states()) == 17
-    assert driven_hz(log) == driven_hz(log_beside)
 
     assert run.counters.reports == run.counters.frames == len(DEMO.reports), "a report was lost"
     assert (happened.source.overflows, happened.source.losses) == (0, 0)
@@ -120,14 +118,18 @@ def test_the_guest_renders_what_a_run_beside_it_renders_and_every_drive_reaches_
     assert [log.counters[name] for name in ("crc", "framing", "length", "overrun")] == [0] * 4
 
     made = MadeSteady(DEVICE)
-    frequencies_hz = [
-        (channel.frequency_hz, made.frequency_hz(change.placement))
-        for change in run.trace
-        if change.placement is not None and (event := played_for(happened, change)) is not None
-        for channel in event.channels
-    ]
-    assert len(frequencies_hz) >= 12
-    assert all(is_hz == expected_hz for is_hz, expected_hz in frequencies_hz), "a drive is not that of its state"
+    felt = [(change, made.frequency_hz(change.placement)) for change in run.trace if change.placement is not None]
+    played = [(event, hz) for change, hz in felt if (event := played_for(happened, change)) is not None]
+    assert len(played) >= 6
+    for event, hz in played:
+        assert {channel.frequency_hz for channel in event.channels} == {hz}, "a drive is not that of its state"
+    # In order, and without one only where the guest stalled so that the next took its place or it came too late; its
+    # neighbours may then be of one frequency.
+    wanted_hz, found_hz = [hz for hz, _ in groupby(hz for _, hz in felt)], driven_hz(log)
+    rest_hz = iter(wanted_hz)
+    assert all(hz in rest_hz for hz in found_hz), (found_hz, wanted_hz)
+    stalled = run.link_counters.coalesced + len(outcomes) - outcomes.count(Outcome.ACCEPTED)
+    assert len(wanted_hz) - len(found_hz) <= 2 * stalled, (found_hz, wanted_hz)
 
     assert is_silent(log.events[-1]), "a run that is stopped leaves the firmware silent and latched"
     assert (log.received[-1].message, log.received[-1].outcome) == ("STOP", Outcome.ACCEPTED)
