@@ -1,8 +1,7 @@
 """Laws of the place for compiled kernels: numba's own where it may write, else a folder that goes with the command."""
 
 import os
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -47,30 +46,17 @@ def test_a_cache_folder_that_others_can_write_is_none_for_kernels(tmp_path: Path
     assert "writable by you alone" in (provide_kernel_cache(NOWHERE, tmp_path) or "")
 
 
-@pytest.mark.machine
-def test_without_a_place_kernels_compile_and_go_with_the_process(tmp_path: Path) -> None:
-    """In a process of its own that is told of places where nothing can be written."""
-    program = f"""
-import os, sys
-from pathlib import Path
-from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache
-print(provide_kernel_cache(Path({str(NOWHERE)!r}), Path({str(NOWHERE)!r})))
-import numba
-@numba.njit(cache=True)
-def twice(x): return 2 * x
-print(twice(21), Path(os.environ["NUMBA_CACHE_DIR"]).is_dir(), os.environ["NUMBA_CACHE_DIR"])
-"""
-    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
-    environment["PYTHONPATH"] = str(Path(__file__).parents[3])
-    script = tmp_path / "kernel.py"  # numba keeps no kernel without a source file
-    script.write_text(program, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, script], env=environment, capture_output=True, text=True, check=True, timeout=300
-    )
-    said, found = done.stdout.splitlines()
-    assert f"neither {NOWHERE} nor {NOWHERE} is writable by you alone" in said and "Set NUMBA_CACHE_DIR" in said
-    answer, existed, folder = found.split()
-    assert (answer, existed) == ("42", "True") and not Path(folder).exists()
+def test_without_a_place_kernels_go_into_a_folder_that_goes_with_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_end = list[Callable[[], object]]()
+    monkeypatch.setattr("atexit.register", at_end.append)
+    said = provide_kernel_cache(NOWHERE, NOWHERE)
+    assert f"neither {NOWHERE} nor {NOWHERE} is writable by you alone" in (said or "")
+    assert "Set NUMBA_CACHE_DIR" in (said or "")
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    assert folder.is_dir()
+    for end in at_end:
+        end()
+    assert not folder.exists()
 
 
 def test_compiling_the_steady_solver_is_said_only_where_no_cache_has_it(

@@ -14,6 +14,7 @@ import pytest
 from engine.device import Device
 from firmware_link.emulator.process import run_emulator
 from precompute.measurements import Kind, read_measurements
+from precompute.measurements.netcdf_content import load_content
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import SensorForm
 from tests.engine.loop.rig import DEVICE
@@ -27,8 +28,8 @@ RESPONSE = 3.0 - 4.0j
 LEAST = 0.05
 
 
-@pytest.mark.machine
-def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path) -> None:
+def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("precompute.measurements.netcdf.read_content", load_content)
     words = ("--places", "2", "--frequencies", "170,209", "--peaks", "peaks.csv", "--gravity", "--json")
     outputs = ("-o", "bar.nc", "-o", "bar.csv", "-o", "bar.uff")
     done = run_here(tmp_path, "measure", "reference-a", *outputs, *SIMULATED, *words, "--flaws", "gain=2%,drift=60")

@@ -1,55 +1,69 @@
-"""The command `play`: one drive by hand, on an emulated firmware of another process, and how it refuses."""
+"""The command `play`: one drive by hand, on an emulated firmware, and how it refuses."""
 
 import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from firmware_link.emulator import Cause
-from firmware_link.emulator.process import RunningEmulator, run_emulator
+from firmware_link.emulator.process import run_emulator
 from tests.tactable.cli.in_process import run_here
+from tests.tools.virtual import VirtualLine
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--phase", "0deg,90deg")
 
 
-@pytest.fixture
-def emulator() -> Iterator[RunningEmulator]:
-    with run_emulator() as running:
-        yield running
+class Line(VirtualLine):
+    """A virtual line with what the command says of a port."""
+
+    path = "virtual port"
+    notes = ()
+    bit_rate_hz = 115_200
+
+    def __enter__(self) -> "Line":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
-@pytest.mark.machine
-def test_a_drive_is_played_for_its_time_and_its_levels_are_told(tmp_path: Path, emulator: RunningEmulator) -> None:
-    done = run_here(tmp_path, "play", "reference-a", "--port", emulator.port, *DRIVE, "--for", "0.3 s", "--json")
+def test_a_drive_is_played_for_its_time_and_its_levels_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = Line()
+    monkeypatch.setattr("engine.loop.SystemClock", lambda: line)
+    monkeypatch.setattr("tactable.audio.port.open_port", lambda *_: line)
+    done = run_here(tmp_path, "play", "reference-a", "--port", "bar", *DRIVE, "--for", "0.1 s", "--json")
     assert done.returncode == 0, done.stderr
     assert "SIMULATED firmware" in done.stderr
     summary = json.loads(done.stdout)
     assert summary["simulated_firmware"]
-    assert summary["duration_s"] >= 0.3
+    assert summary["duration_s"] == pytest.approx(0.1, abs=1e-3)
     assert len(summary["simulated_bar"]["level_db"]) == len(summary["simulated_bar"]["position_m"]) == 11
-    events = emulator.stop().events
+    events = line.log
     assert [round(channel.frequency_hz) for channel in events[0].channels] == [150, 130]
     assert not any(channel.amplitude for channel in events[-1].channels)
 
 
 @pytest.mark.machine
-def test_ctrl_c_silences(emulator: RunningEmulator) -> None:
-    words = [TACTABLE, "play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %"]
-    with subprocess.Popen(words, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
-        assert "Ctrl-C ends" in process.stderr.readline()
-        while not emulator.log().events:
-            assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate()
+def test_ctrl_c_silences() -> None:
+    pipe = subprocess.PIPE
+    with run_emulator() as emulator:
+        words = [TACTABLE, "play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %"]
+        with subprocess.Popen(words, text=True, stdout=pipe, stderr=pipe) as process:
+            assert process.stderr is not None
+            assert "Ctrl-C ends" in process.stderr.readline()
+            while not emulator.log().events:
+                assert process.poll() is None
+            process.send_signal(signal.SIGINT)
+            out, _ = process.communicate()
+        events = emulator.stop().events
     assert process.returncode == 0
     assert "then silent" in out
-    events = emulator.stop().events
     assert not any(channel.amplitude for channel in events[-1].channels)
     assert events[-1].cause in (Cause.STOP, Cause.SILENT_HOST)
 

@@ -39,12 +39,12 @@ def strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
-@pytest.mark.machine
+@pytest.mark.long
 def test_a_placement_comes_with_its_data_and_a_summary(
     tmp_path: Path, tactable_study: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ("placement", "bar.toml", "--actuators", "2", "--most", "6", "-o", "p.svg", "-o", "p.csv", "--json")
-    assert tactable_study(*words) == 0
+    words = ("placement", "bar.toml", "--actuators", "2", "--most", "6", "--workers", "1", "--json")
+    assert tactable_study(*words, "-o", "p.svg", "-o", "p.csv") == 0
     summary = strict_json(capsys.readouterr().out)
     (search,) = summary["searches"]
     own = next(each for each in search["judged"] if each["placement"] == "as described")
