@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +30,7 @@ from tactable.cli.main import app
 from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
 from tactable.digitizers.record import learn_from_recording, record_source
+from tactable.doctor.layers import Layer
 from tactable.doctor.ports import check_cards
 from tactable.doctor.touch import Machine, examine
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
@@ -40,6 +38,7 @@ from tactable.shipped import DEMO_RECORDING, device_folder
 from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
 from tests.tactable.rig.strokes import Stroke as DrawnStroke
 from tests.tactable.rig.strokes import make_recording
+from tests.tools.virtual import VirtualClock
 
 SURFACE = open_digitizer(DESCRIPTOR).surface
 TOUCH_MM = 279.4
@@ -154,7 +153,32 @@ def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
 # ---- record ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.machine
+@dataclass
+class Once:
+    """Acts once, at a time of the clock."""
+
+    time_ns: int
+    do: Callable[[], object]
+    is_done: bool = False
+
+    def next_ns(self) -> int | None:
+        return None if self.is_done else self.time_ns
+
+    def act(self, now_ns: int) -> None:
+        if not self.is_done and now_ns >= self.time_ns:
+            self.is_done = True
+            self.do()
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualClock:
+    """The clock of what is recorded."""
+    made = VirtualClock()
+    monkeypatch.setattr("engine.loop.loop.SystemClock", lambda: made)
+    return made
+
+
+@pytest.mark.usefixtures("clock")
 def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path: Path) -> None:
     device = bench.hid.plug()
     reports = [touch_report((1, step, True)) for step in range(5)]
@@ -173,16 +197,13 @@ def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path:
     assert (summary["reports"], summary["recording"]) == (5, str(path))
 
 
-@pytest.mark.machine
-def test_an_unplug_ends_the_recording_cleanly(bench: Bench) -> None:
+def test_an_unplug_ends_the_recording_cleanly(bench: Bench, clock: VirtualClock) -> None:
     device = bench.hid.plug()
     source = open_hidraw(bench.system(), "04f3:200a", reconnect=False)
     bench.hid.send(device, touch_report((1, 5, True)))
-    timer = threading.Timer(0.2, bench.hid.unplug, [device])
-    timer.start()
-    recording = record_source(source, 3, SystemClock(), threading.Event())
+    clock.actors.append(Once(clock.time_ns + 200 * MS, lambda: bench.hid.unplug(device)))
+    recording = record_source(source, 3, clock, threading.Event())
     assert len(recording.reports) == 1
-    timer.join()
     source.close()
 
 
@@ -192,19 +213,18 @@ def test_a_recording_that_is_played_is_recorded_as_it_was() -> None:
     assert again == recording
 
 
-@pytest.mark.machine
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_a_recording_with_a_whole_file(tmp_path: Path, number: signal.Signals) -> None:
+def test_ctrl_c_ends_a_recording_with_a_whole_file(
+    bench: Bench, tmp_path: Path, clock: VirtualClock, number: signal.Signals
+) -> None:
     path = tmp_path / "bar.hid"
-    command = [str(Path(sys.executable).parent / "tactable"), "record", "simulated", "-o", str(path), "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None and process.stdout is not None
-        assert "Ctrl-C ends" in process.stderr.readline()
-        time.sleep(0.5)
+
+    def interrupt() -> None:
         assert not path.exists()
-        process.send_signal(number)
-        reports = json.loads(process.stdout.read())["reports"]
-    assert process.returncode == 0
+        signal.raise_signal(number)
+
+    clock.actors.append(Once(clock.time_ns + 500 * MS, interrupt))
+    reports = bench.json("record", "simulated", "-o", str(path))["reports"]
     assert 0 < reports == len(read_recording(path).reports) < len(read_recording(DEMO_RECORDING).reports)
     assert list(tmp_path.iterdir()) == [path]
 
@@ -219,7 +239,13 @@ def test_a_device_that_is_not_there_leaves_no_file(bench: Bench, tmp_path: Path)
 # ---- doctor ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.machine
+@pytest.fixture
+def layers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Layers as measured in no time."""
+    monkeypatch.setattr("tactable.doctor.layers.measure_layers", lambda _: [Layer("host", 40.0, 900.0, "", "")])
+
+
+@pytest.mark.usefixtures("layers")
 def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
     bench.hid.plug()
     port = tmp_path / "ttyACM0"
@@ -230,7 +256,7 @@ def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
     assert "FAIL" not in result.stdout
 
 
-@pytest.mark.machine
+@pytest.mark.usefixtures("layers")
 def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Bench) -> None:
     bench.ports = (PortDescription("/nowhere/ttyACM0", "bar", "bar driver"),)
     bench.backend = "hid"

@@ -2,7 +2,6 @@
 
 import json
 import os
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,8 @@ def test_a_declared_form_is_read_as_it_was_written() -> None:
     assert scale.tolist() == [1.0, 1.0]
 
 
-@pytest.mark.machine
-def test_samples_come_in_declared_units_however_they_were_cut(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
+def test_samples_come_in_declared_units_however_they_were_cut() -> None:
+    reader, writer = os.pipe()
     header = {
         "tactable_samples": 1,
         "sample_rate": "8 kHz",
@@ -36,26 +33,18 @@ def test_samples_come_in_declared_units_however_they_were_cut(tmp_path: Path) ->
     }
     sent = np.arange(24, dtype="<f4").reshape(12, 2)
     data = json.dumps(header).encode() + b"\n" + sent.tobytes()
-    go_on = threading.Event()
-
-    def write() -> None:
-        with pipe.open("wb", buffering=0) as file:
-            file.write(data[:-37])
-            go_on.wait(60)
-            file.write(data[-37:])
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    stream = SampleStream(pipe, DEVICE)
+    os.write(writer, data[:-37])
+    stream = SampleStream(Path(f"/proc/self/fd/{reader}"), DEVICE)
+    os.close(reader)
     assert stream.form.sample_rate_hz == 8000
     assert stream.form.clips_at == (2 * 9.80665, float("inf"))
     found: list[Any] = []
-    go_on.set()
-    writer.join()
-    while sum(len(values) for values in found) < len(sent):
+    for later in (b"", data[-37:-3], data[-3:]):
+        os.write(writer, later)
         block = stream.read()
         found += [] if block is None else [block.values]
     np.testing.assert_allclose(np.concatenate(found), sent * [9.80665, 0.5])
+    os.close(writer)
     with pytest.raises(SensorError, match="the samples have ended"):
         stream.read()
     stream.close()
