@@ -18,23 +18,28 @@ from tactable.audio.interfaces import Interface, find_interfaces, select_interfa
 from tactable.audio.names import AudioError
 from tactable.audio.output_process import Feeder
 from tactable.audio.port import BIT_RATE_HZ, open_port
+from tactable.measure.audio_sensor import AudioSensor
+from tactable.measure.sensor import SensorError
+from tests.engine.loop.rig import DEVICE
 from tests.tactable.audio.cards import OUTPUT, TEXT, core
 from tests.tactable.cli.in_process import run_here
 from tests.tools.virtual import VirtualClock
-
-pytestmark = pytest.mark.machine
 
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--for", "0.2 s")
 
 
 @pytest.mark.machine
-def test_a_drive_by_hand_is_played_by_a_card(tmp_path: Path) -> None:
+def test_a_drive_by_hand_is_played_by_the_process_of_a_card_and_a_card_that_is_not_there_is_named(
+    tmp_path: Path,
+) -> None:
     core()
     done = run_here(tmp_path, "play", "reference-a", "--port", TEXT.replace("0.52", "0.7"), *DRIVE, "--json")
     assert done.returncode == 0, done.stderr
     assert "sound card simulated (SIMULATED): 48 kHz" in done.stderr
     assert "a sound card has no firmware" in done.stderr
     assert json.loads(done.stdout)["duration_s"] >= 0.2
+    with pytest.raises((SensorError, AudioError), match=r"no sound card|sound cards need"):
+        AudioSensor("audio:no such card,scale=9.81 m/s^2", DEVICE)
 
 
 def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets_go() -> None:
@@ -68,6 +73,8 @@ def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets
 def test_a_card_without_its_declarations_is_refused_before_anything_starts() -> None:
     with pytest.raises(AudioError, match="full_scale is missing"):
         open_port("audio:card")
+    with pytest.raises(AudioError, match="scale is missing"):
+        AudioSensor("audio:card", DEVICE)
 
 
 def interface(index: int, name: str) -> Interface:
@@ -80,15 +87,8 @@ class FakePortAudio:
     @staticmethod
     def query_devices() -> list[dict[str, object]]:
         low = {"default_low_output_latency": 0.0087, "default_low_input_latency": 0.0087}
-        return [
-            {
-                "name": "USB: (hw:1,0)",
-                "max_output_channels": 4,
-                "max_input_channels": 2,
-                **low,
-                "default_samplerate": 44_100.0,
-            }
-        ]
+        ends = {"max_output_channels": 4, "max_input_channels": 2}
+        return [{"name": "USB: (hw:1,0)", "default_samplerate": 44_100.0, **ends, **low}]
 
 
 def test_cards_are_found_by_their_name_or_a_part_of_it() -> None:

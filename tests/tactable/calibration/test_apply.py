@@ -66,7 +66,7 @@ def apply(*options: str) -> Result:
     return CliRunner().invoke(app, [*words, *options])
 
 
-@pytest.mark.machine
+@pytest.mark.usefixtures("one_core")
 def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path) -> None:
     done = apply("--json")
     assert done.exit_code == 0, done.output
@@ -176,7 +176,7 @@ def test_other_data_for_the_same_folder_are_refused(folder: Path) -> None:
     assert (folder / "bar.nc").read_bytes() == before
 
 
-@pytest.mark.machine
+@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -6,15 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactable.audio.names import AudioError, parse_input, parse_output
+from tactable.audio.names import parse_input, parse_output
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tactable.measure import DrivenDevice
 from tactable.measure.apparatus import ApparatusOptions, open_apparatus
 from tactable.measure.audio_process import Taker
-from tactable.measure.audio_sensor import AudioSensor
 from tactable.measure.faults import Fault
 from tactable.measure.sample_stream import SampleStream
-from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
@@ -171,11 +169,3 @@ def test_a_card_that_nobody_reads_loses_whole_blocks_and_says_so() -> None:
     for descriptor in (reader, writer):
         os.close(descriptor)
     stream.close()
-
-
-@pytest.mark.machine
-def test_a_card_that_cannot_be_opened_is_named() -> None:
-    with pytest.raises((SensorError, AudioError), match=r"no sound card|sound cards need"):
-        AudioSensor("audio:no such card,scale=9.81 m/s^2", DEVICE)
-    with pytest.raises(AudioError, match="scale is missing"):
-        AudioSensor("audio:card", DEVICE)

@@ -12,8 +12,6 @@ from tactable.bench.latency.load_generator import EchoReceiver, FarEnd, LoadGene
 from tactable.bench.latency.sockets import SocketSource
 from tests.tools.virtual import MS, VirtualClock
 
-pytestmark = pytest.mark.machine
-
 PACKETS = [bytes([number]) * 20 for number in range(7)]
 
 
