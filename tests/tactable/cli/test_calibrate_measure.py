@@ -1,7 +1,9 @@
 """`calibrate --measure --apply`: from a bar that changed to a table that the bar was seen to keep, in one command."""
 
 import json
+import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
+from precompute.measurements.netcdf_content import load_content
 from tactable.cli.console import EXIT_DOUBTFUL
 from tests.precompute.builder.test_build import ONE_LEVEL
 from tests.tactable.cli.in_process import run_here
@@ -28,13 +31,24 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What was measured is read here, and no other process builds, as on a machine of one core."""
+    monkeypatch.setattr("precompute.measurements.netcdf.read_content", load_content)
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    yield
+    os.sched_setaffinity(0, cores)
+
+
+@pytest.fixture
 def folder(made: Path, tmp_path: Path) -> Path:
     for path in made.iterdir():
         shutil.copy(path, tmp_path)
     return tmp_path
 
 
-@pytest.mark.machine
+@pytest.mark.long
+@pytest.mark.usefixtures("in_this_process")
 def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(folder: Path) -> None:
     before = (folder / "bar.nc").read_bytes()
     done = run_here(folder, *WORDS, *BENCH, *CHANGED, "--flaws", "noise=0.01m/s^2,drift=30")
@@ -72,7 +86,8 @@ def test_a_port_without_measure_is_refused(folder: Path) -> None:
     assert "belong to --measure" in done.stderr
 
 
-@pytest.mark.machine
+@pytest.mark.long
+@pytest.mark.usefixtures("in_this_process")
 def test_a_bar_that_no_parameter_describes_leaves_the_table(folder: Path) -> None:
     before = (folder / "bar.nc").read_bytes()
     done = run_here(folder, *WORDS, *BENCH, "--change", "actuator[1].mass=14 g", "--fit", "actuator.full_scale")

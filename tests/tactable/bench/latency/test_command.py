@@ -52,19 +52,8 @@ def report(folder: Path, *words: str) -> dict[str, Any]:
     return document
 
 
-@pytest.fixture(scope="module")
-def measured(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """Two rates, two rounds, beside nothing; a baseline for others."""
-    folder = tmp_path_factory.mktemp("measured")
-    words = ("--rates", "200,1000", "--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
-        return folder, report(folder, str(table), *words)
-
-
-@pytest.mark.machine
-def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Path, dict[str, Any]]) -> None:
-    _, document = measured
+def check_conditions(document: dict[str, Any]) -> None:
+    """No report is lost, no command is stale, and order is kept."""
     ours = [condition for condition in document["conditions"] if condition["engine"] == "tactable"]
     assert [condition["rate_hz"] for condition in ours] == [200, 1000]
     for condition in ours:
@@ -81,9 +70,8 @@ def test_no_report_is_lost_no_command_stale_and_order_is_kept(measured: tuple[Pa
         assert 0 < stages["bar (simulated)"]["p50_us"] < 100_000  # the made clicks' 5 ms
 
 
-@pytest.mark.machine
-def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str, Any]], table: Path) -> None:
-    _, document = measured
+def check_report(document: dict[str, Any], table: Path) -> None:
+    """What a reader must know is in the report."""
     assert document["simulated"] == ["the touches", "the firmware"]
     assert document["table"]["device_fingerprint"] == DEVICE.fingerprint
     assert document["table"]["path"] == str(table)
@@ -91,8 +79,7 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
     assert document["environment"]["clock"]["reading_ns"] > 0
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
     can_exchange = HAS_COMPILER and len(document["environment"]["allowed_processors"]) > 1
-    rounds = 2 * can_exchange
-    assert len(document["environment"]["exchange_between_processors_ns"]) == rounds + can_exchange
+    assert len(document["environment"]["exchange_between_processors_ns"]) == 3 * can_exchange
     assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "2", "10"]
     assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
     if HAS_COMPILER:
@@ -102,10 +89,38 @@ def test_what_a_reader_must_know_is_in_the_report(measured: tuple[Path, dict[str
         assert ten[0] < ten[1]  # clicks of three fingers and more are in no table
         floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
         assert [(floor["rate_hz"], floor["commands"]) for floor in floors] == [(200, 60), (1000, 60)]
-        assert len(document["ratios"]) == 4
-        assert all(
-            row["median"]["low"] <= row["median"]["value"] <= row["median"]["high"] for row in document["ratios"]
-        )
+        medians = [row["median"] for row in document["ratios"]]
+        assert len(medians) == 4
+        assert all(median["low"] <= median["value"] <= median["high"] for median in medians)
+
+
+@pytest.mark.machine
+def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_baseline_is_worse(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = tmp_path / "first"
+    words = ("--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
+    with monkeypatch.context() as patch:
+        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        document = report(first, str(table), "--rates", "200,1000", *words)
+    check_conditions(document)
+    check_report(document, table)
+    assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
+    with np.load(first / "samples.npz") as arrays:
+        ours = {name: arrays[name] for name in arrays if not name.startswith("C echo")}
+    faster = {name: each if "due" in name or name == "points" else each / 20 for name, each in ours.items()}
+    (tmp_path / "report.json").write_bytes((first / "report.json").read_bytes())
+    np.savez(tmp_path / "samples.npz", **faster)
+    compared = ("--rates", "200", *words, "--compare", str(tmp_path / "report.json"))
+    done = bench(tmp_path / "new", str(table), *compared)
+    assert done.exit_code == EXIT_WORSE
+    assert "WORSE than the baseline: tactable, 200/s" in done.stdout.replace("\n", " ")
+    (found,) = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["comparison"].values()
+    assert found["median"]["low"] > 2
+    assert found["stage"]["high_us"] > 0  # slower than the baseline; its other end is the machine's noise
+    others = ("--rates", "300", "--loads", "idle", "--seconds", "0.1", "--rounds", "1", "--no-ablations", "--no-echo")
+    with pytest.raises(LatencyReportError, match="has none of these conditions"):
+        bench(tmp_path / "others", str(table), *others, *GENTLE, "--compare", str(first / "report.json"))
 
 
 @pytest.mark.machine
@@ -113,9 +128,8 @@ def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, 
     words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
     (condition,) = report(tmp_path, str(table), *words, "--stall", "host", *GENTLE)["conditions"]
     assert condition["blame"]["slowest"]["layer"] == "host"
-    assert (
-        max(condition["stages"][stage.name]["max_us"] for stage in STAGES.values() if stage.layer == "host") >= 50_000
-    )
+    slowest_us = [condition["stages"][stage.name]["max_us"] for stage in STAGES.values() if stage.layer == "host"]
+    assert max(slowest_us) >= 50_000
     assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
     # What came while the host stood still was replaced by what came last.
     assert condition["replaced_unsent"] >= 15
@@ -123,49 +137,23 @@ def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, 
 
 
 @pytest.mark.machine
-def test_a_run_is_no_worse_than_itself_and_worse_than_a_faster_one(
-    measured: tuple[Path, dict[str, Any]], table: Path, tmp_path: Path
+def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware_says_when_it_had_a_command(
+    table: Path, tmp_path: Path
 ) -> None:
-    folder, document = measured
-    with np.load(folder / "samples.npz") as arrays:
-        faster = {name: arrays[name] if "due" in name or name == "points" else arrays[name] / 20 for name in arrays}
-    shutil.copy(folder / "report.json", tmp_path)
-    echo = {name: arrays for name, arrays in faster.items() if not name.startswith("C echo")}
-    np.savez(tmp_path / "samples.npz", **echo)
-    words = ("--rates", "200", "--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
-    done = bench(tmp_path / "new", str(table), *words, "--compare", str(tmp_path / "report.json"))
-    assert done.exit_code == EXIT_WORSE
-    assert "WORSE than the baseline: tactable, 200/s" in done.stdout.replace("\n", " ")
-    compared = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["comparison"]
-    (found,) = compared.values()
-    assert found["median"]["low"] > 2
-    assert found["stage"]["high_us"] > 0  # slower than the baseline; its other end is the machine's noise
-    assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
-    others = ("--rates", "300", "--loads", "idle", "--seconds", "0.1", "--rounds", "1", "--no-ablations", "--no-echo")
-    with pytest.raises(LatencyReportError, match="has none of these conditions"):
-        bench(tmp_path / "others", str(table), *others, *GENTLE, "--compare", str(folder / "report.json"))
-
-
-@pytest.mark.machine
-def test_over_a_pseudo_terminal_the_firmware_says_when_it_had_each_command(table: Path, tmp_path: Path) -> None:
-    words = ("--rates", "200", "--loads", "idle", "--seconds", "0.5", "--rounds", "1", "--no-ablations", "--no-echo")
-    document = report(tmp_path, str(table), *words, "--over", "pty", *GENTLE)
+    words = (str(table), "--rounds", "1", *GENTLE)
+    recorded = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
+    document = report(tmp_path / "recorded", *words, *recorded)
+    (condition,) = document["conditions"]
+    assert (condition["reports_sent"], condition["reports_lost"]) == (700, 0)
+    assert document["in_process"][-1]["reports"] == 692
+    assert "SIMULATED" in (tmp_path / "recorded" / "report.md").read_text(encoding="utf-8")
+    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations", "--no-echo")
+    document = report(tmp_path / "terminal", *words, *over)
     (condition,) = document["conditions"]
     assert condition["stages"]["line"]["count"] >= 0.9 * condition["commands"]
     assert condition["stages"]["device"]["count"] > 0
     assert condition["clock_bounds_us"] > 0
     assert document["ratios"] == []
-
-
-@pytest.mark.machine
-def test_a_recording_is_sent_at_the_stated_rate(table: Path, tmp_path: Path) -> None:
-    words = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--rounds", "1", *GENTLE)
-    document = report(tmp_path, str(table), *words, "--recording", str(DEMO_RECORDING))
-    (condition,) = document["conditions"]
-    assert condition["reports_sent"] == 700
-    assert condition["reports_lost"] == 0
-    assert document["in_process"][-1]["reports"] == 692
-    assert "SIMULATED" in (tmp_path / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
