@@ -54,14 +54,6 @@ def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path
     assert "best rows of 1 zone combinations, 3 clicks at places 140 mm apart" in done.stdout
 
 
-@pytest.mark.parametrize("pitch", ["0.5 mm", "0 mm", "3"])
-def test_a_pitch_that_is_too_fine_or_no_length_is_refused(tmp_path: Path, pitch: str) -> None:
-    (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    done = run_here(tmp_path, "build", "bar.toml", "--pitch", pitch)
-    assert done.returncode == 1 and "--pitch" in done.stderr
-    assert not (tmp_path / "reference-a.nc").exists()
-
-
 def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -> None:
     devices = []
     for _ in range(3):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from base.errors import TactableError
 from engine.table import Table
 from precompute.measurements.csv import write_csv
 from precompute.measurements.types import Kind
@@ -41,14 +40,3 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(folder: Path) -> None:
     assert summary["model_disagreement"]["left"] < 1e-5
     done = CliRunner().invoke(app, [*words, "--clicks-up-to", "0"])
     assert json.loads(done.stdout)["source"] == "model"
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [(("no.csv",), "no.csv"), (("bar.toml",), ".csv"), (("bar.csv", "--sensor-mass", "2"), "--sensor-mass")],
-)
-def test_a_file_that_is_none_is_refused(folder: Path, words: tuple[str, ...], part: str) -> None:
-    done = CliRunner().invoke(app, ["build", "bar.toml", "-o", "bar.nc", "--responses", *words])
-    assert isinstance(done.exception, TactableError | OSError)
-    assert part in str(done.exception)
-    assert not (folder / "bar.nc").exists()

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from engine.device import Device
 from precompute.measurements.parameters import paper_names
 from tactable.cli.console import EXIT_DOUBTFUL
-from tactable.cli.main import app, main
+from tactable.cli.main import app
 from tactable.shipped import find_device
 
 pytestmark = pytest.mark.long
@@ -118,33 +118,6 @@ def test_people_are_told_what_was_found_and_where_it_is(measured: Path, tmp_path
     assert f"written: {tmp_path / 'new'}" in done.stdout.replace("\n", "")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--loss l2", "--loss 'l2': expected one of robust, squares, l1"),
-        ("--fit bar.densty", "did you mean bar.density?"),
-        ("--also bar.density=1", "--also bar.density=1: expected bounds such as 1 kg/m^3..2 kg/m^3"),
-        ("--also 'bar.density=1 kg..2 kg'", "--also bar.density: '1 kg' is a mass; expected a density"),
-        ("--accept much", "--accept: 'much' is not a number with a unit"),
-        ("--sensor-mass '-1 g'", "--sensor-mass '-1 g': expected at least 0"),
-        ("--fit finger.mass --fit bar.density", "finger.mass: changes none of these readings"),
-    ],
-)
-def test_options_that_cannot_be_are_refused(words: str, message: str, measured: Path, tmp_path: Path) -> None:
-    done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *shlex.split(words))
-    assert done.exit_code == 1
-    assert message in str(done.exception)
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_error_is_one_line_and_status_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sys.argv", ["tactable", "calibrate", "reference-a", "nowhere.txt", "-o", "/nowhere/new"])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    assert stopped.value.code == 1
-    assert capsys.readouterr().err.count("\n") == 1
-
-
 def test_a_plan_proposes_readings_and_what_they_would_tell(measured: Path) -> None:
     done = run("plan-measurements", "reference-a", str(measured), "--count", "3", "--json")
     plan = json.loads(done.stdout)
@@ -167,24 +140,6 @@ def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -
     again = run("simulate-measurements", "reference-a", "-o", str(path))
     assert again.exit_code == 1 and "exists already" in str(again.exception)
     assert path.read_text(encoding="utf-8") == text
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--drives 150", "expected frequencies in Hz of left,right"),
-        ("--drives -,-", "expected frequencies in Hz of left,right"),
-        ("--drives 150,x", "'x': expected a frequency in Hz"),
-        ("--drives ;", "--drives names no drive"),
-        ("--change bar.density", "--change bar.density: '' is not a number with a unit"),
-        ("--change bar.wood=1", "'bar.wood': cannot be fitted"),
-    ],
-)
-def test_drives_and_changes_that_cannot_be_are_refused(words: str, message: str, tmp_path: Path) -> None:
-    done = run("simulate-measurements", "reference-a", "-o", str(tmp_path / "m.csv"), *words.split())
-    assert done.exit_code == 1
-    assert message in str(done.exception)
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tmp_path: Path) -> None:

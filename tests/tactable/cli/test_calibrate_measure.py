@@ -64,28 +64,6 @@ def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_
     assert (folder / "bar-measured.nc").read_bytes() == measured and (folder / "bar.nc").read_bytes() == placed
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("--port", "simulated"), "--measure needs --port and --sensor"),
-        ((*BENCH, "--method", "chirp"), "expected one of stepped, sweep"),
-        ((*BENCH, "--most", "0 %"), "expected more than 0"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_and_the_table_left(folder: Path, words: tuple[str, ...], text: str) -> None:
-    before = (folder / "bar.nc").read_bytes()
-    done = run_here(folder, *WORDS, *words)
-    assert done.returncode == 1
-    assert text in done.stderr
-    assert (folder / "bar.nc").read_bytes() == before and not (folder / "new").exists()
-
-
-def test_a_port_without_measure_is_refused(folder: Path) -> None:
-    done = run_here(folder, "calibrate", "bar.toml", "m.csv", "--port", "simulated")
-    assert done.returncode == 1
-    assert "belong to --measure" in done.stderr
-
-
 @pytest.mark.long
 @pytest.mark.usefixtures("in_this_process")
 def test_a_bar_that_no_parameter_describes_leaves_the_table(folder: Path) -> None:

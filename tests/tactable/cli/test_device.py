@@ -101,18 +101,3 @@ def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -
     weak = [name for name, most_db in found["greatest_level_db"].items() if most_db < 43]
     assert weak and found["levels_out_of_reach"] == [{"level_db": 43.0, "zones": weak}]
     assert f"43 dB is out of reach in {', '.join(weak)}" in run("check", str(tmp_path / "loud.toml")).stdout
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("check", "no-such-bar"), "is neither a file nor a shipped device"),
-        (("modes", "reference-a", "--finger", "VI"), "or one of the zones I, II, III, IV, V"),
-        (("modes", "reference-a", "--finger", "400 mm"), "reaches from 0 to 279.4 mm"),
-        (("modes", "reference-a", "--up-to", "1 kg"), "'1 kg' is a mass"),
-        (("modes", "reference-a", "-o", "modes.txt"), "a picture ends in"),
-    ],
-)
-def test_a_refusal_names_the_thing(words: tuple[str, ...], message: str) -> None:
-    done = run(*words)
-    assert done.exit_code == 1 and message in str(done.exception)

@@ -102,12 +102,6 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, run
     assert "dB above threshold android" in words and "Oh and Choi" not in words
 
 
-@pytest.mark.parametrize("words", [(*WORDS, "--click"), (*WORDS, "--drives", "zones")])
-def test_clicks_and_rows_for_a_person_need_a_table_of_that_curve(run: Any, words: tuple[str, ...]) -> None:
-    status, _, said = run(*words, "--threshold", "android")
-    assert status != 0 and "build a table with `tactable build DEVICE --threshold android`" in " ".join(said.split())
-
-
 def test_a_drive_for_positions_names_every_finger(run: Any) -> None:
     status, out, _ = run(*WORDS, "--level", "6", "--json")
     said = json.loads(out)
@@ -138,25 +132,6 @@ def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path) 
     with Table.open(click_table) as table:
         zone = table.device.zones[0]
     assert said["fingers"][0]["position_m"] == pytest.approx((zone.start_m + zone.stop_m) / 2)
-
-
-@pytest.mark.parametrize(
-    "felt, quiet, message",
-    [
-        ("35 mm", "900 mm", "a finger at 900 mm: reference-a reaches from 0 to"),
-        ("35 mm", "40 mm", "closer than 8 mm they are one finger"),
-        ("35 mm", "40 kg", "'40 kg' is a mass"),
-        ("35 mm", "IX", "or one of the zones I, II, III"),
-        ("35", "", "has no unit"),
-        ("-5 mm", "", "a finger at -5 mm"),
-    ],
-)
-@pytest.mark.parametrize("kind", [(), ("--click",)])
-def test_what_is_no_place_on_the_bar_is_refused(
-    run: Any, felt: str, quiet: str, message: str, kind: tuple[str, ...]
-) -> None:
-    status, _, error = run("explain", "bar.nc", f"--felt={felt}", f"--quiet={quiet}", *kind)
-    assert status == 1 and message in " ".join(error.split())
 
 
 def test_a_click_of_a_zone_tells_its_waveform_too(run: Any) -> None:

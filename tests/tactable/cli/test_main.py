@@ -60,28 +60,3 @@ def test_frames_are_one_object_a_line(tmp_path: Path) -> None:
     assert len(frames) == 692
     assert frames[0] == {"report": 0, "t_s": 0.0, "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True}]}
     assert frames[-1]["contacts"] == []
-
-
-@pytest.mark.parametrize(
-    ("words", "parts"),
-    [
-        (("build", "no-such-bar"), ("no-such-bar", "reference-a")),
-        (("build", "bar.toml", "-o", "nowhere/bar.nc"), ("nowhere", "no such folder")),
-        (("explain", "bar.toml", "--felt", "I"), ("not a table",)),
-        (("explain", "missing.nc", "--felt", "I"), ("missing.nc", "tactable build")),
-        (("explain", "bar.nc", "--felt", "V"), ("'V'", "I, II, III")),
-        (("explain", "bar.nc", "--felt", ","), ("--felt",)),
-        (("explain", "bar.nc", "--felt", "I", "--quiet", "I"), ("46.5667 mm", "one finger")),
-        (("explain", "bar.nc", "--felt", "I", "--level", "loud"), ("--level", "full")),
-        (("explain", "bar.nc", "--felt", "I", "--level", "nan"), ("--level", "0 or more")),
-        (("replay", "bar.toml"), ("bar.toml",)),
-        (("demo", "--recording", "missing.hid"), ("missing.hid",)),
-    ],
-)
-def test_a_refusal_is_one_line_naming_the_thing(built: Path, words: tuple[str, ...], parts: tuple[str, ...]) -> None:
-    done = run_here(built, *words)
-    assert done.returncode == 1
-    assert done.stderr.startswith("tactable: ")
-    assert done.stderr.count("\n") == 1
-    for part in parts:
-        assert part in done.stderr

@@ -54,26 +54,6 @@ def test_a_spoiled_reading_is_named_left_out_and_the_exit_status(tmp_path: Path)
     assert len(read_measurements(tmp_path / "bar.csv", DEVICE)) == 2
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("--port", "simulated", "--sensor", "pipe"), "simulate both or neither"),
-        ((*SIMULATED, "--most", "120 %"), "at most 100 %"),
-        ((*SIMULATED, "--flaws", "hiss=1"), "known are latency"),
-        ((*SIMULATED, "--frequencies", "60:300"), "FROM:TO:STEP"),
-        ((*SIMULATED, "--frequencies", "0:1e9:1e-9"), "1e+18 frequencies; expected at most 10000"),
-        ((*SIMULATED, "--frequencies", "0:1e308:1e-300"), "inf frequencies; expected at most 10000"),
-        ((*SIMULATED, "--method", "chirp"), "expected one of stepped, sweep"),
-        ((*SIMULATED, "--frequencies", "20"), "choose some of a band"),
-        ((*SIMULATED, "-o", "bar.xlsx"), "measurements end in .csv"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *words)
-    assert done.returncode == 1
-    assert text in done.stderr
-
-
 @contextmanager
 def converter(pipe: Path) -> Iterator[None]:
     """A program that writes a tone and its loopback into a pipe at the pace of the clock."""

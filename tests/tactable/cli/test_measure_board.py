@@ -73,34 +73,3 @@ def test_a_table_is_verified_by_the_board_s_own_accelerometer(tmp_path: Path, cl
     # The noise of the part may hide a weak drive, which then shows nothing.
     assert (summary["verdict"], done.returncode) in (("kept", 0), ("in part", 3)), done.stderr
     assert summary["kept"] >= 1
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("--port", "simulated", "--sensor", "board:9m"), "off the bar"),
-        (("--port", "simulated", "--sensor", "board", "--flaws", "hum=1m/s^2"), "is of a converter"),
-        (
-            ("--port", "audio:Card,full_scale=0.6 um,most=50 %", "--sensor", "board"),
-            "a sound card has no accelerometer",
-        ),
-    ],
-)
-def test_what_a_board_cannot_measure_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *words)
-    assert done.returncode == 1
-    assert text in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (("--sensor", "at=35mm"), "give the bar by --device"),
-        (("--device", "reference-a", "--sensor", "at=9m"), "off the bar"),
-        (("--device", "reference-a", "--sensor", "at=35mm", "--core", "core.so"), "leave --core out"),
-    ],
-)
-def test_an_accelerometer_that_cannot_be_emulated_is_refused(tmp_path: Path, words: tuple[str, ...], text: str) -> None:
-    done = run_here(tmp_path, "emulate", *words)
-    assert done.returncode == 1
-    assert text in done.stderr

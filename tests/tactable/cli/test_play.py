@@ -66,23 +66,3 @@ def test_ctrl_c_silences() -> None:
     assert "then silent" in out
     assert not any(channel.amplitude for channel in events[-1].channels)
     assert events[-1].cause in (Cause.STOP, Cause.SILENT_HOST)
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "text"),
-    [
-        ("--amplitude", "120 %", "ask for 0 to 100 % of full scale"),
-        ("--frequency", "30", "ask for 60 to 300 Hz"),
-        ("--frequency", "150,130,90", "one for each of left,right"),
-        ("--frequency", "-,-", "no actuator moves"),
-        ("--phase", "90", "such as 90deg"),
-        ("--amplitude", "0.2", "has no unit"),
-    ],
-)
-def test_what_cannot_be_played_is_refused_before_the_port_is_opened(
-    tmp_path: Path, option: str, value: str, text: str
-) -> None:
-    given = {"--port": "nowhere", "--frequency": "150", "--amplitude": "20 %"} | {option: value}
-    done = run_here(tmp_path, "play", "reference-a", *(word for pair in given.items() for word in pair))
-    assert done.returncode == 1
-    assert text in done.stderr

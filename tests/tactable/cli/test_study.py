@@ -79,28 +79,3 @@ def test_a_resolution_comes_with_its_data_and_a_summary(
     assert [each["zones"] for each in summary["placements"]] == [[2, 3], [2, 3]]
     assert len((tmp_path / "r.csv").read_text(encoding="utf-8").splitlines()) == 5
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
-
-
-@pytest.mark.parametrize(
-    ("words", "parts"),
-    [
-        (("placement", "no-such-bar"), ("no-such-bar", "reference-a")),
-        (("placement", "one.toml"), ("two fingers need two zones",)),
-        (("placement", "bar.toml", "--actuators", "2,5"), ("--actuators '2,5'", "1 to 4")),
-        (("placement", "bar.toml", "--actuators", "two"), ("--actuators 'two'",)),
-        (("placement", "bar.toml", "-o", "p.gif"), ("p.gif", ".png, .svg, .pdf")),
-        (("resolution", "bar.toml", "--zones", "1,2"), ("--zones '1,2'", "2 to 16")),
-        (("resolution", "bar.toml", "--at", "16,120"), ("--at '16,120'", "% of the bar")),
-        (("resolution", "bar.toml", "--at", "16;16,16"), ("'16,16'", "different places")),
-        (("resolution", "bar.toml", "-o", "r.txt"), ("r.txt", ".csv")),
-    ],
-)
-def test_a_refusal_is_one_line_naming_the_thing(
-    tactable_study: Any, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], parts: tuple[str, ...]
-) -> None:
-    assert tactable_study(*words) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("tactable: ")
-    assert said.count("\n") == 1
-    for part in parts:
-        assert part in said

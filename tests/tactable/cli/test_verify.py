@@ -90,15 +90,3 @@ def test_an_offset_is_named_and_neither_it_nor_a_sign_changes_a_peak(
 ) -> None:
     summary = verified(tmp_path, click_table, "--flaws", flaws, exit_status=0)
     assert (summary["kept"], summary["faults"]) == (4, {"OFFSET": 4})
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [(("--level", "loud"), "expected dB above threshold"), (("-o", "seen.txt"), "ends in .png, .svg, .pdf")],
-)
-def test_what_cannot_be_verified_is_refused(
-    tmp_path: Path, click_table: Path, words: tuple[str, ...], text: str
-) -> None:
-    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *words)
-    assert done.returncode == 1
-    assert text in done.stderr

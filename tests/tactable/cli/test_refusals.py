@@ -1,0 +1,185 @@
+"""What a command cannot do it refuses in one line, which names the thing and the remedy, and it leaves no file."""
+
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tactable.shipped import device_folder
+from tests.precompute.builder.test_build import ONE_LEVEL, SMALL
+from tests.tactable.cli.in_process import run_here
+
+NEW = "new my-bar --length 300mm --thickness '1 mm' --actuators '40mm,87 %' -o new.toml"
+BENCH = "--port simulated --sensor simulated"
+MEASURE = f"measure reference-a -o new.nc {BENCH}"
+FIT = "calibrate reference-a m.csv -o new"
+APPLY = "calibrate bar.toml new.nc -o new --starts 1 --measure --apply bar.nc"
+SIMULATE = "simulate-measurements reference-a -o new.csv"
+PLAY = "play reference-a --port nowhere --frequency 150 --amplitude '20 %'"
+REFUSED = [
+    ("build no-such-bar", "no-such-bar", "reference-a"),
+    ("build bar.toml -o nowhere/bar.nc", "nowhere", "no such folder"),
+    ("build bar.toml --pitch '0.5 mm'", "--pitch"),
+    ("build bar.toml --pitch '0 mm'", "--pitch"),
+    ("build bar.toml --pitch 3", "--pitch"),
+    ("build bar.toml -o new.nc --responses no.csv", "no.csv"),
+    ("build bar.toml -o new.nc --responses bar.toml", ".csv"),
+    ("build bar.toml -o new.nc --responses m.csv --sensor-mass 2", "--sensor-mass"),
+    ("modes reference-a --finger VI", "or one of the zones I, II, III, IV, V"),
+    ("modes reference-a --finger '400 mm'", "reaches from 0 to 279.4 mm"),
+    ("modes reference-a --up-to '1 kg'", "'1 kg' is a mass"),
+    ("modes reference-a --up-to '3 Hz'", "--up-to", "no mode", "higher frequency"),
+    ("modes reference-a -o modes.txt", "a picture ends in"),
+    ("effects check nothing.haptic", "nothing.haptic"),
+    ("effects curve reference-a --at 400mm", "--at"),
+    (f"{NEW} --length 300g", "--length: '300g' is a mass"),
+    (f"{NEW} --material cheese", "--material 'cheese'", "aluminium"),
+    (f"{NEW} --actuators ,", "--actuators names no position"),
+    (f"{NEW} --actuators 400mm", "off the bar", "300 mm"),
+    (f"{NEW} --actuators some%", "--actuators 'some%'", "a length or a percentage"),
+    (f"{NEW} --band 60Hz", "--band '60Hz'", "two frequencies"),
+    (f"{NEW} --band 300Hz,60Hz", "--band '300Hz,60Hz'", "lower frequency first"),
+    (f"{NEW} -o new.nc", "a device file is TOML", "new.toml"),
+    (f"{NEW} -o new", "a device file is TOML", "new.toml"),
+    (f"{NEW} -o no/new.toml", "cannot be written there"),
+    (f"{NEW} -o bar.toml", "exists already and is not overwritten"),
+    (NEW.replace("my-bar", "a/b"), "expected letters, digits"),
+    (NEW.replace("my-bar", "''"), "expected letters, digits"),
+    (NEW.replace("my-bar", "'a\"b'"), "expected letters, digits"),
+    (NEW.replace("my-bar", "x" * 65), "expected letters, digits"),
+    ("explain bar.toml --felt I", "not a table"),
+    ("explain missing.nc --felt I", "missing.nc", "tactable build"),
+    ("explain bar.nc --felt V", "'V'", "I, II, III"),
+    ("explain bar.nc --felt ,", "--felt"),
+    ("explain bar.nc --felt I --quiet I", "46.5667 mm", "one finger"),
+    ("explain bar.nc --felt I --level loud", "--level", "full"),
+    ("explain bar.nc --felt I --level nan", "--level", "0 or more"),
+    ("explain bar.nc --felt I --drives zone", "--drives 'zone'", "positions, zones"),
+    ("explain bar.nc --felt I --drives zones --threshold android", "tactable build DEVICE --threshold android"),
+    ("explain bar.nc --felt I --click --threshold android", "tactable build DEVICE --threshold android"),
+    *[
+        (f"explain bar.nc --felt='{felt}' --quiet='{quiet}' {kind}", part)
+        for kind in ("", "--click")
+        for felt, quiet, part in [
+            ("35 mm", "900 mm", "a finger at 900 mm: reference-a reaches from 0 to"),
+            ("35 mm", "40 mm", "closer than 8 mm they are one finger"),
+            ("35 mm", "40 kg", "'40 kg' is a mass"),
+            ("35", "", "has no unit"),
+            ("-5 mm", "", "a finger at -5 mm"),
+        ]
+    ],
+    ("replay bar.toml", "bar.toml"),
+    ("demo --recording missing.hid", "missing.hid"),
+    ("plot state missing.nc --felt I", "missing.nc", "tactable build"),
+    ("plot state bar.nc --felt VI", "'VI'", "I, II, III"),
+    ("plot state bar.nc --felt ,", "--felt names no zone"),
+    ("plot state bar.nc --felt I --level nan", "--level 'nan'"),
+    ("plot state bar.nc --felt I -o state.gif", "state.gif", ".png, .svg, .pdf"),
+    ("plot state bar.nc --felt I --csv bar.nc", "bar.nc", ".csv"),
+    ("plot state bar.nc --felt I -o nowhere/state.png", "nowhere", "no such folder"),
+    ("plot rise bar.nc --felt I --level nan", "--level 'nan'"),
+    ("plot factor bar.nc --zones ,", "--zones names no zone"),
+    ("plot factor bar.nc --zones I --amplitudes 1,high", "--amplitudes '1,high'"),
+    ("plot factor bar.nc --zones I --amplitudes 1,0.3", "'1,0.3'", "0, 0.5, 1"),
+    ("plot factor bar.nc --zones I --pair up,down", "'up,down'", "left,right"),
+    ("plot factor bar.nc --zones I --fingers IX", "'IX'", "I, II, III"),
+    ("plot response reference-a", "--drives", "--measured FILE"),
+    ("plot response reference-a --drives 1,2 --measured x.csv", "--drives", "which has its own"),
+    ("plot response reference-a --drives 150", "--drives '150'", "left,right"),
+    ("plot response reference-a --measured none.csv", "none.csv"),
+    ("plot response reference-a --measured none.txt", "none.txt", ".csv"),
+    ("plot zones reference-a --drives 60,90 --change bar.colour=1", "bar.colour"),
+    ("plot zones reference-a --drives '1,2;1,3;1,4;1,5;1,6'", "5 drives", "one to 4"),
+    ("plot optimum reference-a --zones VI", "'VI'", "I, II, III"),
+    ("plot optimum reference-a --zones ,", "--zones names no zone"),
+    ("plot reach reference-a --csv nowhere/reach.csv", "nowhere", "no such folder"),
+    ("plot click bar.nc --felt VI", "'VI'", "I, II, III"),
+    ("plot click bar.nc --felt I --quiet I", "closer than 8 mm", "give one of them"),
+    ("plot click bar.nc --felt I --level nan", "--level 'nan'"),
+    ("plot click bar.nc --felt I --sound click.mp3", "click.mp3", ".wav"),
+    ("plot click bar.nc --felt I --sound nowhere/click.wav", "nowhere", "no such folder"),
+    ("plot click bar.nc --felt I --plain", "--plain", "--sound click.wav"),
+    ("plot click bar.nc --felt I --sound a.wav --stereo", "--stereo", "one felt and one quiet"),
+    ("plot click-map bar.nc --csv map.txt", "map.txt", ".csv"),
+    ("plot click-study no-such-bar --felt I", "no-such-bar", "reference-a"),
+    ("plot click-study bar.toml --felt I --quiet I", "closer than 8 mm", "give one of them"),
+    ("plot click-study bar.toml --felt I --lengths 10,500", "--lengths '10,500'", "1 to 200"),
+    ("plot click-study bar.toml --felt I --lengths ten", "--lengths 'ten'"),
+    ("plot click-study bar.toml --felt I --scenarios ,", "--scenarios ','", "1 to 1000"),
+    ("plot click-study bar.toml --felt I --scenarios 2.5", "--scenarios '2.5'", "whole"),
+    ("study placement one.toml", "two fingers need two zones"),
+    ("study placement bar.toml --actuators 2,5", "--actuators '2,5'", "1 to 4"),
+    ("study placement bar.toml --actuators two", "--actuators 'two'"),
+    ("study placement bar.toml -o p.gif", "p.gif", ".png, .svg, .pdf"),
+    ("study resolution bar.toml --zones 1,2", "--zones '1,2'", "2 to 16"),
+    ("study resolution bar.toml --at 16,120", "--at '16,120'", "% of the bar"),
+    ("study resolution bar.toml --at '16;16,16'", "'16,16'", "different places"),
+    (f"{PLAY} --amplitude '120 %'", "0 to 100 % of full scale"),
+    (f"{PLAY} --frequency 30", "60 to 300 Hz"),
+    (f"{PLAY} --frequency 150,130,90", "one for each of left,right"),
+    (f"{PLAY} --frequency=-,-", "no actuator moves"),
+    (f"{PLAY} --phase 90", "such as 90deg"),
+    (f"{PLAY} --amplitude 0.2", "has no unit"),
+    ("measure reference-a -o new.nc --port simulated --sensor pipe", "simulate both or neither"),
+    ("measure reference-a -o new.nc --port simulated --sensor board:9m", "off the bar"),
+    ("measure reference-a -o new.nc --port simulated --sensor board --flaws hum=1m/s^2", "is of a converter"),
+    (
+        "measure reference-a -o new.nc --port 'audio:Card,full_scale=0.6 um,most=50 %' --sensor board",
+        "a sound card has no accelerometer",
+    ),
+    (f"{MEASURE} --most '120 %'", "at most 100 %"),
+    (f"{MEASURE} --flaws hiss=1", "known are latency"),
+    (f"{MEASURE} --frequencies 60:300", "FROM:TO:STEP"),
+    (f"{MEASURE} --frequencies 0:1e9:1e-9", "1e+18 frequencies; expected at most 10000"),
+    (f"{MEASURE} --frequencies 0:1e308:1e-300", "inf frequencies; expected at most 10000"),
+    (f"{MEASURE} --method chirp", "one of stepped, sweep"),
+    (f"{MEASURE} --frequencies 20", "choose some of a band"),
+    (f"{MEASURE} -o new.xlsx", "measurements end in .csv"),
+    (f"verify bar.nc {BENCH} --level loud", "dB above threshold"),
+    (f"verify bar.nc {BENCH} --csv seen.csv", "--csv goes with --figure"),
+    ("emulate --sensor at=35mm", "give the bar by --device"),
+    ("emulate --device reference-a --sensor at=9m", "off the bar"),
+    ("emulate --device reference-a --sensor at=35mm --core core.so", "leave --core out"),
+    ("calibrate reference-a nowhere.txt -o new", "nowhere.txt"),
+    (f"{FIT} --loss l2", "--loss 'l2'", "robust, squares, l1"),
+    (f"{FIT} --fit bar.densty", "did you mean bar.density?"),
+    (f"{FIT} --also bar.density=1", "--also bar.density=1", "1 kg/m^3..2 kg/m^3"),
+    (f"{FIT} --also 'bar.density=1 kg..2 kg'", "--also bar.density: '1 kg' is a mass; expected a density"),
+    (f"{FIT} --accept much", "--accept: 'much' is not a number with a unit"),
+    (f"{FIT} --sensor-mass '-1 g'", "--sensor-mass '-1 g': expected at least 0"),
+    (f"{FIT} --fit finger.mass --fit bar.density", "finger.mass: changes none of these readings"),
+    (f"{FIT} --port simulated", "belong to --measure"),
+    (f"{APPLY} --port simulated", "--measure needs --port and --sensor"),
+    (f"{APPLY} {BENCH} --method chirp", "one of stepped, sweep"),
+    (f"{APPLY} {BENCH} --most '0 %'", "expected more than 0"),
+    (f"{SIMULATE} --drives 150", "frequencies in Hz of left,right"),
+    (f"{SIMULATE} --drives=-,-", "frequencies in Hz of left,right"),
+    (f"{SIMULATE} --drives 150,x", "'x': expected a frequency in Hz"),
+    (f"{SIMULATE} --drives ';'", "--drives names no drive"),
+    (f"{SIMULATE} --change bar.density", "--change bar.density: '' is not a number with a unit"),
+    (f"{SIMULATE} --change bar.wood=1", "'bar.wood': cannot be fitted"),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(click_table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A table with clicks, devices and measurements."""
+    folder = tmp_path_factory.mktemp("refused")
+    shutil.copy(click_table, folder)
+    shutil.copy(device_folder().parent / "measurements" / "reference-a-drifted.csv", folder / "m.csv")
+    (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
+    (folder / "one.toml").write_text(ONE_LEVEL.replace("count = 3", "count = 1"), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("case", REFUSED, ids=[case[0] for case in REFUSED])
+def test_a_refusal_is_one_line_that_names_the_thing_and_the_remedy(folder: Path, case: tuple[str, ...]) -> None:
+    words, *parts = case
+    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    done = run_here(folder, *shlex.split(words))
+    assert (done.returncode, done.stdout) == (1, "")
+    *said, line = done.stderr.splitlines()
+    assert line.startswith("tactable: ") and all("SIMULATED" in each for each in said), done.stderr
+    assert all(part in line for part in parts), line
+    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
