@@ -37,6 +37,7 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(folder: Path) -> None:
     done = CliRunner().invoke(app, [*words, "--responses", "bar.csv"])
     summary = json.loads(done.stdout)
     assert summary["source"] == "measured responses (SIMULATED)"
+    assert summary["estimates"] == len(COARSE.estimated_values)
     assert summary["model_disagreement"]["left"] < 1e-5
     done = CliRunner().invoke(app, [*words, "--clicks-up-to", "0"])
     assert json.loads(done.stdout)["source"] == "model"

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from tactable.cli.main import app
-from tactable.shipped import find_device
+from tactable.shipped import find_device, shipped_names
 
 
 def run(*words: str) -> Result:
@@ -19,6 +19,11 @@ def json_of(*words: str) -> Any:
     done = run(*words, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_the_shipped_devices_are_found_by_name() -> None:
+    assert shipped_names() == ["reference-a", "reference-d", "reference-t"]
+    assert [find_device(name).name for name in shipped_names()] == shipped_names()
 
 
 def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -> None:

@@ -127,8 +127,9 @@ def test_the_page_names_positions_roles_and_the_threshold_curve(run: Any, kind: 
         assert part in out
 
 
-def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path) -> None:
-    said = json.loads(run("explain", "bar.nc", "--felt", "I", "--quiet", "120 mm", "--click", "--json")[1])
+@pytest.mark.parametrize("kind", [(), ("--click",)])
+def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path, kind: tuple[str, ...]) -> None:
+    said = json.loads(run("explain", "bar.nc", "--felt", "I", "--quiet", "120 mm", *kind, "--json")[1])
     with Table.open(click_table) as table:
         zone = table.device.zones[0]
     assert said["fingers"][0]["position_m"] == pytest.approx((zone.start_m + zone.stop_m) / 2)

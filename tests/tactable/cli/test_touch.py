@@ -89,14 +89,8 @@ def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
     row = listing["digitizers"][0]
     assert (row["name"], row["path"], row["stable_id"], row["usable"]) == ("Touch Bar", device.path, "A1", True)
     assert (row["width_mm"], row["height_mm"], row["contact_maximum"]) == (200.0, 200.0, 5)
-    assert listing["serial_ports"] == [
-        {
-            "path": "/dev/ttyACM0",
-            "stable_id": "/dev/serial/by-id/usb-bar",
-            "description": "bar driver",
-            "simulated": False,
-        }
-    ]
+    (port,) = listing["serial_ports"]
+    assert list(port.values()) == ["/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver", False]
     assert "Touch Bar" in bench.run("list").stdout
 
 
@@ -112,10 +106,7 @@ def test_sound_cards_are_listed_with_the_text_that_chooses_them(bench: Bench) ->
 def test_the_doctor_looks_at_sound_cards_and_needs_none(bench: Bench) -> None:
     bench.cards = (Interface(3, "USB", 2, 4, 44_100.0, 0.0087, 0.0087),)
     (check,) = check_cards(bench.machine().cards)
-    assert (check.passed, check.finding) == (
-        True,
-        "2 outputs, 4 inputs, 8.7 ms from program to output, as its driver says",
-    )
+    assert check.passed and all(part in check.finding for part in ("2 outputs", "4 inputs", "8.7 ms"))
     bench.cards = None
     (check,) = check_cards(bench.machine().cards)
     assert not check.needed
@@ -188,12 +179,8 @@ def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path:
     recording = read_recording(path)
     assert [report.data for report in recording.reports] == reports
     assert recording.reports[0].time_s == 0.0
-    assert (recording.name, recording.bus, recording.vendor_id, recording.product_id) == (
-        "Touch Bar",
-        3,
-        0x04F3,
-        0x200A,
-    )
+    identity = (recording.name, recording.bus, recording.vendor_id, recording.product_id)
+    assert identity == ("Touch Bar", 3, 0x04F3, 0x200A)
     assert (summary["reports"], summary["recording"]) == (5, str(path))
 
 
@@ -234,6 +221,16 @@ def test_a_device_that_is_not_there_leaves_no_file(bench: Bench, tmp_path: Path)
     result = bench.run("record", "04f3:200a", "-o", str(path))
     assert isinstance(result.exception, DigitizerError)
     assert not path.exists()
+
+
+def test_replayed_frames_are_one_object_a_line(bench: Bench) -> None:
+    frames = [
+        json.loads(line)
+        for line in bench.run("replay", str(DEMO_RECORDING), "--frames", "--json").output.split("\n")[:-1]
+    ]
+    assert len(frames) == 692
+    assert frames[0] == {"report": 0, "t_s": 0.0, "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True}]}
+    assert frames[-1]["contacts"] == []
 
 
 # ---- doctor ----------------------------------------------------------------------------------------------
@@ -418,6 +415,3 @@ def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:
     learnt = bench.json("map", "04f3:200a")
     assert (learnt["axis"], learnt["flip"], learnt["logical_at_end"]) == ("x", False, 1000)
     assert learnt["table"].startswith("[digitizer]")
-
-
-# ---- bench decode ----------------------------------------------------------------------------------------

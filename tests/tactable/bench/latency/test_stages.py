@@ -1,5 +1,8 @@
 """Laws of stages: what is too few is not told, what was not measured is passed over, the guilty layer is named."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -82,6 +85,12 @@ def test_stages_add_up_to_the_way() -> None:
     told = stages_json(stamps_of(50))["stages"]
     assert told["due to written"]["p50_us"] == pytest.approx(67.0)
     assert sum(told[STAGES[point].name]["p50_us"] for point in WAYS_NS) == pytest.approx(67.0)
+
+
+def test_the_document_names_every_stage_with_its_layer() -> None:
+    text = (Path(__file__).parents[4] / "docs" / "latency.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| ([a-z() -]+) \| .* \| (\w+)[^|]* \|$", text, re.MULTILINE))
+    assert {stage.name: stage.layer for stage in STAGES.values()}.items() <= rows.items()
 
 
 def test_what_is_not_known_is_a_dash() -> None:
