@@ -45,7 +45,9 @@ def calibrated(measured: Path) -> tuple[Path, dict[str, Any]]:
     return folder, json.loads(done.stdout)
 
 
-def test_a_new_folder_holds_device_data_report_and_picture(measured: Path, calibrated: tuple[Path, Any]) -> None:
+def test_a_new_folder_holds_the_measured_device_what_to_flash_data_report_and_picture(
+    measured: Path, calibrated: tuple[Path, Any]
+) -> None:
     folder, printed = calibrated
     names = ["fit.png", "measurements.csv", "reference-a.toml", "report.json", "report.md"]
     assert sorted(path.name for path in folder.iterdir()) == names
@@ -55,32 +57,13 @@ def test_a_new_folder_holds_device_data_report_and_picture(measured: Path, calib
     assert report["fingerprint"] == device.fingerprint
     assert report["sha256"] == hashlib.sha256(measured.read_bytes()).hexdigest()
     assert (folder / "fit.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_the_new_device_has_what_was_measured(calibrated: tuple[Path, Any]) -> None:
-    folder, printed = calibrated
-    device = Device.read(folder / "reference-a.toml")
     assert device.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=5e-3)
     assert device.actuators[1].full_scale_m == pytest.approx(0.48e-6, rel=1e-2)
     assert device.uncertainty is not None
     assert printed["simulated"] and printed["doubts"] == []
-
-
-def test_a_fitted_full_scale_is_what_the_board_is_to_be_flashed_with(calibrated: tuple[Path, Any]) -> None:
-    folder, printed = calibrated
-    full_scales_m = [actuator.full_scale_m for actuator in Device.read(folder / "reference-a.toml").actuators]
-    words = ", ".join(f"{1e12 * full_m:.0f}" for full_m in full_scales_m)
-    assert printed["flash"] == f"full_scales_pm = {{{words}}}"
+    flashed = ", ".join(f"{1e12 * actuator.full_scale_m:.0f}" for actuator in device.actuators)
+    assert printed["flash"] == f"full_scales_pm = {{{flashed}}}"
     assert f"Flash the board with `{printed['flash']}`" in (folder / "report.md").read_text(encoding="utf-8")
-
-
-def test_what_is_there_is_not_overwritten(measured: Path, calibrated: tuple[Path, Any]) -> None:
-    folder, _ = calibrated
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    again = run("calibrate", "reference-a", str(measured), "-o", str(folder))
-    assert again.exit_code == 1
-    assert "exists already and is not overwritten" in str(again.exception)
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path, tmp_path: Path) -> None:
@@ -118,15 +101,12 @@ def test_people_are_told_what_was_found_and_where_it_is(measured: Path, tmp_path
     assert f"written: {tmp_path / 'new'}" in done.stdout.replace("\n", "")
 
 
-def test_a_plan_proposes_readings_and_what_they_would_tell(measured: Path) -> None:
+def test_a_plan_proposes_readings_and_what_they_would_tell_with_measurements_or_without(measured: Path) -> None:
     done = run("plan-measurements", "reference-a", str(measured), "--count", "3", "--json")
     plan = json.loads(done.stdout)
     assert len(plan["readings"]) == 3
     for parameter in plan["parameters"]:
         assert parameter["standard_error_after"] <= parameter["standard_error"]
-
-
-def test_a_plan_needs_no_measurement() -> None:
     done = run("plan-measurements", "reference-a", "--count", "2", "--criterion", "A", "--also", "bar.density")
     assert done.exit_code == 0
     assert "bar.density" in done.stdout and "standard error" in done.stdout

@@ -96,11 +96,6 @@ def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:
         open_board_sensor(DEVICE, bench, bench, 115_200)
 
 
-def test_flaws_of_a_converter_are_refused() -> None:
-    with pytest.raises(SensorError, match="--flaws hum: is of a converter"):
-        bench_of("hum=1m/s^2")
-
-
 class StandingClock:
     """No time passes."""
 

@@ -164,8 +164,3 @@ def test_the_usual_frequencies_are_beside_no_line_of_the_mains() -> None:
     assert not any(is_beside_hum(hz, 2 * OPTIONS.window_s) for hz in found)
     assert math.isclose(found[0], 60, abs_tol=5)
     assert math.isclose(found[-1], 300, abs_tol=5)
-
-
-def test_a_walk_without_a_tone_in_a_band_is_refused() -> None:
-    with pytest.raises(MeasurementError, match="choose some of a band"):
-        even_walk(DEVICE, 3, [20.0])
