@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,3 +28,10 @@ def run_here(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
         except SystemExit as end:
             status = int(end.code or 0)
     return subprocess.CompletedProcess(words, status, printed.getvalue(), complained.getvalue())
+
+
+def summary_of(folder: Path, *words: str) -> Any:
+    """What `tactable WORDS --json` prints: JSON without what only Python reads, such as NaN."""
+    done = run_here(folder, *words, "--json")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))

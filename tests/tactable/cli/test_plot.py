@@ -1,16 +1,14 @@
 """The commands of pictures: each comes with its data and a summary; sounds beside clicks."""
 
-import json
 import math
 import wave
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tactable.shipped import device_folder
 from tests.precompute.builder.test_build import SMALL
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import run_here, summary_of
 
 MEASURED = device_folder().parent / "measurements" / "reference-a-drifted.csv"
 CLICK = ("click", "bar.nc", "--felt", "I", "--quiet", "III")
@@ -36,17 +34,6 @@ PICTURES = {
 def folder(click_table: Path) -> Path:
     (click_table.parent / "bar.toml").write_text(SMALL, encoding="utf-8")
     return click_table.parent
-
-
-def strict_json(text: str) -> Any:
-    """JSON without what only Python reads: NaN and Infinity."""
-    return json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-
-
-def summary_of(folder: Path, *words: str) -> Any:
-    done = run_here(folder, *words, "--json")
-    assert done.returncode == 0, done.stderr
-    return strict_json(done.stdout)
 
 
 @pytest.mark.parametrize("name", PICTURES)
