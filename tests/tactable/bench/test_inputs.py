@@ -33,12 +33,9 @@ def test_as_many_fingers_touch_as_are_asked_for() -> None:
     digitizer = open_digitizer(stream.descriptor)
     frames = [digitizer.decode_report(report, 0) for report in islice(stream.packets(), 20)]
     assert {len(frame.contacts) for frame in frames if frame} == {9, 10}
-
-
-@pytest.mark.parametrize("fingers", [0, 11])
-def test_more_fingers_than_there_are_is_refused(fingers: int) -> None:
-    with pytest.raises(ValueError, match="expected 1 to 10"):
-        tapping(fingers, 1000, DEVICE)
+    for wrong in (0, 11):
+        with pytest.raises(ValueError, match="expected 1 to 10"):
+            tapping(wrong, 1000, DEVICE)
 
 
 def test_a_recording_comes_again_from_its_first_report() -> None:

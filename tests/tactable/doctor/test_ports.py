@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from firmware_link.host.serial_port import PortDescription, permission_remedy
-from tactable.doctor.ports import SystemFiles, check_ports, port_rules
+from tactable.doctor.ports import SystemFiles, check_ports
 
 USB = PortDescription("ttyUSB0", "bar-1", "bar driver", 0x0403, 0x6001)
 
@@ -65,8 +65,3 @@ def test_the_remedy_names_the_group_that_the_port_has(tmp_path: Path) -> None:
     port.chmod(0o600)
     assert "usermod" not in permission_remedy(str(port))
     assert 'KERNEL=="ttyACM0"' in permission_remedy(str(port))
-
-
-def test_a_port_that_is_not_usb_has_no_rules() -> None:
-    assert port_rules(PortDescription("/dev/ttyS0", "/dev/ttyS0", "n/a")) == ()
-    assert len(port_rules(USB)) == 2

@@ -53,9 +53,10 @@ def test_a_percentile_is_a_sample_and_told_only_with_ten_beyond_it(durations_ns:
     assert round(1e3 * (figures["max_us"] or 0)) == max(durations_ns)
 
 
-def test_without_samples_there_are_no_figures() -> None:
+def test_without_samples_there_are_no_figures_and_what_is_not_known_is_a_dash() -> None:
     assert figures_of(np.array([np.nan])) is None
     assert blame(stamps_of(0)) is None
+    assert [us(value) for value in (None, float("nan"), 3.14159, 12345.6)] == ["-", "-", "3.1", "12346"]
 
 
 def test_a_stage_begins_with_the_last_point_that_was_measured() -> None:
@@ -91,7 +92,3 @@ def test_the_document_names_every_stage_with_its_layer() -> None:
     text = (Path(__file__).parents[4] / "docs" / "latency.md").read_text(encoding="utf-8")
     rows = dict(re.findall(r"^\| ([a-z() -]+) \| .* \| (\w+)[^|]* \|$", text, re.MULTILINE))
     assert {stage.name: stage.layer for stage in STAGES.values()}.items() <= rows.items()
-
-
-def test_what_is_not_known_is_a_dash() -> None:
-    assert [us(value) for value in (None, float("nan"), 3.14159, 12345.6)] == ["-", "-", "3.1", "12346"]
