@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tactable.cli.main import main
+from tests.tools.virtual import VirtualLine
 
 
 def run_here(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -35,3 +36,17 @@ def summary_of(folder: Path, *words: str) -> Any:
     done = run_here(folder, *words, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+class Line(VirtualLine):
+    """A virtual line with what the commands say of a port: their clock and their port in this process."""
+
+    path = "virtual port"
+    notes = ()
+    bit_rate_hz = 115_200
+
+    def __enter__(self) -> "Line":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

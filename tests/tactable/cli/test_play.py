@@ -10,25 +10,10 @@ import pytest
 
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import run_emulator
-from tests.tactable.cli.in_process import run_here
-from tests.tools.virtual import VirtualLine
+from tests.tactable.cli.in_process import Line, run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--phase", "0deg,90deg")
-
-
-class Line(VirtualLine):
-    """A virtual line with what the command says of a port."""
-
-    path = "virtual port"
-    notes = ()
-    bit_rate_hz = 115_200
-
-    def __enter__(self) -> "Line":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def test_a_drive_is_played_for_its_time_and_its_levels_are_told(

@@ -29,9 +29,9 @@ from tactable.shipped import find_device
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import Line, run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
-from tests.tools.virtual import MS, VirtualLine
+from tests.tools.virtual import MS
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
@@ -57,14 +57,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_recording(make_recording(strokes), folder / "two.hid")
     write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
     return folder
-
-
-class Line(VirtualLine):
-    """A virtual line with what a run says of a port."""
-
-    path = "virtual port"
-    notes = ()
-    bit_rate_hz = 115_200
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from engine.loop.realtime import ALL_STEPS
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
-from tactable.bench.latency.page import draw_ways, page_html, page_markdown
+from tactable.bench.latency.page import page_html, page_markdown
 from tactable.bench.latency.report import LatencyReportError, Run, read_samples, run_json, write_report, write_samples
 from tactable.bench.latency.segments import Measured
 from tactable.bench.latency.stamps import first_with_sequence
@@ -81,17 +81,6 @@ def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: P
     names = sorted(path.name for path in (tmp_path / "new").iterdir())
     assert names == ["report.html", "report.json", "report.md", "samples.npz"]
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
-
-
-def test_the_picture_has_each_condition_in_both_drawings() -> None:
-    ways_us = made_run().ways_us()
-    figure = draw_ways(ways_us)
-    histogram, exceedance = figure.axes
-    assert [patch.get_label() for patch in histogram.patches] == list(ways_us)
-    for patch, line, values in zip(histogram.patches, exceedance.lines, ways_us.values(), strict=True):
-        assert sum(patch.get_data().values) == pytest.approx(100)  # type: ignore[attr-defined]
-        assert line.get_xdata()[-1] == values.max()  # type: ignore[index]
-        assert line.get_ydata()[-1] == pytest.approx(1 / len(values))  # type: ignore[index]
 
 
 def test_the_summary_names_the_layer_and_what_came_late() -> None:
