@@ -30,7 +30,7 @@ def show(
     level: FullLevel = _DEFAULT_LEVEL,
     as_json: AsJson = False,
 ) -> None:
-    """Read an effect file, and say of each event whether and how it is played; draw it where asked to.
+    """Read an effect file, say of each event whether it is played, and draw it.
 
     An event is kept, changed (in time or length, or interrupted), joined with another event's click, or lost. What no
     event keeps is listed too: the placement of the fingers decides the frequency, and the rules decide the place.

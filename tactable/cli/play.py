@@ -64,7 +64,7 @@ def play(
         driven.play(drive)
         while not stop.is_set() and played_s < duration_s:
             left_ns = (duration_s - played_s) * _NS_PER_S
-            driven.wait(clock.now_ns() + int(min(_STEP_NS, left_ns)))
+            driven.wait(clock.now_ns() + math.ceil(min(_STEP_NS, left_ns)))
             played_s = (clock.now_ns() - start_ns) / _NS_PER_S
         is_simulated = driven.is_simulated
     show(_summary(device, asked, played_s, is_simulated), as_json, lambda _, summary: _print_summary(device, summary))

@@ -71,12 +71,3 @@ def test_a_table_without_its_sweep_plays_the_same_rows_and_says_what_it_lacks(tm
     assert done.returncode == 1 and "[sweep] store" in done.stderr
     assert not (tmp_path / "sweep.csv").exists()
     assert run_here(tmp_path, "plot", "factor", "small.nc", "-o", "factor.png").returncode == 1
-
-
-@pytest.mark.parametrize(
-    ("words", "named"), [(("swep", "-o", "a.csv"), "'swep'"), (("sweep", "-o", "a.xls"), ".nc, .csv, .mat")]
-)
-def test_a_refusal_names_what_there_is(click_table: Path, tmp_path: Path, words: tuple[str, ...], named: str) -> None:
-    done = run_here(tmp_path, "export", str(click_table), *words)
-    assert done.returncode == 1 and named in done.stderr
-    assert not list(tmp_path.iterdir())
