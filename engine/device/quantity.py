@@ -45,6 +45,7 @@ _NAMES = {
     "m/s": "a speed",
     "": "a plain number",
 }
+GRAVITY_M_PER_S2 = 9.80665  # standard gravity: exact, by definition (3rd CGPM, 1901)
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 # Factors joined by * · or /, one-digit exponents: pint would evaluate '5 ** 9 ** 9' for minutes.
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"

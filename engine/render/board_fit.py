@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from engine.device import Device
 from engine.render.commands import RendererError
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
-from firmware_link.protocol.messages import LINEARISES
+from firmware_link.protocol.messages import LINEARISES, PM_PER_M
 
 TOLERANCE = 0.1
 """0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
@@ -32,7 +32,6 @@ COARSEST_STEP = 0.01
 LEAST_SAMPLES_A_PERIOD = 10
 """Held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost."""
 _UM_PER_M = 1e6
-_PM_PER_M = 1e12
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def _way(device: Device, is_card: bool) -> str:
 
 def flash_text(device: Device) -> str:
     """The full scales of a device as a board file (firmware_link/firmware/boards) says them."""
-    return f"full_scales_pm = {{{', '.join(str(round(_PM_PER_M * each.full_scale_m)) for each in device.actuators)}}}"
+    return f"full_scales_pm = {{{', '.join(str(round(PM_PER_M * each.full_scale_m)) for each in device.actuators)}}}"
 
 
 def _difference(device: Device, full_scales_m: Sequence[float], index: int) -> str:

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE_M = 1e-3
 """How far a finger may lie from where the digitizer says, evenly distributed to both sides."""
-_SEED = 20230247606
+SEED = 20230247606
 _TRIES = 64
 
 
@@ -44,7 +44,7 @@ def sample_deviations(fingers: int, cases: int) -> Deviations:
     Half of the cases are the mirror images of the others, so that a mirrored placement on a mirrored bar gets a
     mirrored drive.
     """
-    random, half = np.random.default_rng(_SEED), cases // 2
+    random, half = np.random.default_rng(SEED), cases // 2
     best, least = np.zeros((half, 4 * fingers)), np.inf
     for _ in range(_TRIES):
         rank = np.stack([random.permutation(half) for _ in range(4 * fingers)], axis=1)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Transfer
 from engine.device.transfer import FEWEST_POINTS
+from engine.steady.cases import SEED
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import CalibrationError, Kind, Measurements
 from precompute.sampling.plants import sample_scenarios
@@ -32,7 +33,7 @@ Complex = NDArray[np.complex128]
 GREATEST_ERROR = 0.1
 """Standard error of a point, relative to it, that is still taken: 0.8 dB or 6 degrees."""
 FEWEST_PLACES = 3
-_BARS, _SEED = 32, 20230247606
+_BARS = 32
 
 
 class TransferError(CalibrationError):
@@ -71,7 +72,7 @@ def find_transfers(device: Device, measurements: Measurements) -> tuple[FoundTra
     if (moves.sum(axis=1) != 1).any():
         raise TransferError("transfer functions need readings of one actuator alone; some move several")
     bare = replace(device, actuators=tuple(replace(each, transfer=None) for each in device.actuators))
-    scenarios = sample_scenarios(bare, _BARS, _SEED)
+    scenarios = sample_scenarios(bare, _BARS, SEED)
     bars = [bare, *(scenarios.device_of(i) for i in range(1, len(scenarios)))]
     modelled = np.exp([MeasurementModel(bar, measurements, ()).predict(np.zeros(0)).log_acceleration for bar in bars])
     return tuple(

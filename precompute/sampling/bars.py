@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from base.compiled import njit
 from engine.device import Device
+from engine.steady.cases import SEED
 from precompute.model.assembly import BANDWIDTH, Plant, assemble
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
 from precompute.model.transfers import moved_bases
@@ -17,8 +18,6 @@ from precompute.sampling.plants import sample_scenarios
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_SEED = 20230247606
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
     if device.uncertainty is None:
         return None
     count = len(sampled.place) - 1
-    scenarios = sample_scenarios(device, count, _SEED)
+    scenarios = sample_scenarios(device, count, SEED)
     plants = tuple(assemble(scenarios.device_of(i)) for i in range(1, count + 1))
     actuators = [plant.device.actuators for plant in plants]
     return SampledBars(

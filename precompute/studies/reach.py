@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Finger
+from engine.device.quantity import GRAVITY_M_PER_S2
 from precompute.model.assembly import Plant
 from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _CHUNK = 64  # frequencies at a time: fields of 150 columns in 256 elements take 80 MB
 
 
@@ -62,7 +62,7 @@ def compute_acceleration_curves(plant: Plant, position_m: Array, finger: Finger 
     frequency_hz = np.arange(first, last + 1)
     each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
     each[~in_band(plant.device, frequency_hz)] = 0.0
-    curves: Array = each.sum(axis=1) / STANDARD_GRAVITY_M_PER_S2
+    curves: Array = each.sum(axis=1) / GRAVITY_M_PER_S2
     return frequency_hz, curves
 
 

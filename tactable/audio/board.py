@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from base.c_library import CompileError, LibrarySource, compile_library
 from firmware_link.emulator import BOARD_EMULATED, BOARD_SOUND_CARD, DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
-from firmware_link.protocol.messages import DeviceState
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
+from firmware_link.protocol.messages import PM_PER_M, DeviceState
 from tactable.audio.names import AudioError, AudioOutput
 
 Samples = NDArray[np.float32]
@@ -36,8 +37,6 @@ RISE_S = 0.005
 """Time of the rise from silence after a block that came too late: the ramp of the shipped devices."""
 _FIRMWARE = Path(__file__).parents[2] / "firmware_link" / "firmware"
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-DTACTABLE_ACTUATORS=64u")
-_FULL_OUTPUT = 32_767
-_PM_PER_M = 1e12
 _US_PER_S = 1_000_000
 _LONGEST_SKIP_S = 1.0
 
@@ -57,7 +56,7 @@ class AudioBoard:
 
     def __init__(self, library: ctypes.CDLL, output: AudioOutput, boot_id: int) -> None:
         self._output = output
-        full_scales_pm = tuple(round(_PM_PER_M * output.most * each_m) for each_m in output.full_scales_m)
+        full_scales_pm = tuple(round(PM_PER_M * output.most * each_m) for each_m in output.full_scales_m)
         self._core = CompiledFirmware(
             library,
             DeviceConfiguration(
@@ -97,7 +96,7 @@ class AudioBoard:
         self._made += frames
         said += self._core.advance(self.time_us)
         most = self._output.most
-        samples = self._core.take_samples() * np.float32(most / _FULL_OUTPUT)
+        samples = self._core.take_samples() * np.float32(most / SAMPLE_FULL_SCALE)
         if self._risen < self._rise:
             gain = np.minimum(1.0, (self._risen + np.arange(frames)) / self._rise)
             samples *= gain[:, None].astype(np.float32)

@@ -11,13 +11,12 @@ from engine.effects import DEFAULT_EFFECTS
 from engine.loop import SystemClock
 from engine.render import WhenNotAchieved
 from engine.table import Table
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.sockets import SocketPort, SocketSource
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.run.live import Live, LiveOptions, fast_library
 from tactable.run.ring_recorder import ring_for
 from tactable.shipped import named_effects
-
-_BIT_RATE_HZ = 2_000_000
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
@@ -36,7 +35,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
             effects,
             WhenNotAchieved.GO_ON,
             reconnect=True,
-            bit_rate_hz=_BIT_RATE_HZ,
+            bit_rate_hz=PTY_BIT_RATE_HZ,
             fast=fast_library() if arguments["has_fast_path"] else None,
         )
         served = ControlOf(Path(folder) / "control.sock", ring.path, path)

@@ -28,6 +28,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from tactable.bench.in_process import measure_in_process
 from tactable.bench.inputs import HELD, replayed
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.run.live import fast_library
@@ -35,7 +36,6 @@ from tactable.run.live import fast_library
 ROUNDS = 15
 STAGES = ("decode", "track", "play", "render", "frame")
 """Report to touch frame; to fingers; to placement and level by the rules; to the command; to its bytes."""
-_BIT_RATE_HZ = 2_000_000
 _HANDSHAKE_STEP_NS = 500_000
 _PAUSE_NS = 1_000_000_000
 # What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
@@ -119,9 +119,9 @@ class Step:
 
     def __init__(self, table: Table, recording: Recording, effects: Effects) -> None:
         device = self._device = table.device
-        capabilities = _ready_link(link_configuration(device, _BIT_RATE_HZ), device)[0].capabilities
+        capabilities = _ready_link(link_configuration(device, PTY_BIT_RATE_HZ), device)[0].capabilities
         assert capabilities is not None  # a link that is ready was greeted
-        rendering = render_table(table, effects, capabilities, WhenNotAchieved.GO_ON, _BIT_RATE_HZ)
+        rendering = render_table(table, effects, capabilities, WhenNotAchieved.GO_ON, PTY_BIT_RATE_HZ)
         rendering.renderer.prepare()
         self._renderer, self._click_ns, self._effects = rendering.renderer, rendering.click_length_ns, effects
         self._link, self._far_end, self._now_ns = _ready_link(rendering.configuration, device)

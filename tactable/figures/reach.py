@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from engine.device import Device
+from engine.device.quantity import GRAVITY_M_PER_S2
 from precompute.model.assembly import assemble
 from precompute.studies.reach import Reach, compute_reach
 from tactable.figures.file import Picture
@@ -13,7 +14,6 @@ from tactable.figures.style import (
     BLUE,
     GREEN,
     GREY,
-    STANDARD_GRAVITY_M_PER_S2,
     VERMILLION,
     Array,
     draw_actuators,
@@ -60,7 +60,7 @@ def _draw_accelerations(axes: Axes, device: Device, untouched: Reach, touched: R
     )
     for reach, colour, style, label in curves:
         axes.plot(place_mm, reach, color=colour, ls=style, lw=1.6, label=label)
-    paper = PAPER_G * STANDARD_GRAVITY_M_PER_S2
+    paper = PAPER_G * GRAVITY_M_PER_S2
     axes.axhline(paper, color=BLACK, ls=":", lw=1.2, label=f"{PAPER_G:g} g, the published bar")
     greatest = max(float(reach.max()) for reach, *_ in curves)
     least = min(float(touched.tones.min()), paper)
@@ -94,7 +94,7 @@ def _least_text(untouched: Reach, touched: Reach) -> str:
 
 
 def _least_g(reach: Reach) -> float:
-    return float(reach.tones.min()) / STANDARD_GRAVITY_M_PER_S2
+    return float(reach.tones.min()) / GRAVITY_M_PER_S2
 
 
 def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Array]:

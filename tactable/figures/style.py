@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from base.plain import to_plain
 from engine.device import Device
+from engine.device.quantity import GRAVITY_M_PER_S2
 from engine.touch import ZoneState
 from tactable.explain.words import level_text as level_text
 from tactable.explain.words import zone_lists as zone_lists
@@ -40,7 +41,6 @@ THRESHOLD_NOTE = "detection threshold"
 """Stands for the curve of the device, which the note under a picture names."""
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
-STANDARD_GRAVITY_M_PER_S2 = 9.80665
 _NOTE_LETTERS_PER_INCH = 16
 Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
@@ -75,7 +75,7 @@ def draw_actuators(axes: "Axes", device: Device) -> None:
 
 def draw_gravities(axes: "Axes") -> None:
     """Draw a second axis on the right, in g."""
-    draw_scaled(axes.secondary_yaxis, "right", 1 / STANDARD_GRAVITY_M_PER_S2).set_ylabel("(g)")
+    draw_scaled(axes.secondary_yaxis, "right", 1 / GRAVITY_M_PER_S2).set_ylabel("(g)")
 
 
 def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:

@@ -2,15 +2,14 @@
 
 from engine.device import Device
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
+from firmware_link.protocol.messages import PM_PER_M
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from tactable.measure.sensor import SensorError
-from tactable.measure.simulated_bench import FINE_MODES, ConverterFlaws
+from tactable.measure.simulated_bench import FINE_MODES, MOVING_NS, ConverterFlaws
 from tactable.measure.virtual_line import VirtualLine
 from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
 
-_MOVING_NS = 500_000_000
-_PM_PER_M = 1e12
 _OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "jitter"}
 
 
@@ -33,7 +32,7 @@ class BoardBench(VirtualLine):
         for name, flaw in _OF_CONVERTERS.items():
             if getattr(flaws, name):
                 raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
-        full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in (board or true).actuators)
+        full_scales_pm = tuple(round(actuator.full_scale_m * PM_PER_M) for actuator in (board or true).actuators)
         configuration = DeviceConfiguration(
             0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm
         )
@@ -52,7 +51,7 @@ class BoardBench(VirtualLine):
 
     def place(self, position_m: float) -> None:
         """Put the sensor here; that takes as long as the bar takes to come to rest."""
-        self.run_to(self.time_ns + _MOVING_NS)
+        self.run_to(self.time_ns + MOVING_NS)
         self._sensed.place(position_m)
 
     def turn_over(self) -> None:

@@ -20,6 +20,7 @@ from engine.device.quantity import QuantityError, read_quantity
 from engine.loop import Clock
 from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, Event
 from firmware_link.host.session import Port
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
@@ -31,7 +32,6 @@ PROBE_S = 0.5
 _PATIENCE_S = 2.0
 _PACE_S = 10.0
 _LONGEST_GAP_S = 1.0
-_FULL_OUTPUT = 32_767
 _WRAP_16, _WRAP_32 = 1 << 16, 1 << 32
 _NS_PER_S = 1_000_000_000
 
@@ -97,7 +97,7 @@ class BoardSensor:
         self._clock, self._synthesis_rate_hz = clock, synthesis_rate_hz
         self._values = 1 + number_of_actuators
         # Amplitudes were multiplied by the scales on their way to the board.
-        self._units = np.array([described.scale_m_per_s2, *(1 / (_FULL_OUTPUT * scale) for scale in scales)])
+        self._units = np.array([described.scale_m_per_s2, *(1 / (SAMPLE_FULL_SCALE * scale) for scale in scales)])
         self._signal = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._waiting: list[Array] = []
         self._points: deque[tuple[int, int]] = deque()

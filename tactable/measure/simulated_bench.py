@@ -14,25 +14,24 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.electrodes import board_bias
-from engine.device.quantity import QuantityError, read_quantity
+from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_quantity
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
+from firmware_link.protocol.messages import PM_PER_M
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
-from tactable.measure.faults import GRAVITY_M_PER_S2
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 from tactable.measure.virtual_line import SENSOR, VirtualLine
 
 Array = NDArray[np.float64]
 
-_MOVING_NS = 500_000_000
+MOVING_NS = 500_000_000
 _BLOCK_S = 0.05
 _PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
 """Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6
-_PM_PER_M = 1e12
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ class SimulatedBench(VirtualLine):
         self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
         self._sensor_mass_kg = sensor_mass_kg
         full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
-        full_scales_pm = tuple(round(each_m * _PM_PER_M) for each_m in full_scales_m)
+        full_scales_pm = tuple(round(each_m * PM_PER_M) for each_m in full_scales_m)
         self.firmware = EmulatedFirmware(
             DeviceConfiguration(
                 0x5EED,
@@ -152,7 +151,7 @@ class SimulatedBench(VirtualLine):
         """Put the sensor here; that takes as long as the bar takes to come to rest."""
         if not 0 <= position_m <= self._device.bar.length_m:
             raise SensorError(f"{1e3 * position_m:g} mm is off the bar of {1e3 * self._device.bar.length_m:g} mm")
-        self.run_to(self.time_ns + _MOVING_NS)
+        self.run_to(self.time_ns + MOVING_NS)
         self._make_samples()
         self.position_m = position_m
         self._plant.rest()

@@ -45,7 +45,7 @@ STEP_OF_LEVEL = 3.0
 WINDOW_S = 0.2
 _SETTLED = 0.003
 _REST_HZ = 37.0  # beside every line of the mains
-_LATE_S = 0.1
+LATE_S = 0.1
 _ONSET = 0.05
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5
@@ -146,7 +146,7 @@ class SteppedSine:
 
     def _listen_once(self) -> AtRest:
         self._driven.silence()
-        self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
         self.recorder.drop()
         values = self.recorder.take(2 * self._options.window_s)
         fit, channel = fit_tone(known_samples(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
@@ -169,7 +169,7 @@ class SteppedSine:
         asked = AskedDrive.of_one(self._device, which, sum(actuators[which].band_hz) / 2, least)
         self.recorder.drop()
         driven.play(check_drive(asked, self._device))
-        values = self.recorder.take(_LATE_S + self._options.window_s)
+        values = self.recorder.take(LATE_S + self._options.window_s)
         sounding = np.flatnonzero(abs(values[:, reference]) > _ONSET * least)
         applied_us = driven.applied_device_us
         driven.silence()
@@ -272,7 +272,7 @@ class SteppedSine:
 
     def _begin(self) -> int:
         """Wait until the samples are those of the drive; the lapses that the board has counted by then."""
-        self._driven.wait(self._driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
         lapses = self._driven.confirm_lapses()
         self.recorder.drop()
         return lapses
@@ -307,7 +307,7 @@ class SteppedSine:
         self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
         self.recorder.drop()
         self._driven.session.link.set_play(click)
-        values = self.recorder.take(length_s + 2 * _LATE_S)
+        values = self.recorder.take(length_s + 2 * LATE_S)
         acceleration = known_samples(values)[:, self._form.acceleration]
         return acceleration - np.median(acceleration), find_click_faults(values, self._form, self._options.tolerance)
 

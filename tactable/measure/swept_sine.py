@@ -28,6 +28,7 @@ from tactable.measure.faults import Fault, has_offset, is_clipped, is_stalled
 from tactable.measure.recorder import known_samples
 from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.stepped_sine import (
+    LATE_S,
     STEP_OF_LEVEL,
     Reading,
     SteppedSine,
@@ -43,7 +44,6 @@ STEP_NS = 10_000_000
 _MARGIN = 0.05
 """A sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it."""
 _REST_S = BEFORE_S + 0.1
-_LATE_S = 0.1
 _CLOCK_S = 1.0
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _LEFT_S = 6.0
@@ -171,7 +171,7 @@ class SweptSine:
     def _record_once(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         driven, recorder, sweep_s = self._driven, self._stepped.recorder, self._sweep.sweep_s
         driven.silence()
-        driven.wait(driven.clock.now_ns() + int(_LATE_S * _NS_PER_S))
+        driven.wait(driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
         recorder.drop()
         start_ns = driven.clock.now_ns() + int(_REST_S * _NS_PER_S)
         recorder.follow(start_ns)
@@ -184,7 +184,7 @@ class SweptSine:
             driven.glide(self._drive(actuator, low_hz * math.exp(gone_s / stretch_s)))
         driven.silence()
         # Twice the gate, so that noise is known from where the response is not.
-        return recorder.take(max(_REST_S + sweep_s + 2 * _LATE_S + self._gate_s, 2.05 * (BEFORE_S + self._gate_s)))
+        return recorder.take(max(_REST_S + sweep_s + 2 * LATE_S + self._gate_s, 2.05 * (BEFORE_S + self._gate_s)))
 
     def _drive(self, actuator: int, frequency_hz: float) -> Drive:
         return check_drive(AskedDrive.of_one(self._device, actuator, frequency_hz, self._amplitude), self._device)
@@ -194,7 +194,7 @@ class SweptSine:
         driven, recorder = self._driven, self._stepped.recorder
         hz = self._stepped.played_hz(math.sqrt(math.prod(self._device.actuators[actuator].band_hz)))
         driven.play(self._drive(actuator, hz))
-        driven.wait(driven.clock.now_ns() + int(2 * _LATE_S * _NS_PER_S))
+        driven.wait(driven.clock.now_ns() + int(2 * LATE_S * _NS_PER_S))
         recorder.drop()
         values = known_samples(recorder.take(_CLOCK_S))
         driven.silence()

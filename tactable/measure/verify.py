@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from engine.device import Device, Finger
 from engine.effects import Drives
 from engine.steady import SteadyDrive
+from engine.steady.cases import SEED
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
@@ -59,7 +60,6 @@ PLACE_M = 0.5e-3
 LEAST_M_PER_S2 = 0.02
 """What a point is off at the least: sensors feel a little of the other axes and of their cable."""
 RING_S = 0.1
-_SEED = 20230247606
 _RATE_HZ = 24_000.0
 
 
@@ -188,7 +188,7 @@ class PossibleBars:
     """Bars that a table holds for possible, the nominal one first, with a sensor of a mass at a place."""
 
     def __init__(self, device: Device, sensor_mass_kg: float, bars: int = BARS) -> None:
-        scenarios, random = sample_scenarios(device, bars, _SEED), np.random.default_rng(_SEED)
+        scenarios, random = sample_scenarios(device, bars, SEED), np.random.default_rng(SEED)
         others = (scenarios.device_of(i) for i in range(1, len(scenarios)))
         self._plants: list[Plant] = [assemble(each) for each in (device, *others)]
         self._bases = [compute_basis(plant) for plant in self._plants]

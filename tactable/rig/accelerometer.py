@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from base.errors import TactableError
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_quantity
+from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_quantity
 from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
@@ -28,7 +29,6 @@ from precompute.model.transient import TransientPlant
 
 Array = NDArray[np.float64]
 
-GRAVITY_M_PER_S2 = 9.80665
 RATE_HZ = 3_200.0
 SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
 GREATEST, STEP = 4_095, 2
@@ -37,7 +37,6 @@ _PLANT_SAMPLES = 8
 """Samples of the plant in one of the accelerometer: 25.6 kHz, at which straight lines cost 0.005 dB of 300 Hz."""
 _BLOCK_US = 10_000
 _US_PER_S = 1_000_000
-_FULL_OUTPUT = 32_767
 
 
 class AccelerometerError(TactableError, ValueError):
@@ -209,7 +208,7 @@ class SensedBoard:
         kept = index % _PLANT_SAMPLES == 0
         counts = self._counts(self._plant.accelerate(drive)[kept, 0])
         spare = self.configuration.number_of_actuators - drive.shape[1]
-        displacements = np.pad(np.rint(_FULL_OUTPUT * drive[kept]).astype(int), ((0, 0), (0, spare)))
+        displacements = np.pad(np.rint(SAMPLE_FULL_SCALE * drive[kept]).astype(int), ((0, 0), (0, spare)))
         instants = index[kept] * self.configuration.synthesis_rate_hz // self._plant_hz
         for count, row, instant in zip(counts.tolist(), displacements.tolist(), instants.tolist(), strict=True):
             self.core.sense(count, row, int(instant))

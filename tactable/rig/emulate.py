@@ -17,11 +17,10 @@ from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.process import termination_descriptor
 from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.host.emulator_registry import Announcement, own_link
+from firmware_link.protocol.messages import PM_PER_M
 
 if TYPE_CHECKING:
     from tactable.rig.accelerometer import SensedBar, SensedBoard
-
-_PM_PER_M = 1e12
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def configuration_of(device: Device | None) -> DeviceConfiguration:
     """Configuration of the board of a device; without a device, two actuators of 0.52 um full scale."""
     if device is None:
         return DeviceConfiguration(boot_id=0)
-    full_scales_pm = tuple(round(actuator.full_scale_m * _PM_PER_M) for actuator in device.actuators)
+    full_scales_pm = tuple(round(actuator.full_scale_m * PM_PER_M) for actuator in device.actuators)
     return DeviceConfiguration(
         0,
         len(device.actuators),
