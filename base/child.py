@@ -33,7 +33,7 @@ from base.errors import TactableError
 
 START_TIMEOUT_S = 30.0
 """Patience with a child that starts: an interpreter takes 0.1 s on an idle machine, seconds on a crowded one."""
-_END_TIMEOUT_S = 10.0
+_END_TIMEOUT_S = 10.0  # a child ends in well under a second; one that hangs is killed, and its parent waits no longer
 _READ_SIZE = 1 << 16
 _MOST_DESCRIPTORS = 4
 _PR_SET_PDEATHSIG = 1

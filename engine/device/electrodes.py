@@ -18,7 +18,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-_GREATEST_WORD = 65_535
+_GREATEST_WORD = 65_535  # u16, as HELLO says the bias
 LINEARISERS = ("board", "amplifier", "nothing")
 
 

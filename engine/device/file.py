@@ -20,12 +20,12 @@ CLICKS_TOP_HZ = 2000.0
 _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 """Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
 _SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
-_MOST_ELEMENTS = 2000
+_MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory where a length or an element is a slip
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
-_MOST_STEPS = 100_000
+_MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
-_LEAST_DISTANCE = 1e-3
+_LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
 MOST_ACTUATORS = 16
 """More than any bar that is known. To fit a transfer function to points takes up to 50 ms, however few they are."""
 MOST_TRANSFER_POINTS = 1000

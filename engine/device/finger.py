@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _LARGEST_SPREAD = 1000
-_FEWEST_POINTS, _MOST_POINTS = 3, 10_000
-_HIGHEST_HZ, _GREATEST_N_S_PER_M = 1e5, 1e9
+_FEWEST_POINTS, _MOST_POINTS = 3, 10_000  # two points determine mass, damping and stiffness, a third one shows a misfit
+_HIGHEST_HZ, _GREATEST_N_S_PER_M = 1e5, 1e9  # far above any finger, whose damping is about 1 N s/m: slips of units
 _STATED = ("mass", "damping", "stiffness")
 
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 
 from engine.device.quantity import QuantityError, read_quantity
 
-HIGHEST_LEVEL_DB = 80.0
+HIGHEST_LEVEL_DB = 80.0  # 1.5 g is 33 to 41 dB (docs/theory.md); 80 dB is a hundred times that, beyond any bar
 MOST_BYTES = 16 << 20
 """Greatest size of a text file: a hundred times the largest manifest that is known."""
 _CREDIBLE = {

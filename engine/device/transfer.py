@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-FEWEST_POINTS = 3
+FEWEST_POINTS = 3  # two lie on a line whatever the actuator does
 GREATEST_MISS = 0.05
 """Miss of a point, relative to its magnitude, that is refused: 0.4 dB or 3 degrees."""
 GREATEST_GROWTH = 10.0

@@ -20,7 +20,7 @@ from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
 
 MAGIC = b"tactring"
-REVISION = 3
+REVISION = 3  # raise it with any change of the structures below
 MOST_TOUCHES = 16
 SLOTS = 4096
 """Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
@@ -29,7 +29,7 @@ SLOTS = 4096
 _HEAD = struct.Struct("<8sIIIIQ")
 _WRITTEN_AT = _HEAD.size - 8
 _COUNT = struct.Struct("<Q")
-_HEAD_SIZE = 64
+_HEAD_SIZE = 64  # a cache line: the count of records shares none with a slot
 # CRC-32 of the rest, then the number of the record, from 1
 _GUARD = struct.Struct("<IIQ")
 # six stamps, report index, level, is_click, is_provisional, sequence, counters, the fingers that feel as bits, then how
@@ -40,7 +40,7 @@ _TOUCH = struct.Struct("<qdb")
 _NO_LEVEL = float("-inf")
 _NO_FINGER = Placement((), ())
 _NONE = -1
-_SLOT_SIZE = 1024
+_SLOT_SIZE = 1024  # 16 touches, 10 fingers and a click of 44 weights leave 400 bytes to the report, which is cut
 
 
 class RingError(TactableError):

@@ -26,7 +26,7 @@ from firmware_link.protocol.messages import LINEARISES, PM_PER_M
 
 TOLERANCE = 0.1
 """0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
-GREATEST_RATIO = 10.0
+GREATEST_RATIO = 10.0  # the example above is a factor of 5, a wrong unit one of 25 (inch) or 1000
 COARSEST_STEP = 0.01
 """Of the lowest frequency. Rounding moves it by half of that at most, as 1 % of stiffness moves resonances."""
 LEAST_SAMPLES_A_PERIOD = 10

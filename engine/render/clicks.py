@@ -13,7 +13,7 @@ from engine.touch.places import Key
 from firmware_link.protocol.basis import encode_click
 from firmware_link.protocol.messages import encode_amplitude
 
-MOST_LEARNED = 4096
+MOST_LEARNED = 4096  # some 12 kB each, so 50 MB; a shipped table has 532 clicks
 NOT_PLAYED = -1
 """Stands in place of an amplitude where the device lacks the click's set, or the level is refused."""
 

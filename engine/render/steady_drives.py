@@ -20,7 +20,7 @@ from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
 
-MOST_REMEMBERED = 4096
+MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
 
 
 class Solver(Protocol):

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 TOLERANCE_M = 1e-3
 """How far a finger may lie from where the digitizer says, evenly distributed to both sides."""
-SEED = 20230247606
+SEED = 20230247606  # any would do; a fixed one makes tables and drives repeat bit for bit
 _TRIES = 64
 
 

@@ -10,7 +10,7 @@ from numba import types
 
 from base.compiled import njit
 
-TINY = 1e-300
+TINY = 1e-300  # near the least normal double: against division by 0 and the logarithm of 0
 
 ROW = types.Array(types.float64, 1, "A", readonly=True)
 ROWS = types.Array(types.float64, 2, "A", readonly=True)

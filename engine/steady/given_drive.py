@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 CASES = 32
 """As many as `tactable explain` takes for fingers at positions."""
 _NEIGHBOURS = 4
-_LEAST_POWER = 1e-30
+_LEAST_POWER = 1e-30  # -300 dB, as in solver.py: silence has a logarithm
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 
 

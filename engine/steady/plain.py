@@ -35,7 +35,7 @@ _PARTS = np.geomspace(1e-3, 1e4, 15)
 _TRIED = 48
 """Most frequencies at which a louder drive is looked for."""
 _TINY = 1e-9
-_TOLERANCE_DB = 1e-3
+_TOLERANCE_DB = 1e-3  # LEVEL_TOLERANCE_DB of solver.py, which imports kernels
 
 
 class PlainSolver:

@@ -33,7 +33,7 @@ _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
 _STRIDE = 4
 _SCAN_STEPS, _POWER_STEPS = 4, 30
-_GOLDEN = 0.6180339887498949
+_GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5
 _FIRST_SHARPNESS, _NEXT_SHARPNESS = 30.0, 1000.0
 

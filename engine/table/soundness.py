@@ -28,7 +28,7 @@ from engine.table.schema import (
     Kind,
 )
 
-_PIECE_BYTES = 1 << 24
+_PIECE_BYTES = 1 << 24  # 16 MiB at a time, as file.py
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four
 _SPREADS = 5

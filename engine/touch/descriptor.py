@@ -12,8 +12,9 @@ __all__ = ["ContactLayout", "DescriptorError", "Field", "ReportLayout", "Surface
 
 # HID 1.11 allows 32 bits a field.
 _MAXIMUM_FIELD_BITS = 32
+# HID Usage Tables, page in the upper 16 bits: 0x01 Generic Desktop, 0x0D Digitizers, 0xFF00 of Microsoft
 _DIGITIZER_PAGE = 0x000D_0000
-_X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051
+_X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051  # as above
 _CONTACT_USAGES = {
     _X: "x",
     _Y: "y",
@@ -26,7 +27,7 @@ _CONTACT_USAGES = {
     0x000D_0049: "height",
 }
 _DEVICE_MODE, _CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0052, 0x000D_0054, 0x000D_0055, 0x000D_0056
-_CERTIFICATION_BLOB = 0xFF00_00C5
+_CERTIFICATION_BLOB = 0xFF00_00C5  # of Windows touch devices; it marks the kernel's class Win8
 _REQUIRED_USAGES = (_X, _Y, _TIP, _CONTACT_ID, _CONTACT_COUNT)
 _INPUT_USAGES = (*_CONTACT_USAGES, _CONTACT_COUNT, _SCAN_TIME)
 _FEATURE_USAGES = (_DEVICE_MODE, _CONTACT_COUNT_MAXIMUM, _CERTIFICATION_BLOB)

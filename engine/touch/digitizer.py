@@ -31,11 +31,11 @@ FRAME_SILENCE_NS = 30_000_000
 RELEASE_AFTER_NS = 120_000_000
 # A scan time that is further than this from host time has been reset or wrapped.
 SCAN_TIME_TOLERANCE_NS = 25_000_000
-SCAN_TIME_TICK_NS = 100_000
+SCAN_TIME_TICK_NS = 100_000  # HID Usage Tables, 0x0D:0x56; real ones tick each 92 to 131 us
 
 # Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
 _DEFAULT_MAXIMUM_CONTACTS = 10
-_LARGEST_MAXIMUM_CONTACTS = 250
+_LARGEST_MAXIMUM_CONTACTS = 250  # MT_MAX_MAXCONTACT of hid-multitouch.c
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
 

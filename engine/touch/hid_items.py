@@ -11,18 +11,18 @@ from base.errors import TactableError
 
 # Linux refuses longer descriptors and longer reports (HID_MAX_DESCRIPTOR_SIZE, HID_MAX_BUFFER_SIZE).
 MAXIMUM_DESCRIPTOR_BYTES = 4096
-MAXIMUM_REPORT_BITS = 8 * 16384
+MAXIMUM_REPORT_BITS = 8 * 16384  # HID_MAX_BUFFER_SIZE in bits
 # Real devices nest 3 collections and push once or twice.
 MAXIMUM_DEPTH = 32
 
 _MILLIMETRES_PER_UNIT = {1: 10.0, 3: 25.4}  # system nibble: SI linear counts centimetres, English linear inches
 
-_LONG_ITEM = 0xFE
+_LONG_ITEM = 0xFE  # HID 1.11, 6.2.2.3
 _MAIN, _GLOBAL, _LOCAL = 0, 1, 2
-_INPUT, _FEATURE = 0x8, 0xB
+_INPUT, _FEATURE = 0x8, 0xB  # HID 1.11, 6.2.2.4
 _CONSTANT, _VARIABLE, _RELATIVE = 0x01, 0x02, 0x04
 _APPLICATION_COLLECTION = 0x01
-_STYLUS = 0x000D_0020
+_STYLUS = 0x000D_0020  # HID Usage Tables, 0x0D:0x20
 
 
 class DescriptorError(TactableError):

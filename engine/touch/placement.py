@@ -12,7 +12,7 @@ from engine.touch.finger_tracker import ZoneEdges, ZoneState, state_index
 if TYPE_CHECKING:
     from engine.device import Device
 
-MOST_FINGERS = 10
+MOST_FINGERS = 10  # two hands
 CLOSEST_M = 8e-3
 """Distance below which two fingers are one to the bar: a fingertip is wider, and their motions are nearly the same."""
 _ROUNDING_M = 1e-9

@@ -29,10 +29,10 @@ from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 
 FULL_LEVEL_DB = 25.0
 """Level of intensity 1 unless stated: that of the named effect `press`."""
-CLICK_MS, STEP_MS = 30, 20
-SHORT_S, MOST_SHIFT_S = 0.040, 0.010
-SAME_DB, JUMP_DB = 1.5, 3.0
-MOST_SEGMENTS = 1024
+CLICK_MS, STEP_MS = 30, 20  # the border of pulse and vibration (docs/theory.md); below that, to follow a course
+SHORT_S, MOST_SHIFT_S = 0.040, 0.010  # of a click of 30 ms: a third longer is one too, a third late is in time
+SAME_DB, JUMP_DB = 1.5, 3.0  # a finger tells about 1.5 dB; a jump is twice that
+MOST_SEGMENTS = 1024  # 20 s of steps that all differ; bounds the memory of an effect
 _NS_PER_S = 1_000_000_000
 Levels = NDArray[np.float64]
 

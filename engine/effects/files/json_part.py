@@ -9,9 +9,9 @@ from engine.effects.rules import EffectError
 
 LONGEST_S = 120.0
 """The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
-LONGEST_WORD = 64
+LONGEST_WORD = 64  # of names; a row of a report stays a row
 
-_GREATEST = 1e300
+_GREATEST = 1e300  # Python reads 1e999 as infinity; what is less can still be scaled and compared
 
 
 class Part:

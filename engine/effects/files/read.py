@@ -15,7 +15,7 @@ FORMATS: Mapping[str, Callable[[Part], Pattern]] = MappingProxyType(
     {ahap.FORMAT: ahap.read_ahap, haptic.FORMAT: haptic.read_haptic, hjif.FORMAT: hjif.read_hjif}
 )
 """Readers by format, which is also the ending of a file's name."""
-MOST_BYTES = 4 << 20
+MOST_BYTES = 4 << 20  # an event of 35 bytes each millisecond of the longest effect, 120 s
 
 
 def read_effect_file(path: Path, name: str, full_level_db: float = FULL_LEVEL_DB) -> Converted:

@@ -24,7 +24,7 @@ from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
 from firmware_link.protocol.messages import Play, Set, encode_set_body, seed_of
 
-_NEVER_NS = (1 << 63) - 1
+_NEVER_NS = (1 << 63) - 1  # the greatest int64
 _QUIET = Segment(None, None)
 # A field is read as eight bytes from the one that it begins in.
 _WIDEST_FIELD = 56

@@ -15,7 +15,7 @@ from engine.touch.digitizer import DigitizerError
 
 RULE_FILE = "/etc/udev/rules.d/70-tactable.rules"  # before 73-seat-late.rules, which acts on the tag
 
-_DIGITIZER_PAGE = 0x0D
+_DIGITIZER_PAGE = 0x0D  # HID Usage Tables
 _TOUCH_USAGES = frozenset(kind.value for kind in SurfaceKind)
 _VENDOR_AND_PRODUCT = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
 # hidapi's number of a bus to the kernel's, which recordings hold: USB, Bluetooth, I2C, SPI.

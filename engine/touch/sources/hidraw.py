@@ -29,7 +29,7 @@ _READ_BYTES = 4096
 _POLL_NS = 2_000_000
 # The watchdog has released every contact (120 ms) before the first attempt to come back.
 _FIRST_RETRY_NS = 250_000_000
-_LAST_RETRY_NS = 2_000_000_000
+_LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/reopening.py)
 # _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
 _HIDIOCGRDESCSIZE, _HIDIOCGRDESC = 0x80044801, 0x90044802
 _MODES = {SurfaceKind.TOUCH_SCREEN: 2, SurfaceKind.MULTI_POINT: 2, SurfaceKind.TOUCH_PAD: 3}

@@ -16,7 +16,7 @@ MOST_CONTACTS = 32
 
 _REPORT_ID = b"\x01"
 _SLOT = struct.Struct("<B3I")  # tip, contact id, X, Y
-_32_BITS = 0xFFFF_FFFF
+_32_BITS = 0xFFFF_FFFF  # the size of its fields, "75 20" in the descriptor
 _TIP = bytes.fromhex("05 0d 09 22 a1 02  09 42 15 00 25 01 75 01 95 01 81 02  75 07 81 03")
 _CONTACT_ID = bytes.fromhex("75 20 09 51 27 ff ff ff 7f 81 02")
 _FINGER_END = bytes.fromhex("35 00 45 00 65 00 c0")

@@ -12,7 +12,7 @@ from engine.touch.sources.own_reports import Axis, ContactReports
 
 RESOLUTION = 65_535
 """Logical maximum of both axes."""
-_MOST_POINTERS = 10
+_MOST_POINTERS = 10  # engine.touch.placement.MOST_FINGERS
 _AXIS = Axis(0, RESOLUTION)
 _REPORTS = ContactReports(_AXIS, _AXIS, contacts=1, maximum_contacts=_MOST_POINTERS)
 
