@@ -51,8 +51,7 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"
 _TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
 _ANGLE = re.compile(rf"({_NUMBER}) ?(deg|rad)")
-_LONGEST_TEXT = 64
-"""2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files"""
+_LONGEST_TEXT = 64  # "2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files
 _SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa")}
 """Scale and unit that people use, by SI unit."""
 

@@ -14,7 +14,7 @@ __all__ = ["ContactLayout", "DescriptorError", "Field", "ReportLayout", "Surface
 _MAXIMUM_FIELD_BITS = 32
 # HID Usage Tables, page in the upper 16 bits: 0x01 Generic Desktop, 0x0D Digitizers, 0xFF00 of Microsoft
 _DIGITIZER_PAGE = 0x000D_0000
-_X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051  # as above
+_X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051  # page, then usage
 _CONTACT_USAGES = {
     _X: "x",
     _Y: "y",

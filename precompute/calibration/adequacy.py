@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 UNLIKELY = 0.005
 """Probability below which a finding is not taken for chance."""
-SMALLEST_MISFIT = 0.005
+SMALLEST_MISFIT = 0.005  # docs/calibration.md: 0.04 dB, below what any accelerometer is good for
 _LEAST_REPEATS = 5
 """Degrees of freedom of repeated readings below which they say too little."""
 

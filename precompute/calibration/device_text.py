@@ -10,7 +10,7 @@ from engine.device.quantity import quantity_text
 from engine.device.texts import tables_of
 from precompute.calibration.calibrate import Calibration
 
-_DIGITS = 10
+_DIGITS = 10  # finer than any interval, and still short
 
 
 def calibrated_text(calibration: Calibration, provenance: Mapping[str, str]) -> str:

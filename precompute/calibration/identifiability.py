@@ -11,7 +11,7 @@ _OPEN_BELOW = 2.0
 """Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
 _PART = 0.25  # of a unit vector: smaller parts are not named
 _WORTH = 0.7  # of the standard deviation: a drive that leaves more is not recommended
-_NEARLY_ONE = 0.95
+_NEARLY_ONE = 0.95  # of a unit vector: what the others have is then below 0.32 together
 
 
 @dataclass(frozen=True)

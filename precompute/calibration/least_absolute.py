@@ -11,9 +11,9 @@ Linearised = Callable[[Array], tuple[Array, Array]]
 
 _FIRST_STEP = 0.1  # of a natural logarithm
 _LONGEST_STEP = 1.0
-_SHORTEST_STEP = 1e-13
+_SHORTEST_STEP = 1e-13  # of a natural logarithm: some hundred roundings; no shorter step changes a value
 _ITERATIONS = 60
-_NOTHING = 1e-300
+_NOTHING = 1e-300  # against division by 0
 
 
 def solve_least_absolute(linearised: Linearised, start: Array, low: Array, high: Array, tolerance: float) -> Array:

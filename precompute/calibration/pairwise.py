@@ -15,7 +15,7 @@ from precompute.measurements.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-_MOST_DRIVES = 24
+_MOST_DRIVES = 24  # a fit for each: bounds the time of a comparison, whose answer is an average anyway
 
 
 @dataclass(frozen=True)

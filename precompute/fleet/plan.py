@@ -19,7 +19,7 @@ from precompute.fleet.units import FleetError, Unit, checked_units
 
 _MEASURED = (".csv", ".nc", ".nc4", ".uff", ".unv", ".uf")
 _COLUMNS = ("name", "device", "measurements")
-_MOST_UNITS = 100_000
+_MOST_UNITS = 100_000  # a slip in a count or a product of values, not a fleet
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?) ?(\D.*)?")
 _DIGITS = 8
 

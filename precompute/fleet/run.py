@@ -14,7 +14,7 @@ from precompute.fleet.work import Progress, describe_error, kept_outcome, no_pro
 
 Pool = Callable[[Sequence[Job], Progress], Iterator[Outcome]]
 """Runs jobs and yields their outcomes in any order; reports progress within a job where it can."""
-_PATIENCE_S = 30
+_PATIENCE_S = 30  # patience with a scheduler and its first worker; Dask's own default for connecting
 
 
 def run_fleet(

@@ -41,7 +41,7 @@ Progress = Callable[[str, float], None]
 LARGEST_MISFIT = 0.2
 """Typical misfit beyond which a calibration is doubtful, as for `tactable calibrate`."""
 _REPORT = "report.json"
-_PIECE_BYTES = 1 << 24
+_PIECE_BYTES = 1 << 24  # 16 MiB at a time, as engine/table/file.py
 
 # Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()

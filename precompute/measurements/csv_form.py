@@ -15,7 +15,7 @@ _NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?")
 _QUANTITY = re.compile(rf"({_NUMBER.pattern}) *(Hz|kHz|mm|cm|m|%)?")
 _TIME = re.compile(r"(t|time|zeit|temps|timestamp|seconds?)\b.*", re.IGNORECASE)
 _LEAST_COLUMNS = 2
-_SHOWN = 32
+_SHOWN = 32  # enough to know a line again
 
 
 def example_csv(device: Device) -> str:

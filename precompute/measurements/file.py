@@ -9,7 +9,7 @@ from engine.device.toml_table import read_text
 from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.types import MeasurementError, Measurements
 
-MOST_BYTES = 100_000_000
+MOST_BYTES = 100_000_000  # a million rows of CSV, where a fit takes 10 000 readings at most
 _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
 
 

@@ -24,7 +24,7 @@ Index = NDArray[np.int64]
 
 _CHUNK = 64  # frequencies at a time: fields of 60 columns in 256 elements take 32 MB
 _SENSOR, _FINGER = 0, 1
-_TINY = 1e-300
+_TINY = 1e-300  # a node has a logarithm
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 
 CONVERGED = 10 ** (0.01 / 20) - 1
 """Error of a receptance that is tolerated, as a fraction of its greatest value: 0.01 dB."""
-_FIRST_MODES = 32
+_FIRST_MODES = 32  # shipped bars need 20; doubled until enough, so it costs time only
 _STEP_OF_MODES = 4
 _STEPS_OF_BAND = 64
 """Truncation errs smoothly over frequency, so that this many steps of a band find its greatest error."""

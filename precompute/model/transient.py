@@ -12,7 +12,7 @@ from precompute.model.transfers import TransferFilter, decaying_sums, step_integ
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-_CHUNK = 8192
+_CHUNK = 8192  # samples: bounds memory, 2 MB for 20 modes and complex values
 
 
 @dataclass

@@ -25,7 +25,7 @@ from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.places import solve_place_receptances
 
 Array = NDArray[np.float64]
-PERCENTS = (5, 50, 95)
+PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
 
 
 @dataclass(frozen=True)

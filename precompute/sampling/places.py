@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 PITCH_M = 5e-3
 """Largest distance of neighbouring places (docs/theory.md#steady-drives-at-positions says what it costs)."""
-_FEWEST = 5
+_FEWEST = 5  # a cubic needs four; the bar's middle is then a place
 _CHUNK = 64  # frequencies at a time: fields of 60 places in 256 elements take 32 MB
 
 

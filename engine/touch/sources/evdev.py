@@ -23,8 +23,8 @@ _REPEAT_NS = 60_000_000
 
 # linux/input-event-codes.h
 _EV_SYN, _EV_ABS = 0x00, 0x03
-_SYN_REPORT, _SYN_DROPPED = 0, 3  # the same header
-_SLOT, _X, _Y, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x39, 0x3B  # ABS_MT_...
+_SYN_REPORT, _SYN_DROPPED = 0, 3  # of type EV_SYN
+_SLOT, _X, _Y, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x39, 0x3B  # ABS_MT_..., of type EV_ABS
 _SLOT_CODES = (_X, _Y, _TRACKING_ID, _DISTANCE)
 _NOBODY = -1
 
