@@ -15,8 +15,8 @@ from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FramingCounters
 from firmware_link.protocol.messages import DeviceState
 
-_NEVER_US = 2**64 - 1
-_TAKE_SIZE = 65_536
+_NEVER_US = 2**64 - 1  # the C core's word for "nothing is due", UINT64_MAX
+_TAKE_SIZE = 65_536  # taken until it is empty: bounds one call, not what was sent
 _i16_p, _u16_p, _u32_p = (ctypes.POINTER(kind) for kind in (ctypes.c_int16, ctypes.c_uint16, ctypes.c_uint32))
 # As host/host.h declares them: the options of a device, then the functions, each with its result and its arguments.
 _OPTIONS = (

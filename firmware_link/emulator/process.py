@@ -25,11 +25,11 @@ from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.emulator.state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.host.emulator_registry import Announcement
 
-_STOP_TIMEOUT_S = 10.0
+_STOP_TIMEOUT_S = 10.0  # to say its log; a child that takes longer hangs
 _LOG_WORD = "log"
 _REBOOT_WORD = "reboot"
 _UNPLUG_WORD = "unplug"
-UNPLUGGED_US = 300_000
+UNPLUGGED_US = 300_000  # past the watchdog of 250 ms: the device latches, and the host looks for its port
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.faulty_device import C
 
 NS_PER_MS = 1_000_000
-READ_SIZE = 4096
+READ_SIZE = 4096  # N_TTY_BUF_SIZE of Linux: one read takes what waits
 # How often to look whether a host has opened the terminal: nothing wakes a poll for that.
 HOST_POLL_MS = 10
 

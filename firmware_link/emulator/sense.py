@@ -18,8 +18,8 @@ from firmware_link.protocol.messages import (
 )
 
 US_PER_MS = 1_000
-RECORDS = 64
-_U16, _U32 = 1 << 16, 1 << 32
+RECORDS = 64  # SENSE_RECORDS of core/sense.h: two full frames of two actuators, 20 ms at 3.2 kHz
+_U16, _U32 = 1 << 16, 1 << 32  # where the counters of ACCELERATION wrap
 
 
 class Accelerations:

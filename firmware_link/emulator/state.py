@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from firmware_link.host.link_values import BOARD_EMULATED
 from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_SENSED_VALUES, DeviceState
 
-LONGEST_LEASE_MS = 100
-FULL_SCALE_PM = 520_000
-BASIS_CAPACITY_BYTES = 1 << 18
+LONGEST_LEASE_MS = 100  # TACTABLE_LONGEST_LEASE_MS of core/state.h: what a lost host leaves on (docs/safety.md)
+FULL_SCALE_PM = 520_000  # 0.52 um, of the paper's actuators
+BASIS_CAPACITY_BYTES = 1 << 18  # 256 KiB; that of two actuators and 30 ms has 10.7 kB (PROTOCOL.md)
 LONGEST_WAVEFORM_MS = 1_000
 
 

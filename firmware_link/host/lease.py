@@ -12,7 +12,7 @@ from firmware_link.protocol.line_rate import LONGEST_SEQUENCE_LEAD
 
 NS_PER_MS = 1_000_000
 US_PER_MS = 1_000
-RENEWALS_PER_LEASE = 3
+RENEWALS_PER_LEASE = 3  # each costs a frame a lease; see above
 # The device disarms 250 ms after the last fresh frame: two in a row may be lost.
 SILENT_RENEWAL_NS = 80 * NS_PER_MS
 

@@ -84,7 +84,7 @@ from firmware_link.protocol.messages import (
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
 STOP_PATIENCE_NS = NS_PER_S
-STOP_RETRY_NS = 20_000_000
+STOP_RETRY_NS = 20_000_000  # some round trips of a slow line (1 ms of USB, 2 of a UART); tried until STOP_PATIENCE_NS
 _HANDSHAKING = (LinkState.GREETING, LinkState.PREPARING, LinkState.SYNCHRONISING, LinkState.ARMING)
 # A global name costs less than an attribute of the enumeration, and READY is compared between a touch and its answer.
 _READY = LinkState.READY

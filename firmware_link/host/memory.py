@@ -10,7 +10,7 @@ from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.messages import Ack, BasisBegin, BasisChunk, BasisCommit, Result
 
-RETRY_NS = 100_000_000
+RETRY_NS = 100_000_000  # beside the time that the line takes; a board that boots answers late, not never
 # Each step takes a sequence number. While the device is armed, too many steps within a lease would make a command that
 # follows them seem older than the command before them.
 ARMED_SPACING_NS = 2_000_000

@@ -40,7 +40,7 @@ from firmware_link.protocol.player import Player
 NS_PER_US = 1_000
 # A frame may reach the device so much sooner after the one before than it left.
 JITTER_US = 2 * NS_PER_MS // NS_PER_US
-_NEVER_NS = (1 << 63) - 1
+_NEVER_NS = (1 << 63) - 1  # the greatest int64
 
 
 class Outbox:

@@ -7,8 +7,8 @@ from firmware_link.host.serial_port import PortDescription, find_ports
 from firmware_link.protocol.errors import LinkError
 
 NS_PER_MS = 1_000_000
-FIRST_PAUSE_NS = 100 * NS_PER_MS
-LONGEST_PAUSE_NS = 2_000 * NS_PER_MS
+FIRST_PAUSE_NS = 100 * NS_PER_MS  # a cable that slipped is back at once; looking for ports costs milliseconds
+LONGEST_PAUSE_NS = 2_000 * NS_PER_MS  # what a user waits who plugs it in again later
 
 
 class Closable(Protocol):

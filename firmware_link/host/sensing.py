@@ -14,7 +14,7 @@ from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.line_rate import Transport, sensed_rate_hz
 from firmware_link.protocol.messages import ACCELEROMETER, Acceleration, Accelerometer, Features, Sense
 
-LEASE_MS = 500
+LEASE_MS = 500  # a board whose host is gone streams on for at most this long
 # Two renewals in a row may be lost.
 RENEWAL_NS = LEASE_MS * NS_PER_MS // 3
 MHZ_PER_HZ = 1_000

@@ -44,12 +44,12 @@ from firmware_link.protocol.messages import (
 )
 
 US_PER_S = 1_000_000
-SAMPLE_FULL_SCALE = 32_767
+SAMPLE_FULL_SCALE = 32_767  # the greatest int16, for either sign
 SHORTEST_WAVEFORM = 2
 MAXIMUM_SETS = 256
-_WEIGHT_MAXIMUM = 32_767
+_WEIGHT_MAXIMUM = 32_767  # the greatest int16; fraction_bits give the scale
 _HEAD, _SET_HEAD = struct.Struct("<HH"), struct.Struct("<HH")
-_LONGEST_WAVEFORM = 0xFFFF
+_LONGEST_WAVEFORM = 0xFFFF  # a u16 counts the samples
 # A hash of 0 means that no basis is held.
 _HASH_INSTEAD_OF_0 = 1
 # 2 pi as a fraction of small integers, 9e-8 too great.

@@ -18,7 +18,7 @@ NS_PER_MS = 1_000_000
 MS_PER_S = 1_000
 # A start bit, eight of data, a stop bit.
 UART_BITS_PER_BYTE = 10
-EXCHANGE_PERIOD_NS = 980 * NS_PER_MS
+EXCHANGE_PERIOD_NS = 980 * NS_PER_MS  # 200 ppm of it widen the bounds of the clock by 0.2 ms (PROTOCOL.md)
 # A sequence says its age up to here: with more frames within a lease, old ones could not be told from new ones.
 LONGEST_SEQUENCE_LEAD = 127
 

@@ -16,23 +16,23 @@ from typing import Annotated
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Counted, Layout, Message, PerActuator, Sender, Word
 
-VERSION_MAJOR = 3
+VERSION_MAJOR = 3  # another one is refused; a minor one adds optional messages (PROTOCOL.md)
 VERSION_MINOR = 1
 MAGIC = int.from_bytes(b"tact", "little")
 MAXIMUM_ACTUATORS = 255
 
-PM_PER_M = 1e12
-FULL_SCALE_WORD = 65_535
-WORDS_PER_TURN = 65_536
-CLOCK_REFERENCE_US = 100
-CLOCK_REFERENCE_SPAN = 65_536
-BASIS_CHUNK_SIZE = 192
+PM_PER_M = 1e12  # HELLO says full scales in picometres: a u32 of them reaches 4.3 mm
+FULL_SCALE_WORD = 65_535  # the greatest u16
+WORDS_PER_TURN = 65_536  # all of a u16, so that phases wrap as words do
+CLOCK_REFERENCE_US = 100  # the step of the age of a command; a u16 of them wraps after 6.5 s
+CLOCK_REFERENCE_SPAN = 65_536  # all of a u16
+BASIS_CHUNK_SIZE = 192  # the frame has 204 bytes, below the 254 of one run of COBS
 # As many as the count of a PLAY can say: clicks of 30 ms for eleven actuators.
 MAXIMUM_WEIGHTS = 255
-MAXIMUM_FRACTION_BITS = 31
+MAXIMUM_FRACTION_BITS = 31  # the greatest sum is then 127 of 32 767: finer weights would play next to nothing
 # 32 samples of two actuators, 10 ms at 3.2 kHz: the frame is 211 bytes, and longer ones would save only 3 % of a line.
 MAXIMUM_SENSED_VALUES = 96
-LONGEST_SENSE_MS = 2_000
+LONGEST_SENSE_MS = 2_000  # a host that is gone leaves a line full this long; renewals come each 167 ms
 
 
 class DeviceState(IntEnum):
