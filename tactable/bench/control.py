@@ -29,7 +29,7 @@ from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of,
 ROUNDS = 1000
 """The 99th percentile has ten samples beyond it."""
 _SLOTS = 2
-_LIFTED_NS = 3_000_000
+_LIFTED_NS = 3_000_000  # the lift has been taken before the next touch comes
 _PAUSE_NS = 36_000_000
 """Longer than a click: one that is still playing has the next one wait."""
 _LONGEST_NS = 1_000_000_000

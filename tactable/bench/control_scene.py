@@ -14,7 +14,7 @@ from tactable.control.scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.steps import StepDecoder, StepEncoder
 
 ROUNDS = 1000
-_WIDTH_M = 5e-3
+_WIDTH_M = 5e-3  # 32 regions side by side on 160 mm
 _FINGERS = (Touch(1, 0.02, 0), Touch(2, 0.1, 1))
 
 

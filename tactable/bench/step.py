@@ -33,10 +33,10 @@ from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.run.live import fast_library
 
-ROUNDS = 15
+ROUNDS = 15  # of all reports of a recording; their median is shown
 STAGES = ("decode", "track", "play", "render", "frame")
 """Report to touch frame; to fingers; to placement and level by the rules; to the command; to its bytes."""
-_HANDSHAKE_STEP_NS = 500_000
+_HANDSHAKE_STEP_NS = 500_000  # of virtual time: finer than any pause of the handshake
 _PAUSE_NS = 1_000_000_000
 # What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
 _EARLIER_NS = 2_000_000

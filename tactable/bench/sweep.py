@@ -28,10 +28,10 @@ from precompute.sweep.grid import GridResponse, compute_grid_response, zone_poin
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
 
 Single = NDArray[np.float32]
-ROUNDS = 5
+ROUNDS = 5  # of each task, in turn; their median is shown
 TWIN_ROWS = 8
 """Rows of frequency_1 that the NumPy twin computes: it is timed on these and scaled up."""
-SAMPLED_POINTS = 40
+SAMPLED_POINTS = 40  # some milliseconds each; their mean is scaled up, and the output says so
 
 
 def run_sweep_bench(device: Device) -> dict[str, Any]:

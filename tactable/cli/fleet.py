@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from precompute.fleet.summary import Summary
 
 SUMMARY = "summary"
-_SHOWN = 20
+_SHOWN = 20  # a screen's worth; the summary file has all
 
 
 def fleet(

@@ -19,7 +19,7 @@ from tactable.cli.console import ERRORS, OUT, remark, show
 from tactable.cli.options import AsJson, OptionalTable, OptionError
 
 EXIT_WORSE = 4
-_MOST_SAMPLES = 65_536
+_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/latency.py)
 
 
 def latency(

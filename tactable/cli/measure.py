@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tactable.measure.stepped_sine import Reading, SteppedSineOptions
     from tactable.measure.walk import Stop, StopRecord
 
-_MOST_FREQUENCIES = 10_000
+_MOST_FREQUENCIES = 10_000  # hours of readings: a slip in a step
 PortName = Annotated[
     str,
     typer.Option(

@@ -37,7 +37,7 @@ MATERIALS = {
 }
 
 _ACTUATOR_UNITS = {"stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"}
-_LONGEST_NAME = 64
+_LONGEST_NAME = 64  # it is in titles, names of files and errors
 _OPTIONAL_KEYS = "# optional, where known: transfer, and below [actuator.electrodes] (docs/devices.md)"
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from engine.device import Device
     from tactable.measure import AskedDrive
 
-_STEP_NS = 100_000_000
+_STEP_NS = 100_000_000  # a signal is noticed within it; the link renews its lease by itself
 _NS_PER_S = 1_000_000_000
 _EACH = "One value for all actuators, or one for each, between commas"
 

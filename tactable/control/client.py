@@ -24,7 +24,7 @@ from base.errors import TactableError
 from tactable.control.requests import DEFAULT_LEASE_S, VERSION
 
 _READ_BYTES = 1 << 16
-_TIMEOUT_S = 10.0
+_TIMEOUT_S = 10.0  # a run answers within milliseconds; one that was stopped never does
 Document = dict[str, Any]
 
 

@@ -20,7 +20,7 @@ from tactable.control.requests import VERSION
 from tactable.control.security import LOOPBACK
 from tactable.control.server import ControlServer
 
-LEASE_S = 30.0
+LEASE_S = 30.0  # senders of OSC do not renew on their own: longer than the 5 s of programs that do
 PREFIX = "/tactable/"
 _MOST_WAITING = 256
 """Messages of one sender that were not answered yet; more are refused."""

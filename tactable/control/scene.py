@@ -9,8 +9,8 @@ defines an effect anew takes it over. A region keeps the effects that it was set
 from engine.effects import Effect, SceneSettings
 from tactable.control.requests import ControlError, Region
 
-MOST_REGIONS = 32
-MOST_DEFINED = 64
+MOST_REGIONS = 32  # with 8 rules each; `bench control` times a change beside them (docs/programs.md)
+MOST_DEFINED = 64  # of 16 segments at most: bounds the memory of a run
 
 
 class Scene:

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-_TOKEN_BYTES = 24
+_TOKEN_BYTES = 24  # 192 bits in 32 letters; 128 bits cannot be guessed either
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 POLICY = "; ".join(
     (

@@ -22,7 +22,7 @@ from tactable.shipped import DEMO_RECORDING
 
 _EVDEV_FOLDER = "/dev/input/"
 _NS_PER_S = 1_000_000_000
-_LONGEST_WAIT_NS = 100_000_000
+_LONGEST_WAIT_NS = 100_000_000  # a stop is noticed within it
 
 
 @contextmanager

@@ -17,12 +17,12 @@ from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING
 
-_WAKES = 200
-_PERIOD_S = 0.002
+_WAKES = 200  # two lie beyond the 99th percentile
+_PERIOD_S = 0.002  # the process must have fallen asleep in between; 200 of them take 0.4 s
 _ACTUATORS = 2
 _CLICK_WEIGHTS = 44
 """Number of weights of a click of 30 ms for two actuators."""
-_HALF_LEASE_S = 0.02
+_HALF_LEASE_S = 0.02  # of the default of 40 ms: a click must be on the board before its lease is half over
 _US = 1e3
 _PULSES = """
 import os, sys, time

@@ -7,7 +7,7 @@ from precompute.clicks import Click
 from precompute.clicks.baselines import BASELINES
 from tactable.explain.click_source import ClickSource
 
-_TIE_DB = 0.05
+_TIE_DB = 0.05  # half of the last digit that is shown
 
 
 @dataclass(frozen=True, eq=False)

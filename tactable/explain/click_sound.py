@@ -22,7 +22,7 @@ from tactable.explain.words import finger_names
 
 Array = NDArray[np.float64]
 
-SOUND_RATE_HZ = 48_000
+SOUND_RATE_HZ = 48_000  # every player has it, and it is a multiple of the rate of waveforms
 PAUSE_S = 0.5
 """Pause between one finger and the next."""
 LOUDEST = 0.9 * 32_767

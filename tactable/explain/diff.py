@@ -11,7 +11,7 @@ from base.plain import to_plain
 from engine.device.values import Change, Value, number_of
 from engine.table.diff import FigureChange, PartDiff, StateChange, TableDiff, describe
 
-_SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40
+_SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40  # a screen's worth; --json has all
 _UNCERTAINTY = "uncertainty."
 _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
 

@@ -12,8 +12,8 @@ from tactable.figures.file import Picture
 from tactable.figures.response import reading_along
 from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, Array, draw_actuators
 
-_DOTS_PER_INCH = 120
-_COLUMNS, _MOST_PANELS = 3, 12
+_DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than file.py's 150
+_COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
 
 
 def plot_calibration(calibration: Calibration) -> Picture:

@@ -26,13 +26,13 @@ from tactable.figures.style import (
 SPREAD_NOTE = "spreads of the sampled plants"
 _SHOWN_AFTER_S = 0.03
 """How much of the ringing is drawn; the data have all that is looked at."""
-_LEGEND_ROOM = 1.6
+_LEGEND_ROOM = 1.6  # of the greatest value, above the curves
 _BANDS = ((0.0, 0.4, "under the threshold (ESTIMATE)"), (8.0, 0.15, "up to 8 dB above it"))
 """Around zero: what few people feel, and what some do not."""
 _STYLES = ("-", "--", "-.", ":")
 _PLAYERS = (BLUE, BLACK, GREY)
 _HEIGHT_INCHES = {"wave": 1.8, "felt": 2.4, "fan": 2.1}
-_EDGES_INCHES = 1.5
+_EDGES_INCHES = 1.5  # title, notes and the axis of time
 
 
 def plot_click(source: ClickSource, click: ClickEntry, placement: Placement) -> Picture:

@@ -19,8 +19,8 @@ from tactable.rig.bar import Felt, is_felt
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import ClickReport, DriveReport
 
-_MOST_DRAWN = 6
-_SHOWN_S = 0.1
+_MOST_DRAWN = 6  # three rows of two
+_SHOWN_S = 0.1  # a click and its ring-down
 _STYLES = ("-", "--", "-.")
 
 

@@ -24,7 +24,7 @@ from tactable.figures.style import (
 )
 
 SIZE_NOTE = "size of an actuator"
-_ROW_INCHES, _REST_INCHES = 0.34, 5.0
+_ROW_INCHES, _REST_INCHES = 0.34, 5.0  # a line of text each; title, axes and the map
 _COLOUR = {"found": BLUE, "as described": VERMILLION, "even": GREY}
 _MARK = {"found": "^", "as described": "s", "even": "o"}
 

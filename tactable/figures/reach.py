@@ -23,10 +23,10 @@ from tactable.figures.style import (
     finish_picture,
 )
 
-PLACES = 141
+PLACES = 141  # 2 mm apart on 280 mm, closer than a fingertip is wide
 PAPER_G = 1.5
 """The published bar: "a peak acceleration greater than 1.5 g can be achieved throughout"."""
-_FLOOR, _LEGEND_ROOM = 0.4, 4.0
+_FLOOR, _LEGEND_ROOM = 0.4, 4.0  # of the least and of the greatest value
 
 
 def plot_reach(device: Device) -> Picture:

@@ -24,12 +24,12 @@ from tactable.figures.style import (
     finish_picture,
 )
 
-PLACES = 401
-MOST_PANELS = 12
+PLACES = 401  # less than a millimetre apart on 300 mm
+MOST_PANELS = 12  # a page's worth
 NODE = 0.1
 """A minimum below this fraction of the greatest acceleration is marked: a dead spot of this drive."""
-_MM_PER_INCH = 25.4
-_HEADROOM = 1.18
+_MM_PER_INCH = 25.4  # by definition
+_HEADROOM = 1.18  # above the greatest value: the names of the zones
 
 
 def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -> Picture:

@@ -23,12 +23,12 @@ from tactable.figures.style import (
     level_text,
 )
 
-_POINTS = 401
+_POINTS = 401  # less than a millimetre apart on 300 mm
 _BELOW_THRESHOLD = 0.3
 """The acceleration axis begins at this fraction of the threshold, or under the stillest finger."""
 _HEADROOM = 4.0
 """Factor on the greatest value, which leaves room for the names of the zones above it."""
-_TITLE_LETTERS = 100
+_TITLE_LETTERS = 100  # a line of the title across the figure
 
 
 @dataclass(frozen=True)

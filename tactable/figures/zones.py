@@ -24,10 +24,10 @@ from tactable.figures.style import (
     finish_picture,
 )
 
-_PLACES = 401
-_HEADROOM = 1.3
+_PLACES = 401  # less than a millimetre apart on 300 mm
+_HEADROOM = 1.3  # above the greatest value: names of the zones and legend
 _HATCHES = ("", "///", "...", "xxx")
-_BAR_SHARE = 0.8
+_BAR_SHARE = 0.8  # of a zone's width; the rest parts it from its neighbours
 
 
 @dataclass(frozen=True)

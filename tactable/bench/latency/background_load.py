@@ -8,7 +8,7 @@ from typing import Any
 
 from base.child import Child, Parent
 
-_MEMORY_BYTES = 1 << 26
+_MEMORY_BYTES = 1 << 26  # 64 MiB: more than a cache holds, so the copies go to memory
 
 
 class BackgroundLoad(StrEnum):

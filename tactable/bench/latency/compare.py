@@ -15,8 +15,8 @@ from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, duratio
 
 TOLERANCE = 0.05
 """A smaller ratio is no change: a shared machine drifts by as much."""
-RESAMPLES = 400
-_CONFIDENCE = 0.95
+RESAMPLES = 400  # ten lie beyond either end of the interval
+_CONFIDENCE = 0.95  # the custom of the field
 _BLOCK = 32  # samples of a stretch
 Statistic = Callable[[Values], float]
 Rounds = Sequence[Stamps]

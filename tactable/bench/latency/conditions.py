@@ -13,7 +13,7 @@ from tactable.bench.latency.background_load import BackgroundLoad
 TACTABLE, ECHO, WITHOUT_FAST_PATH, ZONES = "tactable", "C echo", "tactable without fast path", "tactable, zones"
 SOCKET_BIT_RATE_HZ = 1_000_000_000
 """A socket pair is no line: what is written has arrived."""
-PTY_BIT_RATE_HZ = 2_000_000
+PTY_BIT_RATE_HZ = 2_000_000  # that of a fast UART; a terminal ignores it, the renewals count with it
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ LEAD_NS = 20_000_000
 AWAKE_NS = 200_000
 """After a report the load generator does not sleep for this long: five times what an engine takes to answer."""
 _NS_PER_S = 1_000_000_000
-_READ_SIZE = 65_536
-_LONGEST_WAIT_NS = 20_000_000
+_READ_SIZE = 65_536  # read until it is empty: bounds one call
+_LONGEST_WAIT_NS = 20_000_000  # where nothing is due: `is_over` is asked 50 times a second
 SYSTEM_CLOCK = SystemClock()
 
 

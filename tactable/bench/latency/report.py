@@ -32,8 +32,8 @@ from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, 
 from tactable.run.live import fast_library
 
 FORMAT, REVISION = "tactable latency", 2
-_IN_PROCESS_REPORTS = 4_000
-_LEAST_FOR_P99_9 = 10_000
+_IN_PROCESS_REPORTS = 4_000  # p99 has forty samples beyond it; p99.9 is a dash
+_LEAST_FOR_P99_9 = 10_000  # ten samples lie beyond it (docs/latency.md)
 _US = 1e3
 _METHOD = (
     "Open loop: each report has a time at which it is due, whatever became of those before it, and all times count "

@@ -42,7 +42,7 @@ from tactable.bench.light_device import Arrivals, LightDevice
 
 # Small, so that a line that stands still is noticed: a real one has one frame in flight.
 _LINK_BUFFER_BYTES = 2_048
-_TOUCH_BUFFER_BYTES = 1 << 20
+_TOUCH_BUFFER_BYTES = 1 << 20  # reports of a stalled engine must wait, not block the load generator, whose times count
 
 
 @dataclass

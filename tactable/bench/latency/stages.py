@@ -15,8 +15,8 @@ Stamps = NDArray[np.float64]
 """Shape (sample, point): ns after the report was due, NaN where a point was not measured."""
 Values = NDArray[np.float64]
 
-MISSES_MS = (1, 5, 10, 20, 50)
-_LEAST_BEYOND = 10
+MISSES_MS = (1, 5, 10, 20, 50)  # a frame of the fastest digitizers, to what is felt as late (50 ms, Kaaresoja 2014)
+_LEAST_BEYOND = 10  # docs/latency.md: of fewer, a percentile is chance
 _US = 1e3
 _MS = 1e6
 
