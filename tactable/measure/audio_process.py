@@ -20,8 +20,8 @@ from tactable.audio.streams import Samples, open_input
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
 
-_BLOCK_S = 0.01
-_PIPE_SIZE = 1 << 20
+_BLOCK_S = 0.01  # of a callback; loopback takes the latency out
+_PIPE_SIZE = 1 << 20  # fs.pipe-max-size of Linux: 2.7 s of two channels at 48 kHz
 _LONGEST_LOSS_S = 1.0
 
 

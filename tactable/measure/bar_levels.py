@@ -12,7 +12,7 @@ from tactable.measure.asked_drive import AskedDrive
 
 Array = NDArray[np.float64]
 
-POINTS = 11
+POINTS = 11  # each tenth of the bar: a row of text each
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, 
 Array = NDArray[np.float64]
 
 NAME = "board"
-PROBE_S = 0.5
+PROBE_S = 0.5  # half of it is the least for a pace: 0.1 ms of jitter are then 400 ppm
 _PATIENCE_S = 2.0
-_PACE_S = 10.0
+_PACE_S = 10.0  # of frames whose pace is taken: 0.1 ms of jitter are then 10 ppm
 _LONGEST_GAP_S = 1.0
-_WRAP_16, _WRAP_32 = 1 << 16, 1 << 32
+_WRAP_16, _WRAP_32 = 1 << 16, 1 << 32  # where the counters of ACCELERATION wrap
 _NS_PER_S = 1_000_000_000
 
 

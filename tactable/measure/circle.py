@@ -26,8 +26,8 @@ from tactable.measure.stepped_sine import Reading, SteppedSineOptions
 from tactable.measure.verify import Judgement, Verdict, plan_played, verify_table
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
 
-LEVEL_DB = 20.0
-PLACES, PLACEMENTS = 3, 5
+LEVEL_DB = 20.0  # DEFAULT_LEVEL_DB of engine.table.levels
+PLACES, PLACEMENTS = 3, 5  # 15 points of drives and 15 of clicks: minutes; `verify` takes more
 _DOUBTS = {
     Verdict.BROKEN: "the bar does not keep what the new table promises",
     Verdict.IN_PART: "too few readings of the new table on the bar show that it is kept",

@@ -26,8 +26,8 @@ from tactable.measure.virtual_line import SENSOR, VirtualLine
 
 Array = NDArray[np.float64]
 
-MOVING_NS = 500_000_000
-_BLOCK_S = 0.05
+MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (docs/theory.md)
+_BLOCK_S = 0.05  # in which samples come; the bar is moved a block at a time
 _PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
 """Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
 _NS_PER_S = 1_000_000_000

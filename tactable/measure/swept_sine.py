@@ -35,7 +35,7 @@ from tactable.measure.stepped_sine import (
     SteppedSineOptions,
 )
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
-from tactable.measure.tone_fit import MAINS_HZ, fit_tone
+from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
 
 Array = NDArray[np.float64]
 
@@ -43,13 +43,12 @@ STEP_NS = 10_000_000
 """Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""
 _MARGIN = 0.05
 """A sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it."""
-_REST_S = BEFORE_S + 0.1
+_REST_S = BEFORE_S + 0.1  # the gate opens BEFORE_S ahead of the sweep, which may begin a little late
 _CLOCK_S = 1.0
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _LEFT_S = 6.0
 """Time constants of the slowest mode for which the bar rings: a thousandth is left."""
-_SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0
-_HUM_LINES = 6
+_SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0  # 2 Hz and 0.25 Hz apart; the rest of a longer ringing counts as noise
 _BESIDE = 1.5
 """Widths of the gate's spectrum within which a line of the mains is beside a frequency."""
 _PARTS = 50
@@ -242,7 +241,7 @@ class SweptSine:
 
     def _hum_of(self, take: "_Take", frequencies_hz: Array) -> Array:
         """What the hum of the bar at rest adds to the response at each frequency (frequency,), beside its lines."""
-        lines_hz = np.array([k * hz for hz in MAINS_HZ for k in range(1, _HUM_LINES)])
+        lines_hz = np.array([k * hz for hz in MAINS_HZ for k in range(1, HUM_LINES + 1)])
         apart_hz = abs(frequencies_hz[:, None] - lines_hz).min(axis=1)
         gate_s = self._gate_s + BEFORE_S
         line = self._stepped.rest.hum * gate_s * self._form.sample_rate_hz / 2 / np.maximum(take.fit.drive, 1e-300)

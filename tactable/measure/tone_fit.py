@@ -20,9 +20,9 @@ Complex = NDArray[np.complex128]
 
 PARTS = 8
 """Parts of a window, whose scatter is the error of the whole."""
-MAINS_HZ = (50.0, 60.0)
-_HUM_LINES = 5
-_HARMONICS = (2, 3)
+MAINS_HZ = (50.0, 60.0)  # of all grids
+HUM_LINES = 5  # 250 and 300 Hz: to the end of the band
+_HARMONICS = (2, 3)  # the greatest of an actuator's distortion; higher ones are in `rest`
 _STANDS_OUT = 5.0
 """Standard errors of a line's amplitude: of ten lines one is by chance that great in 10 000 windows."""
 _RESOLVED = 1.2
@@ -128,7 +128,7 @@ def hum_lines(frequency_hz: float, duration_s: float, others_hz: list[float]) ->
     """Lines of the mains that a window of this length tells from the tone, from `others_hz` and from each other."""
     apart_hz, found = _RESOLVED / duration_s, list[float]()
     for mains_hz in MAINS_HZ:
-        for line in range(1, _HUM_LINES + 1):
+        for line in range(1, HUM_LINES + 1):
             hz = line * mains_hz
             if all(abs(hz - other) > apart_hz for other in (frequency_hz, *others_hz, *found)):
                 found.append(hz)
@@ -138,4 +138,4 @@ def hum_lines(frequency_hz: float, duration_s: float, others_hz: list[float]) ->
 def is_beside_hum(frequency_hz: float, duration_s: float) -> bool:
     """Whether a line of the mains cannot be told from this tone in a window of this length."""
     apart_hz = _RESOLVED / duration_s
-    return any(abs(frequency_hz - k * hz) <= apart_hz for hz in MAINS_HZ for k in range(1, _HUM_LINES + 1))
+    return any(abs(frequency_hz - k * hz) <= apart_hz for hz in MAINS_HZ for k in range(1, HUM_LINES + 1))

@@ -48,7 +48,7 @@ from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowe
 
 Array = NDArray[np.float64]
 
-BARS = 40
+BARS = 40  # see MOST_BROKEN; each is a mesh, and a plant in time for each click
 MOST_BROKEN = 0.1
 """Share of the points that may be broken: the range over 40 bars leaves 5 % of them outside by chance."""
 MOST_UNTESTED = 0.1
@@ -59,8 +59,8 @@ PLACE_M = 0.5e-3
 """Standard deviation of the place of the sensor."""
 LEAST_M_PER_S2 = 0.02
 """What a point is off at the least: sensors feel a little of the other axes and of their cable."""
-RING_S = 0.1
-_RATE_HZ = 24_000.0
+RING_S = 0.1  # the peak is in the click or just after it
+_RATE_HZ = 24_000.0  # as _PLANT_HZ of simulated_bench.py
 
 
 @dataclass(frozen=True)

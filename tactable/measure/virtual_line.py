@@ -6,7 +6,7 @@ from typing import Protocol
 
 PORT, SENSOR = -1, -2
 """Stand-ins for descriptors."""
-_LINE_NS = 300_000
+_LINE_NS = 300_000  # between USB of high and of full speed (0.15 and 1 ms)
 _NS_PER_S = 1_000_000_000
 
 

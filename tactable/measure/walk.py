@@ -41,7 +41,7 @@ from tactable.measure.tone_fit import is_beside_hum
 
 Array = NDArray[np.float64]
 
-FREQUENCIES = 12
+FREQUENCIES = 12  # with 8 places and 2 actuators 192 readings: 15 min at 4.7 s each (docs/results.md)
 PLACES = 8
 _CLEAR = 1.5  # windows; a reading has two or more, and a clock that drifts moves the tone a little
 _FORM = 2

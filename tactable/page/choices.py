@@ -15,10 +15,10 @@ from engine.effects.rules import FULL_SCALE_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.shipped import named_effects, shipped_names
 
-DRAG_STEP_M = 0.01
+DRAG_STEP_M = 0.01  # as tables/effects/slider.toml
 _FINEST_M = 1e-5
 """A smaller move of an actuator is none."""
-HOLD_NS = 500_000_000
+HOLD_NS = 500_000_000  # the long press of iOS
 _NOTHING = Effect("nothing", (Segment(None, None),))
 
 

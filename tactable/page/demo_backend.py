@@ -40,9 +40,9 @@ from tactable.rig.first_table import is_first, open_first_table
 from tactable.rig.ready import cached_table, compare_with_shipped, is_outdated, open_cached
 from tactable.shipped import find_device
 
-SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0
+SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0  # one crash is made good at once; one that repeats costs little
 _UNSAFE = re.compile(r"[^\w.-]+")
-_LONGEST_NAME = 64
+_LONGEST_NAME = 64  # of a file that was dropped; its end, which tells more
 
 
 def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:

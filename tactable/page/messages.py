@@ -31,16 +31,16 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 5
-MOST_TOUCHES = 64
-MOST_CHOICE_BYTES = 2048
-MOST_DEVICE_BYTES = 65_536
+VERSION = 5  # raise it with any change of these bytes: an old page is told to load again
+MOST_TOUCHES = 64  # the events of ten fingers in six pictures
+MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
+MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
 MOST_BYTES = 2 + MOST_DEVICE_BYTES
 """Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
 LOWEST_DB = -60.0
 """The lowest level that is sent."""
 NO_ZONE = 255
-NO_NUMBER = 0xFFFF_FFFF
+NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
 
 _HEAD = struct.Struct("<BB")
 _TOUCH = struct.Struct("<IBff")
@@ -52,8 +52,8 @@ _MADE = struct.Struct("<IBBfhh")
 _CHANNEL = struct.Struct("<fff")
 _MOTION = struct.Struct("<BBHIff")
 _SOUND = struct.Struct("<II")
-_PER_DB = 100
-_WORD = 32_767
+_PER_DB = 100  # i16 in centibel: finer than anything that is shown
+_WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
 _PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
 Array = NDArray[np.float64]
 

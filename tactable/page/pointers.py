@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from engine.touch import DigitizerError
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 
-MOST_FINGERS = 10
+MOST_FINGERS = 10  # engine.touch.placement.MOST_FINGERS
 REPEAT_NS = 30_000_000
 """A resting finger is repeated this often, because the engine releases one that is silent for 120 ms."""
 APART_NS = 150_000_000

@@ -38,7 +38,7 @@ from tactable.page.messages import (
     encode_scene,
 )
 
-FRAME_S = 1 / 60
+FRAME_S = 1 / 60  # of most screens
 IDLE_FRAMES = 12
 """While nothing happens, one picture in this many is sent."""
 ALONE_S = 0.1

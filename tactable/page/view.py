@@ -20,7 +20,7 @@ from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
 
-LATENCIES = 64
+LATENCIES = 64  # of the newest commands, whose median is shown
 LOST_S = 0.3
 """A click that the firmware has not taken so long after it was written was refused as late."""
 _STAGES = len(Stage) - 1

@@ -29,13 +29,13 @@ from precompute.model.transient import TransientPlant
 
 Array = NDArray[np.float64]
 
-RATE_HZ = 3_200.0
+RATE_HZ = 3_200.0  # its fastest, see above
 SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
-GREATEST, STEP = 4_095, 2
+GREATEST, STEP = 4_095, 2  # 13 bits for 16 g; the last bit is 0
 NOISE_M_PER_S2 = 1.1 * SCALE_M_PER_S2 * math.sqrt(RATE_HZ / 100)
 _PLANT_SAMPLES = 8
 """Samples of the plant in one of the accelerometer: 25.6 kHz, at which straight lines cost 0.005 dB of 300 Hz."""
-_BLOCK_US = 10_000
+_BLOCK_US = 10_000  # a full frame of two actuators, 32 samples
 _US_PER_S = 1_000_000
 
 

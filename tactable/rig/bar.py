@@ -22,11 +22,11 @@ POINTS = 22
 """The number of places along the bar that the paper measured."""
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
-ENVELOPE_S = 0.01
-_RING_DOWN_US = 200_000
-_WINDOW_S = 0.5
+ENVELOPE_S = 0.01  # a third of a click
+_RING_DOWN_US = 200_000  # with fingers on it; the untouched bar may ring longer (docs/theory.md)
+_WINDOW_S = 0.5  # 30 periods of 60 Hz; longer where two tones beat slower
 _LONGEST_SETTLING_S = 8.0
-_SETTLED = 1e-3
+_SETTLED = 1e-3  # 0.01 dB
 _US_PER_S = 1e6
 
 

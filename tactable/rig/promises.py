@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-_SILENT = 1e-15
+_SILENT = 1e-15  # -300 dB: silence has a logarithm
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from firmware_link.host.session import Port
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
 
-PTY_BIT_RATE_HZ = 2_000_000
+PTY_BIT_RATE_HZ = 2_000_000  # as tactable/bench/latency/conditions.py
 _SEQUENCES = 256
 _SET, _PLAY = "SET", "PLAY"
 

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 NAME = "tactable virtual touch bar (SIMULATED)"
-BUS, VENDOR_ID, PRODUCT_ID = 3, 0xFFFE, 0x7AB1
-X_MAXIMUM, Y_MAXIMUM = 16383, 1023
-SLOTS = 5
+BUS, VENDOR_ID, PRODUCT_ID = 3, 0xFFFE, 0x7AB1  # BUS_USB; a vendor that no quirk names
+X_MAXIMUM, Y_MAXIMUM = 16383, 1023  # as in the bytes below: 17 um a step along the bar
+SLOTS = 5  # ten fingers take two reports, as on hybrid digitizers
 
 _FINGER = bytes.fromhex(
     "05 0d 09 22 a1 02"  # finger, logical collection

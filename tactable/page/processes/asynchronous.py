@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from base.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
 
 _LINE_BYTES = 1 << 22  # the emulated firmware says many clicks in one line
-_END_TIMEOUT_S = 3.0
+_END_TIMEOUT_S = 3.0  # less than base/child.py: somebody waits at a page
 
 
 class AsyncChild:

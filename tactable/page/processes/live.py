@@ -14,7 +14,7 @@ from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for
 from tactable.page.server import listen_at, serve
 
-_NICE = 5
+_NICE = 5  # a third of the share of a busy engine: 1.25 for each step, sched(7)
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
