@@ -37,7 +37,7 @@ GREATEST_GROWTH = 10.0
 _CLOSE = 1e-3
 """Root mean square miss at which no more poles are taken: 0.01 dB, better than anything that is measured."""
 _MOST_POLES = 16
-_ROUNDS = 12
+_ROUNDS = 12  # 6, 12 and 24 fit the systems of tests/engine/device/test_transfer.py alike, to five digits
 _LEAST_CONSTANT = 1e-6
 """Of the second sum, whose mean is 1; below it its zeros would lie at infinity."""
 _RESOLVED = 1 / 6

@@ -33,9 +33,9 @@ Array = NDArray[np.float64]
 CONFIDENCE = 0.95  # the custom of the field; docs/calibration-coverage.png shows that it is kept
 _NEARLY_LINEAR = 0.05
 """Standard deviation of a logarithm up to which an interval follows from the curvature."""
-_PROBES = 12
+_PROBES = 12  # intervals of its tests take 6 at most; against a loop that comes no closer
 _CLOSE = 0.02  # of the standard deviations at an interval's end
-_RANK = 1e-14
+_RANK = 1e-14  # 45 roundings: what is smaller, beside the greatest, is no information
 _NOTHING = 1e-300  # against division by 0, where no reading depends on a parameter
 _FEWEST = 3
 """Degrees of freedom at the least."""

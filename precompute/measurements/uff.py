@@ -14,9 +14,9 @@ from precompute.measurements.types import Kind, MeasurementError, Measurements, 
 
 # Numbers of datasets and of their fields, of the universal file format (SDRC; pyuff names them)
 _NODES = (15, 2411)
-_RESPONSES, _UNITS = 58, 164
+_RESPONSES, _UNITS = 58, 164  # datasets
 _FREQUENCY_RESPONSE = 4
-_FREQUENCY, _ACCELERATION = 18, 12
+_FREQUENCY, _ACCELERATION = 18, 12  # specific data types of an axis
 _SI_UNITS = 1
 _LONGEST_LINE = 80  # of an ID line of dataset 58
 _NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stands for

@@ -28,7 +28,7 @@ MOST_SEGMENTS = 16
 MOST_RULES = 8
 """The most rules of one region."""
 GREATEST_ID = (1 << 53) - 1  # the greatest integer that every JSON reader keeps exact (RFC 8259, 6)
-DEFAULT_LEASE_S, SHORTEST_LEASE_S, LONGEST_LEASE_S = 5.0, 0.1, 3600.0
+DEFAULT_LEASE_S, SHORTEST_LEASE_S, LONGEST_LEASE_S = 5.0, 0.1, 3600.0  # of a program that hangs, what it held ends
 STREAMS = ("touches", "played")
 
 
