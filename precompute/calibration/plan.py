@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 LEAST_NOISE = 1e-3
 """Least relative noise of a reading that is assumed of any accelerometer."""
-_FREQUENCIES = 49
-_POINTS = 23
+_FREQUENCIES = 49  # 97 leave errors 10 to 25 % smaller after 20 readings in 4 times the time, 25 up to 15 % greater
+_POINTS = 23  # 12 mm apart on 280 mm; 12 or 45 leave errors within a sixth of these after 20 readings
 _EDGE = 0.02  # of the bar: a sensor's middle cannot be at the bar's end
 _NOTHING = 1e-12  # m/s^2
 _LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
