@@ -84,7 +84,7 @@ class Device:
             text = with_files_inside(text, source, folder)
             top = DeviceTable.parse(text, source)
         name, description = top.name("name"), top.sentence("description")
-        threshold = read_threshold(top.take("threshold", DEFAULT), source)
+        threshold = read_threshold(top.take_value("threshold", DEFAULT), source)
         sweep = top.section("sweep", read_sweep)
         bar = top.section("bar", lambda part: read_bar(part, sweep))
         actuators = read_actuators(top, bar)

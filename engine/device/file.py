@@ -55,7 +55,7 @@ class DeviceTable(TomlTable):
 
     def section(self, key: str, read: Callable[["DeviceTable"], _Part], default: dict[str, Any] | None = None) -> _Part:
         """Read the table [key] with `read`, and close it."""
-        part = DeviceTable(self.source, key, self.take(key, default))
+        part = DeviceTable(self.source, key, self.take_value(key, default))
         part.inferred = self.inferred
         value = read(part)
         part.close()
@@ -145,7 +145,7 @@ def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
 
 
 def _read_band(part: DeviceTable) -> tuple[float, float]:
-    band = part.take("band")
+    band = part.take_value("band")
     if not isinstance(band, list) or len(band) != 2:
         raise part.error("band", band, "expected two frequencies such as ['60 Hz', '300 Hz']")
     low_hz, high_hz = (part.checked("band", text, "Hz", exclusive=True) for text in band)
@@ -366,7 +366,7 @@ def read_touch_axis(part: DeviceTable, bar: Bar) -> TouchAxis:
 
 def read_levels(part: DeviceTable) -> tuple[float, ...]:
     """The levels of the table [feel], rising."""
-    texts = part.take("levels", list(_LEVELS))
+    texts = part.take_value("levels", list(_LEVELS))
     if not isinstance(texts, list) or not 1 <= len(texts) <= _MOST_LEVELS:
         raise part.error("levels", texts, f"expected a list of 1 to {_MOST_LEVELS} levels such as ['10 dB', '20 dB']")
     levels_db = tuple(part.level_db("levels", text) for text in texts)

@@ -43,7 +43,7 @@ class FingerOrigin:
 
 def read_finger(part: DeviceTable, sweep: Sweep) -> tuple[Finger, FingerOrigin]:
     """The table [finger], and where its values come from. A value that stands beside an impedance replaces its own."""
-    spread = part.take("spread", 1.0)
+    spread = part.take_value("spread", 1.0)
     part.assume("spread")
     if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
         raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")

@@ -140,7 +140,7 @@ def _curve_of(part: TomlTable) -> Threshold:
         measured_hz = _numbers(part, "measured_hz", _LOWEST_HZ, _HIGHEST_HZ, fewest=1)
         if not set(measured_hz) <= set(frequency_hz):
             raise part.error("measured_hz", list(measured_hz), "expected some of frequency_hz")
-    people_db = part.take("people_db", 0.0)
+    people_db = part.take_value("people_db", 0.0)
     if not _is_number(people_db, 0.0, _MOST_DB):
         raise part.error("people_db", people_db, f"expected a number from 0 to {_MOST_DB:g}")
     is_acceleration = part.word("quantity", ("acceleration", "displacement")) == "acceleration"
@@ -166,7 +166,7 @@ def _curve_of(part: TomlTable) -> Threshold:
 
 def _numbers(part: TomlTable, key: str, least: float, most: float, fewest: int = 2) -> tuple[float, ...]:
     """A list of numbers between bounds."""
-    values = part.take(key)
+    values = part.take_value(key)
     if (
         not isinstance(values, list)
         or not fewest <= len(values) <= _MOST_POINTS

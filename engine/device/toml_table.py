@@ -71,7 +71,7 @@ class TomlTable:
         where = ".".join(part for part in (self.path, key) if part)
         return self.family(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
 
-    def take(self, key: str, default: Any = None) -> Any:
+    def take_value(self, key: str, default: Any = None) -> Any:
         """The plain TOML value; without a default the key is required."""
         self.known.append(key)
         if key in self.left:
@@ -84,7 +84,7 @@ class TomlTable:
 
     def tables(self, key: str) -> list[Self]:
         """One or more [[key]] tables."""
-        tables = self.take(key)
+        tables = self.take_value(key)
         if not isinstance(tables, list) or not tables:
             raise self.error(key, tables, f"expected one or more [[{key}]] tables")
         return [type(self)(self.source, f"{key}[{i}]", table) for i, table in enumerate(tables, 1)]
@@ -93,7 +93,7 @@ class TomlTable:
         self, key: str, unit: str, *, least: float = 0.0, exclusive: bool = False, default: str | None = None
     ) -> float:
         """A number with a unit, converted to `unit`."""
-        return self.checked(key, self.take(key, default), unit, least=least, exclusive=exclusive)
+        return self.checked(key, self.take_value(key, default), unit, least=least, exclusive=exclusive)
 
     def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
         """The same as `quantity`, for a value that was taken already."""
@@ -112,7 +112,7 @@ class TomlTable:
 
     def position(self, key: str, length_m: float, *, least: float = 0.0, default: str | None = None) -> float:
         """A position on the bar: a length from its start, or a percentage of its length."""
-        return self.checked_position(key, self.take(key, default), length_m, least=least)
+        return self.checked_position(key, self.take_value(key, default), length_m, least=least)
 
     def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
         """The same as `position`, for a value that was taken already."""
@@ -133,35 +133,35 @@ class TomlTable:
 
     def integer(self, key: str, least: int, greatest: int, default: int | None = None) -> int:
         """A whole number from `least` to `greatest`."""
-        value = self.take(key, default)
+        value = self.take_value(key, default)
         if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= greatest:
             raise self.error(key, value, f"expected a whole number from {least} to {greatest}")
         return value
 
     def word(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
         """One of the options."""
-        value = self.take(key, default)
+        value = self.take_value(key, default)
         if not isinstance(value, str) or value not in options:
             raise self.error(key, value, f"expected one of {', '.join(options)}")
         return value
 
     def flag(self, key: str, default: bool) -> bool:
         """True or false."""
-        value = self.take(key, default)
+        value = self.take_value(key, default)
         if not isinstance(value, bool):
             raise self.error(key, value, "expected true or false")
         return value
 
     def sentence(self, key: str) -> str:
         """Any text, "" by default."""
-        value = self.take(key, "")
+        value = self.take_value(key, "")
         if not isinstance(value, str):
             raise self.error(key, value, "expected text")
         return value
 
     def name(self, key: str, default: str | None = None) -> str:
         """A short name that is safe in lists and paths."""
-        value = self.take(key, default)
+        value = self.take_value(key, default)
         if not isinstance(value, str) or not re.fullmatch(r"[^\s,;/][^,;/\n]{0,63}", value) or not value.isprintable():
             raise self.error(key, value, "expected a short printable name without comma, semicolon or slash")
         return value

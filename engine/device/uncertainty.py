@@ -37,7 +37,7 @@ def read_uncertainty(part: TomlTable, actuators: int) -> Uncertainty:
 
 
 def _read_fitted(part: TomlTable, actuators: int) -> FittedValue:
-    name = part.take("name")
+    name = part.take_value("name")
     match = re.fullmatch(r"(\w+)(?:\[([1-9]\d{0,2})\])?\.(\w+)", name) if isinstance(name, str) else None
     key = f"{match[1]}.{match[3]}" if match else ""
     if match is None or key not in FITTED_UNITS or (match[2] and match[1] != "actuator"):
@@ -59,7 +59,7 @@ def _read_fitted(part: TomlTable, actuators: int) -> FittedValue:
 
 
 def _read_covariance(part: TomlTable, count: int) -> tuple[tuple[float, ...], ...]:
-    rows: Any = part.take("covariance")
+    rows: Any = part.take_value("covariance")
     expected = f"expected {count} rows of {count} numbers, symmetric, none above what its diagonal allows"
     is_square = isinstance(rows, list) and len(rows) == count
     if not is_square or not all(isinstance(row, list) and len(row) == count for row in rows):

@@ -48,7 +48,7 @@ class Play:
         self._effect, self._next = effect, 0
         self._begin_next(start_ns)
 
-    def advance(self, time_ns: int) -> None:
+    def advance_segments(self, time_ns: int) -> None:
         """Begin and end the segments that are due by `time_ns`."""
         while self.change_ns is not None and self.change_ns <= time_ns:
             self._begin_next(self.change_ns)

@@ -38,7 +38,7 @@ beyond the end is gone, too, and none begins there.
 A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
 finger changes nothing.
 
-The placement changes only in `take` and `advance`, and `next_change_ns` is the earliest time at which `advance` changes
+The placement changes only in `take_touches` and `advance_effects`, and `next_change_ns` is the earliest time at which `advance_effects` changes
 it, so the loop can wait for a report or that time, whichever comes first. Time is an argument; nothing here reads a
 clock.
 """
@@ -79,7 +79,7 @@ class _RulesByTrigger(NamedTuple):
 class EffectPlayer:
     """Follows the fingers of one bar and their effects.
 
-    Call `take` with the fingers of each frame, and `advance` when `next_change_ns` has come, in the order of times.
+    Call `take_touches` with the fingers of each frame, and `advance_effects` when `next_change_ns` has come, in the order of times.
     """
 
     def __init__(self, effects: Effects, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
@@ -90,7 +90,7 @@ class EffectPlayer:
         self.click_ns: int | None = None
         """When the click that is felt now began; None: the drive is steady."""
         self.next_change_ns: int | None = None
-        """When `advance` is due; None: time alone changes nothing."""
+        """When `advance_effects` is due; None: time alone changes nothing."""
         self._run_effects = effects
         self._program_rules: tuple[Rule, ...] = ()
         self.settings = SceneSettings()
@@ -114,7 +114,7 @@ class EffectPlayer:
         self.follows_moves = bool(self._rules.hold or self._rules.drag)
         """Whether a finger that moves may begin or end an effect."""
 
-    def take(self, touches: Sequence[Touch], time_ns: int) -> bool:
+    def take_touches(self, touches: Sequence[Touch], time_ns: int) -> bool:
         """Set the fingers that touch from now on; False where the placement certainly did not change."""
         fingers, has_changed = self.fingers, self.follows_moves
         for touch in touches:
@@ -136,14 +136,14 @@ class EffectPlayer:
             self._settle()
         return has_changed
 
-    def advance(self, time_ns: int) -> None:
+    def advance_effects(self, time_ns: int) -> None:
         """Begin and end what is due by `time_ns`."""
         for finger in (*self.fingers.values(), *self.lifted):
             if finger.hold_rule is not None and finger.hold_ns <= time_ns:
                 self._begin(finger, finger.hold_rule, finger.hold_ns, None)
                 finger.hold_rule = None
             if finger.play is not None:
-                finger.play.advance(time_ns)
+                finger.play.advance_segments(time_ns)
         self._forget_ended()
         self._settle()
 

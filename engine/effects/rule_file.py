@@ -88,8 +88,8 @@ def _read_effects(parts: list[RuleTable], folder: Path | None, tell: Callable[[s
 
 def _effect_of_file(part: RuleTable, name: str, folder: Path | None, tell: Callable[[str], None]) -> Effect:
     """The effect of the keys `file` and `level`, in place of an envelope."""
-    file_name = part.take("file")
-    level_db = part.level_db("level", part.take("level", f"{FULL_LEVEL_DB:g} dB"))
+    file_name = part.take_value("file")
+    level_db = part.level_db("level", part.take_value("level", f"{FULL_LEVEL_DB:g} dB"))
     if not isinstance(file_name, str) or folder is None:
         raise part.error("file", file_name, "expected the name of an effect file beside this rule file")
     try:
@@ -108,7 +108,7 @@ def loss_text(converted: Converted, path: Path) -> str:
 
 def read_envelope(part: RuleTable) -> tuple[Segment, ...]:
     """The segments of the key `envelope`."""
-    pairs = part.take("envelope")
+    pairs = part.take_value("envelope")
     if not isinstance(pairs, list) or not pairs:
         raise part.error(
             "envelope", pairs, 'expected a list of segments such as [["click", "20 dB"]] or [["50 ms", "20 dB"]]'

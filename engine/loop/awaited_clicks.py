@@ -22,7 +22,7 @@ class ClickSolving(Protocol):
     def fileno(self) -> int:
         """Readable when `poll` has something to do."""
 
-    def ask(self, placement: Placement, device: Device) -> None:
+    def ask_for_click(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement on a device; a later question is answered first."""
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
@@ -56,5 +56,5 @@ class AwaitedClicks:
                         self._hand_over(command)
         awaited = pipeline.answerer.awaited
         if awaited is not None and awaited != self._asked:
-            self._solving.ask(awaited, pipeline.device)
+            self._solving.ask_for_click(awaited, pipeline.device)
         self._asked = awaited

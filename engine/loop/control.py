@@ -25,9 +25,9 @@ class ControlSlot(Protocol):
         """Readable when `poll` has something to do."""
 
     def poll(self) -> ControlStep | None:
-        """The step in the slot, once it is here whole. The next one comes after `tell`."""
+        """The step in the slot, once it is here whole. The next one comes after `tell_outcome`."""
 
-    def tell(self, outcome: Outcome) -> None:
+    def tell_outcome(self, outcome: Outcome) -> None:
         """Say what became of the step."""
 
 
@@ -52,7 +52,7 @@ class Controls:
         self._slot, self._pipeline, self._counters, self._hand_over = slot, pipeline, counters, hand_over
         self._outcome, _ = pipeline.control(slot.scene(), 0)  # of the last step
 
-    def take(self, readable: Container[int] | None) -> ControlStep | None:
+    def take_step(self, readable: Container[int] | None) -> ControlStep | None:
         """The step that has come; `readable` None: not known."""
         return self._slot.poll() if readable is None or self.descriptor in readable else None
 
@@ -63,6 +63,6 @@ class Controls:
         if command is not None:
             self._hand_over(command, ends_click=not self._pipeline.player.settings.is_enabled)
 
-    def tell(self) -> None:
+    def tell_outcome(self) -> None:
         """Say what became of the step, after its command was written."""
-        self._slot.tell(self._outcome)
+        self._slot.tell_outcome(self._outcome)

@@ -202,12 +202,12 @@ class Loop:
 
     def _let_time_act(self, source_time_ns: int) -> None:
         if self._pipeline.due_ns <= source_time_ns:
-            for command in self._pipeline.advance(source_time_ns):
+            for command in self._pipeline.commands_due(source_time_ns):
                 self._hand_over(command)
 
     def _take_control(self, controls: Controls, readable: Container[int] | None) -> None:
         """The step of a program, and its command before the program hears of it."""
-        step = controls.take(readable)
+        step = controls.take_step(readable)
         if step is None:
             return
         source_time_ns = self._source.source_time_ns(self._now_ns())
@@ -216,7 +216,7 @@ class Loop:
         try:
             self._keep_link(())
         finally:  # the next run takes the next step of the same process
-            controls.tell()
+            controls.tell_outcome()
 
     def _hand_over(self, command: Command, *, ends_click: bool = False) -> None:
         """A command that no report caused."""

@@ -5,7 +5,7 @@ The journey of one touch:
 1. `Digitizer.decode_report` takes the bytes of the report and gives the touch frame that they complete: every contact
    with its position in the device's logical units. Most devices send a frame in one report, some in several.
 2. `FingerTracker.track` gives the fingers of the frame: where each one is on the bar, in metres, and in which zone.
-3. `EffectPlayer.take` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
+3. `EffectPlayer.take_touches` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
    which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
    or a steady drive as a SET: solved from the table's receptances for the fingers' own positions, or looked up among
@@ -126,7 +126,7 @@ class Pipeline:
         outcome = self.player.control(step, time_ns)
         return outcome, self._answer(time_ns) if self._take_wanted() else None
 
-    def advance(self, time_ns: int) -> Iterator[Command]:
+    def commands_due(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
         release_ns = self._release_ns
         if release_ns is not None and release_ns <= time_ns:
@@ -181,7 +181,7 @@ class Pipeline:
         time_ns = frame.time_ns
         self._release_ns = time_ns + RELEASE_AFTER_NS if frame.contacts else None
         touches = self.touches = self.tracker.track(frame)
-        if self.player.take(touches, time_ns):
+        if self.player.take_touches(touches, time_ns):
             return self._take_wanted()
         self._note_due()
         return False
@@ -189,7 +189,7 @@ class Pipeline:
     def _advance_effects(self, time_ns: int) -> Iterator[Command]:
         player = self.player
         while (change_ns := player.next_change_ns) is not None and change_ns <= time_ns:
-            player.advance(change_ns)
+            player.advance_effects(change_ns)
             if self._take_wanted():
                 yield from self._answers(change_ns)
 

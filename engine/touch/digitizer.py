@@ -120,7 +120,7 @@ class _ScanClock:
     ticks: int = 0
     time_ns: int = 0
 
-    def advance(self, ticks: int, mask: int, now_ns: int) -> int:
+    def advance_scan(self, ticks: int, mask: int, now_ns: int) -> int:
         """Scan time of a frame on the host's axis; host time after a reset or a pause."""
         time_ns = self.time_ns + (ticks - self.ticks & mask) * SCAN_TIME_TICK_NS
         if not -SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= SCAN_TIME_TOLERANCE_NS:
@@ -305,7 +305,7 @@ class Digitizer:
         self.counters.frames += 1
         scan_time_ns = None
         if plan.scan_time is not None:
-            scan_time_ns = self._scan_clock.advance(ticks, plan.scan_time.mask, now_ns)
+            scan_time_ns = self._scan_clock.advance_scan(ticks, plan.scan_time.mask, now_ns)
         return _new(TouchFrame, (now_ns, contacts, scan_time_ns))
 
 

@@ -137,7 +137,7 @@ class CompiledFirmware:
         self._library.host_receive(self._host, data, len(data), now_us)
         return self._take_sent()
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass up to `now_us`; returns what the device sends until then."""
         self._library.host_advance(self._host, now_us)
         return self._take_sent()

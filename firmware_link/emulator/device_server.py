@@ -64,7 +64,7 @@ class DeviceServer(Generic[C, T]):
             self._unsent = b""
             self.device.hang_up(now_us)
         else:
-            self._say(self.device.receive(data, now_us) if data else self.device.advance(now_us))
+            self._say(self.device.receive(data, now_us) if data else self.device.run_until(now_us))
         self._follow_plug()
 
     def next_ns(self) -> int | None:

@@ -19,7 +19,7 @@ class Core(Protocol):
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at a device time; returns what the device says until then."""
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass; returns what the device says until then."""
 
     def hang_up(self, now_us: int) -> bytes:
@@ -88,9 +88,9 @@ class FaultyDevice(Generic[C]):
             self.to_device.push_noise(AT_NOISE, now_us)
         self._is_open = True
         self.to_device.push(data, now_us)
-        return self.advance(now_us)
+        return self.run_until(now_us)
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass up to `now_us`; returns what reaches the host until then."""
         self._advance(now_us)
         return self.to_host.pop(now_us)
@@ -129,7 +129,7 @@ class FaultyDevice(Generic[C]):
             self._act()
         self._now_us = max(self._now_us, now_us)
         if self._powered_us is None:
-            self._say(self.core.advance(self._device_us()))
+            self._say(self.core.run_until(self._device_us()))
 
     def _next_inner_us(self) -> int | None:
         times_us = [self.to_device.next_us(), self._powered_us, self._plugged_us, self._core_deadline_us()]
@@ -156,7 +156,7 @@ class FaultyDevice(Generic[C]):
             self.to_device.lose()
             return
         arrived = self.to_device.pop(now_us)
-        self._say(self.core.receive(arrived, self._device_us()) if arrived else self.core.advance(self._device_us()))
+        self._say(self.core.receive(arrived, self._device_us()) if arrived else self.core.run_until(self._device_us()))
 
     def _power_off(self, duration_us: int) -> None:
         self.counters.reboots += 1

@@ -70,7 +70,7 @@ class EmulatedFirmware:
 
     def sense(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
         """Take a sample of the accelerometer in counts, with the displacements (full scale/32767) of its instant."""
-        self._sense.take(acceleration, displacements, synthesis_sample)
+        self._sense.take_sample(acceleration, displacements, synthesis_sample)
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at `now_us`; returns what the device sends until then."""
@@ -80,9 +80,9 @@ class EmulatedFirmware:
                 self._session.latch(FaultCode.EMERGENCY_STOP, Cause.EMERGENCY_STOP)
             else:
                 self._session.act_on(item)
-        return self.advance(now_us)
+        return self.run_until(now_us)
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass up to `now_us`; returns what the device sends until then."""
         self._advance(now_us)
         return self._reports.take_outgoing()
@@ -93,7 +93,7 @@ class EmulatedFirmware:
         self._sense.cut()
         if self._device.is_armed:
             self._session.latch(FaultCode.HUNG_UP, Cause.HUNG_UP)
-        return self.advance(now_us)
+        return self.run_until(now_us)
 
     def next_deadline_us(self) -> int | None:
         """When the device acts by itself next; None while it waits for a host."""
@@ -130,7 +130,7 @@ class EmulatedFirmware:
             session.latch(FaultCode.DRIVEN_TOO_LONG, Cause.DRIVEN_TOO_LONG)
         if self._is_due(self._watchdog_end_us()):
             session.latch(FaultCode.SILENT_HOST, Cause.SILENT_HOST)
-        self._reports.advance()
+        self._reports.send_due()
         if self._is_due(self._sense.end_us):
             self._sense.end()
 

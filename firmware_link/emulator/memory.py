@@ -41,9 +41,9 @@ class Memory:
     def _take(self, message: BasisBegin | BasisChunk | BasisCommit) -> Result:
         match message:
             case BasisBegin():
-                return self.store.begin(message, may_forget=self._device.state is DeviceState.IDLE)
+                return self.store.begin_basis(message, may_forget=self._device.state is DeviceState.IDLE)
             case BasisChunk():
-                return self.store.take(message)
+                return self.store.append_chunk(message)
             case BasisCommit():
                 return self.store.commit(message)
 
@@ -64,7 +64,7 @@ class BasisStore:
         self._transfer: BasisBegin | None = None
         self._taken = bytearray()
 
-    def begin(self, begin: BasisBegin, may_forget: bool) -> Result:
+    def begin_basis(self, begin: BasisBegin, may_forget: bool) -> Result:
         """Wait for another basis; without room for both, forget the one that is held if that may be."""
         if begin == self._transfer:
             return Result.OK
@@ -81,7 +81,7 @@ class BasisStore:
         self._taken.clear()
         return Result.OK
 
-    def take(self, chunk: BasisChunk) -> Result:
+    def append_chunk(self, chunk: BasisChunk) -> Result:
         """Append a chunk."""
         if self._transfer is None:
             return Result.WRONG_STATE

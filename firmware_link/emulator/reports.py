@@ -112,7 +112,7 @@ class Reports:
         self._fault, self.fault_due_us = FaultCode.NONE, None
         return True
 
-    def advance(self) -> None:
+    def send_due(self) -> None:
         """Send what is due."""
         device, now_us = self._device, self._device.now_us
         if self.fault_due_us is not None and self.fault_due_us <= now_us:

@@ -32,7 +32,7 @@ class Accelerations:
         self._records: list[tuple[int, int, tuple[int, ...]]] = []
         self._whole = MAXIMUM_SENSED_VALUES // (1 + device.configuration.number_of_actuators)
 
-    def ask(self, sense: Sense) -> Outcome:
+    def ask_for_stream(self, sense: Sense) -> Outcome:
         """Begin, renew or end the stream, and say what the accelerometer is."""
         configuration = self._device.configuration
         if not configuration.sensor_rate_mhz:
@@ -49,7 +49,7 @@ class Accelerations:
         self._reports.send_sensed(Accelerometer(rate_mhz, scale, greatest, self._lost))
         return Outcome.ACCEPTED
 
-    def take(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
+    def take_sample(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
         """Take a sample in counts, with the displacements (full scale/32767) of its instant."""
         number, self._number = self._number, (self._number + 1) % _U32
         if self.end_us is None:

@@ -89,7 +89,7 @@ class Session:
             case BasisBegin() | BasisChunk() | BasisCommit():
                 return self._memory.keep(message, sequence)
             case Sense():
-                return self._sense.ask(message)
+                return self._sense.ask_for_stream(message)
             case Ack() if self._reports.settle_fault(message):
                 return Outcome.ACCEPTED
         return Outcome.REFUSED

@@ -30,13 +30,13 @@ class Synthesis:
         """Number of events and of stretches of tones that it holds."""
         return len(self._events) + self._tones.size
 
-    def take(self, events: Iterable[DriveEvent]) -> None:
+    def take_events(self, events: Iterable[DriveEvent]) -> None:
         """Take the events that came next."""
         for event in events:
             if not self._events:
                 self._tones = Tones(len(event.channels))
             self._events.append(event)
-            self._tones.take(event)
+            self._tones.take_event(event)
 
     def displacements(self, start_us: float, stop_us: float, sample_rate_hz: float) -> NDArray[np.float64]:
         """The same as `synthesise`, for the events so far."""
@@ -75,7 +75,7 @@ def synthesise(
     sum is clamped.
     """
     synthesis = Synthesis()
-    synthesis.take(log)
+    synthesis.take_events(log)
     return synthesis.displacements(start_us, stop_us, sample_rate_hz)
 
 

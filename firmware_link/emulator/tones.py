@@ -78,7 +78,7 @@ class _Channel:
         """When it has its goal."""
         return self.begun_us + self.length_us
 
-    def take(self, target: ChannelTarget, time_us: float) -> None:
+    def take_target(self, target: ChannelTarget, time_us: float) -> None:
         """Take a target; without a phase write the frequency changes at once."""
         self.target = target.amplitude
         if target.phase_rad is not None:
@@ -96,7 +96,7 @@ class _Channel:
             return amplitude + self.target
         return abs(self.target - amplitude)
 
-    def begin(self, time_us: float, length_us: float, turns: float) -> None:
+    def begin_target(self, time_us: float, length_us: float, turns: float) -> None:
         """Go to the target; `turns` are added to a phase that was written."""
         self.amplitude, self.fading = self.amplitudes(time_us)[0], 0.0
         if self.written is not None:
@@ -137,13 +137,13 @@ class Tones:
         """Number of stretches that it holds."""
         return sum(len(channel.stretches) for channel in self._channels)
 
-    def take(self, event: DriveEvent) -> None:
+    def take_event(self, event: DriveEvent) -> None:
         """Take the targets of an event."""
         time_us = event.device_time_us
         self._run_to(time_us)
         self._slew_per_us = event.slew_per_s * S_PER_US
         for channel, target in zip(self._channels, event.channels, strict=True):
-            channel.take(target, time_us)
+            channel.take_target(target, time_us)
         if not any(channel.target for channel in self._channels):
             self._is_waiting = False
             for channel in self._channels:
@@ -199,7 +199,7 @@ class Tones:
             assert loudest.written is not None
             turns = (loudest.oscillator.turns_at(time_us) - loudest.written.turns_at(time_us)) % 1.0
         for channel, length_us in zip(self._channels, lengths_us, strict=True):
-            channel.begin(time_us, length_us, turns)
+            channel.begin_target(time_us, length_us, turns)
 
 
 def _evaluate(stretches: NDArray[np.float64], times_us: NDArray[np.float64]) -> NDArray[np.float64]:

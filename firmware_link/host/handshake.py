@@ -103,7 +103,7 @@ class Handshake:
         """Take the answer to a step of the basis or to ARM; False for any other."""
         if self._transfer is not None and self._transfer.is_answered_by(ack):
             _check_accepted(ack, "take the basis", "it")
-            if self._transfer.advance(now_ns):
+            if self._transfer.accept_step(now_ns):
                 self._transfer = None
                 self._synchronise(now_ns)
             return True

@@ -349,7 +349,7 @@ class Link:
         return None
 
     def _reported(self, message: Status | Fault | Log, sequence: int, now_ns: int) -> Event | None:
-        event = self._reports.take(message, sequence, now_ns)
+        event = self._reports.take_report(message, sequence, now_ns)
         if self.state is not _READY:
             return event
         match message:

@@ -52,7 +52,7 @@ class BasisTransfer:
         answered = (ack.acknowledged_type, ack.acknowledged_sequence)
         return self._step is not None and answered == (self._step.type_byte, self._sequence)
 
-    def advance(self, now_ns: int) -> bool:
+    def accept_step(self, now_ns: int) -> bool:
         """The device accepted this step; start the next. True when the transfer is complete."""
         self._step, self._frame, self._sequence = next(self._steps, None), b"", -1
         self.due_ns = now_ns + self._spacing_ns
@@ -104,7 +104,7 @@ class Memory:
     def acknowledged(self, result: Result, now_ns: int) -> BasisReplaced | BasisRefused | None:
         """Take the answer to the current step: start the next, or end the transfer."""
         transfer = self._transfer
-        if transfer is None or (result is Result.OK and not transfer.advance(now_ns)):
+        if transfer is None or (result is Result.OK and not transfer.accept_step(now_ns)):
             return None
         self.end_transfer()
         if result is not Result.OK:

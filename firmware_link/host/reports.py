@@ -13,7 +13,7 @@ class Reports:
         self.acknowledgements = b""
         self._counters, self._encoder = counters, encoder
 
-    def take(
+    def take_report(
         self, message: Status | Fault | Log, sequence: int, now_ns: int
     ) -> StatusReceived | FaultReceived | LogReceived:
         """Count a report and make its event."""

@@ -31,7 +31,7 @@ class ManifestSection(TomlTable):
 
     def file(self, key: str, folder: Path) -> Path:
         """Path of a named file, which may be missing: a missing file fails its unit, not the fleet."""
-        value = self.take(key)
+        value = self.take_value(key)
         if not isinstance(value, str) or not value:
             raise self.error(key, value, "expected the name of a file")
         return folder / value
@@ -66,7 +66,7 @@ def _units_of_toml(top: ManifestSection, folder: Path) -> Iterator[Unit]:
     for part in top.tables("unit"):
         name, device = part.name("name"), part.file("device", folder)
         measurements = part.file("measurements", folder) if "measurements" in part.left else None
-        own = ManifestSection(part.source, f"{part.path}.values", part.take("values", {}))
+        own = ManifestSection(part.source, f"{part.path}.values", part.take_value("values", {}))
         values = {}
         for key, value in own.left.items():
             if not isinstance(value, str):
@@ -106,13 +106,13 @@ def _units_of_study(top: ManifestSection, folder: Path) -> Iterator[Unit]:
 
     `judge` names a table whose drives are evaluated on every variation; no table is built then.
     """
-    part = ManifestSection(top.source, "study", top.take("study"))
+    part = ManifestSection(top.source, "study", top.take_value("study"))
     device = part.file("device", folder)
     evaluated = part.file("judge", folder) if "judge" in part.left else None
     is_sampled = "count" in part.left
     count = part.integer("count", 1, _MOST_UNITS, 1)
     seed = part.integer("seed", 0, 2**31 - 1, 0)
-    listed = _listed(ManifestSection(part.source, "study.values", part.take("values")))
+    listed = _listed(ManifestSection(part.source, "study.values", part.take_value("values")))
     part.known.append("judge")
     part.refuse_rest()
     rows = _sample(listed, count, seed, part) if is_sampled else _grid(listed, part)

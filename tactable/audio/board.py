@@ -89,12 +89,12 @@ class AudioBoard:
         said = b""
         if lost > 0:
             self._made += min(lost, round(_LONGEST_SKIP_S * self._output.rate_hz))
-            said = self._core.advance(self.time_us)
+            said = self._core.run_until(self.time_us)
             self._core.take_samples()
             self._risen = 0
         said += self._core.receive(received, self.time_us)
         self._made += frames
-        said += self._core.advance(self.time_us)
+        said += self._core.run_until(self.time_us)
         most = self._output.most
         samples = self._core.take_samples() * np.float32(most / SAMPLE_FULL_SCALE)
         if self._risen < self._rise:

@@ -59,11 +59,11 @@ class SimulatedCard:
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at this time; they wait for the next block."""
-        said = self.advance(now_us)
+        said = self.run_until(now_us)
         self._waiting += data
         return said
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Run every callback up to this time; what the board says."""
         said = b""
         while self._callback_us() <= now_us:

@@ -133,7 +133,7 @@ class _Bench:
             readable = select.select(watched, [], [], max(0, next_ns - now_ns) / 1e9)[0]
             now_ns = time.monotonic_ns()
             data = self._link.recv(65_536) if self._link in readable else b""
-            answer = (self._far_end.receive(data, now_ns) if data else b"") + self._far_end.advance(now_ns)
+            answer = (self._far_end.receive(data, now_ns) if data else b"") + self._far_end.run_until(now_ns)
             if answer:
                 self._link.sendall(answer)
 

@@ -42,7 +42,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         with ControlProcess(served) as slot:
             port = SocketPort(arguments["link"])
             live = Live(table, source, port, SystemClock(), options, ring, control=slot)
-            slot.begin(live.capabilities)
+            slot.begin_steps(live.capabilities)
             with live.armed():
                 parent.say({"socket": str(served.socket)})
                 live.loop.run()

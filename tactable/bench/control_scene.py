@@ -24,7 +24,7 @@ class _Loop:
     def __init__(self, effects: list[Effect], regions: int) -> None:
         self._scene, self._effects = Scene({}), effects
         self._encoder, self._decoder, self._player = StepEncoder(), StepDecoder(), EffectPlayer(DEFAULT_EFFECTS)
-        self._player.take(_FINGERS, 0)
+        self._player.take_touches(_FINGERS, 0)
         for effect in effects:
             self._scene.define(effect, 1)
         for number in range(regions):

@@ -124,7 +124,7 @@ class _Memory:
             return b""
         now_ns, data = self.clock.now_ns(), b"".join(self._written)
         self._written.clear()
-        return self._device.receive(data, now_ns) + self._device.advance(now_ns)
+        return self._device.receive(data, now_ns) + self._device.run_until(now_ns)
 
 
 class _MemorySource(_Memory):

@@ -44,9 +44,9 @@ class LightDevice:
             return b""
         return self._firmware.receive(DELIMITER.join([*shown, b""]), self._us(now_ns))
 
-    def advance(self, now_ns: int) -> bytes:
+    def run_until(self, now_ns: int) -> bytes:
         """What it says by itself by now, such as a STATUS."""
-        return self._firmware.advance(self._us(now_ns))
+        return self._firmware.run_until(self._us(now_ns))
 
     def next_deadline_ns(self) -> int | None:
         """When it has something to say."""

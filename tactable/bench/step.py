@@ -140,7 +140,7 @@ class Step:
             report_ns = round(1e9 * report.time_s)
             now_ns = self._now_ns = start_ns + report_ns
             self._exchange(now_ns - _EARLIER_NS)
-            for _ in pipeline.advance(report_ns):  # what is due by now comes first, as in the loop
+            for _ in pipeline.commands_due(report_ns):  # what is due by now comes first, as in the loop
                 pass
             marks = [clock()]
             rows.append(marks)
@@ -164,7 +164,7 @@ class Step:
 
     def _exchange(self, now_ns: int) -> None:
         link, device = self._link, self._far_end
-        link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.advance(now_ns), now_ns)
+        link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.run_until(now_ns), now_ns)
 
 
 class _StampedTracker(FingerTracker):
@@ -185,7 +185,7 @@ def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link,
     link.connect(now_ns)
     while link.state is not LinkState.READY:
         now_ns += _HANDSHAKE_STEP_NS
-        link.receive(far_end.receive(link.outgoing(now_ns), now_ns) + far_end.advance(now_ns), now_ns)
+        link.receive(far_end.receive(link.outgoing(now_ns), now_ns) + far_end.run_until(now_ns), now_ns)
     return link, far_end, now_ns
 
 

@@ -67,7 +67,7 @@ class TableTarget:
     def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
         """Remake the outdated parts; the seconds that it took. Raises as `put_in_place`."""
         times = StepTimes(progress, "clicks")
-        self._build(device, times.tell, verify, clicks_later=False)
+        self._build(device, times.tell_step, verify, clicks_later=False)
         return times.total_s
 
     def outdated(self) -> str:
@@ -132,7 +132,7 @@ def apply_fit(
     target = TableTarget(table, job.device)
     kept = job.kept_report()
     if kept is None:
-        fitted = job.fit(times.tell)
+        fitted = job.fit(times.tell_step)
         report, device = fitted.report, fitted.device(str(job.device_file))
     else:
         report, device = kept, Device.read(job.device_file)
@@ -140,11 +140,11 @@ def apply_fit(
     applied = Applied(target, device, report, doubts, bool(doubts) and not despite_doubts)
     if not applied.is_refused and not target.is_in_place(device):
         try:
-            target.put_in_place(device, times.tell, None if despite_doubts else verify)
+            target.put_in_place(device, times.tell_step, None if despite_doubts else verify)
             applied = replace(applied, in_place_after_s=times.total_s, seconds=times.read())
         except PromiseError as refused:
             applied = replace(applied, doubts=[*doubts, str(refused)], is_refused=True)
-    times.tell("report", 1.0)
+    times.tell_step("report", 1.0)
     if kept is None:  # after the table: the report's picture takes as long as the fit
         job.write(fitted)
     return applied

@@ -14,7 +14,7 @@ class StepTimes:
         self._start_s = self._since_s = clock_s()
         self._seconds: dict[str, float] = {}
 
-    def tell(self, step: str, fraction: float) -> None:
+    def tell_step(self, step: str, fraction: float) -> None:
         """Report the present step and the fraction done, and pass both on."""
         self._show(step, fraction)
         if step != self._step:

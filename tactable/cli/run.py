@@ -172,7 +172,7 @@ def run(
             slot = stack.enter_context(ControlProcess(served))
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
         if slot is not None:
-            slot.begin(live.capabilities)
+            slot.begin_steps(live.capabilities)
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:

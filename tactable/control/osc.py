@@ -115,7 +115,7 @@ class _Sender:
         hello = {"type": "hello", "version": VERSION, "name": f"OSC {peer[1]}", "lease": f"{LEASE_S:g} s"}
         self._lines.put_nowait(json.dumps(hello).encode())
 
-    def take(self, address: str, message: dict[str, Any]) -> None:
+    def take_message(self, address: str, message: dict[str, Any]) -> None:
         """Put a message into the line. Raises OscError where too many wait."""
         try:
             self._lines.put_nowait(json.dumps(message).encode())
@@ -214,7 +214,7 @@ class OscControl(asyncio.DatagramProtocol):
             self.messages += 1
             try:
                 message = message_of(address, values)
-                self._sender(addr).take(address, message)
+                self._sender(addr).take_message(address, message)
             except (OscError, ValueError, TypeError) as error:
                 self.answer(addr, address, str(error))
 

@@ -172,7 +172,7 @@ def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect])
     zones, region_m = read_place(part, device)
     if zones is None and region_m is None:
         raise part.error("region", None, "expected two positions such as ['40 mm', '60 %'], or 'zones'")
-    tables = part.take("rules")
+    tables = part.take_value("rules")
     if not isinstance(tables, list) or not 1 <= len(tables) <= MOST_RULES:
         raise part.error("rules", tables, f"expected 1 to {MOST_RULES} rules, each with 'on' and 'effect'")
     rules = []
@@ -203,8 +203,8 @@ def _read_define(part: RuleTable, _device: Device, _effects: Mapping[str, Effect
 def _read_effect_file(part: RuleTable, name: str) -> DefineEffect:
     """An effect whose content is that of an effect file, in place of an envelope."""
     file_format = part.word("format", tuple(FORMATS))
-    level_db = part.level_db("level", part.take("level", f"{FULL_LEVEL_DB:g} dB"))
-    converted = decode_effect_file(Part("define.content", "", part.take("content")), file_format, name, level_db)
+    level_db = part.level_db("level", part.take_value("level", f"{FULL_LEVEL_DB:g} dB"))
+    converted = decode_effect_file(Part("define.content", "", part.take_value("content")), file_format, name, level_db)
     return DefineEffect(converted.effect, converted)
 
 
@@ -234,7 +234,7 @@ def _read_role(part: RuleTable, _device: Device, _effects: Mapping[str, Effect])
 
 
 def _read_subscribe(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Subscribe:
-    streams = part.take("to")
+    streams = part.take_value("to")
     if not isinstance(streams, list) or any(each not in STREAMS for each in streams):
         raise part.error("to", streams, f"expected a list of {', '.join(STREAMS)}; empty: no events")
     return Subscribe(frozenset(streams))
@@ -260,7 +260,7 @@ _READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect]], Reque
 
 def _read_change(part: RuleTable) -> float:
     """A change of levels such as "-6 dB"."""
-    text = part.take("level_change", "0 dB")
+    text = part.take_value("level_change", "0 dB")
     match = re.fullmatch(r"([+-]?[0-9]+(?:\.[0-9]*)?) ?dB", text) if isinstance(text, str) else None
     change_db = float(match[1]) if match is not None else math.nan
     if not abs(change_db) <= HIGHEST_LEVEL_DB:

@@ -69,7 +69,7 @@ class ControlProcess:
         os.set_blocking(self._descriptor, True)
         self._child.end()
 
-    def begin(self, capabilities: Capabilities) -> None:
+    def begin_steps(self, capabilities: Capabilities) -> None:
         """Take parts from now on; the device is connected. The process hands none over before."""
         self._child.write({"board": [capabilities.frequency_resolution_hz, list(capabilities.full_scales_m)]})
 
@@ -95,10 +95,10 @@ class ControlProcess:
         except StepError as error:
             return self._end(str(error))
         if part is not None and step is None:
-            self.tell(Outcome.DONE)
+            self.tell_outcome(Outcome.DONE)
         return step
 
-    def tell(self, outcome: Outcome) -> None:
+    def tell_outcome(self, outcome: Outcome) -> None:
         """Say what became of the step; it always finds room, since one step is answered at a time."""
         if self._is_there:
             with contextlib.suppress(BlockingIOError):

@@ -62,7 +62,7 @@ class StrokeCollector:
         """Whether a stroke that is long enough has ended."""
         return self.longest is not None and max(_travel(self._surface, self.longest)) >= _SHORTEST_STROKE
 
-    def take(self, frame: TouchFrame) -> None:
+    def take_frame(self, frame: TouchFrame) -> None:
         """Take the next frame."""
         down = {contact.contact_id: contact for contact in frame.contacts if contact.tip}
         for contact_id in self._paths.keys() - down.keys():
@@ -86,7 +86,7 @@ def collect_stroke(surface: Surface, frames: Iterable[TouchFrame]) -> Stroke:
     """The longest stroke. Raises `DigitizerError` where nothing was touched."""
     collector = StrokeCollector(surface)
     for frame in frames:
-        collector.take(frame)
+        collector.take_frame(frame)
     collector.end()
     if collector.longest is None:
         raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")

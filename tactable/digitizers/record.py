@@ -104,7 +104,7 @@ def wait_for_stroke(source: Source, digitizer: Digitizer, clock: Clock, stop: St
             frames.append(digitizer.decode_report(report, source.report_time_ns))
         for frame in frames:
             if frame is not None:
-                collector.take(frame)
+                collector.take_frame(frame)
         if collector.is_done:
             break
     collector.end()

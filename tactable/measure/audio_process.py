@@ -41,7 +41,7 @@ class Taker:
         with contextlib.suppress(OSError):  # not every user may have so much
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
 
-    def take(self, data: Samples, frames: int, overflowed: bool) -> None:
+    def take_block(self, data: Samples, frames: int, overflowed: bool) -> None:
         """Take a block (sample, channel) of the card."""
         lost = min(self._pace.lost(time.monotonic_ns(), frames, ran_dry=overflowed), self._longest)
         self._write()
@@ -80,7 +80,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     source = parse_input(arguments["sensor"], arguments["actuators"])
     taker = Taker(source, arguments["actuators"], arguments["pipe"])
     channels = max(source.acceleration, *source.loopbacks, 0) + 1
-    stream = open_input(source.name, channels, source.rate_hz, round(_BLOCK_S * source.rate_hz), taker.take)
+    stream = open_input(source.name, channels, source.rate_hz, round(_BLOCK_S * source.rate_hz), taker.take_block)
     try:
         stream.start()
     except Exception as error:

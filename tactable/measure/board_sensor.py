@@ -107,12 +107,12 @@ class BoardSensor:
         """The descriptor, to poll."""
         return self._signal
 
-    def begin(self) -> None:
+    def begin_stream(self) -> None:
         """A stream begins; what came before does not belong to it."""
         self._last = None
         self._points.clear()
 
-    def hear(self, event: Event) -> None:
+    def take_event(self, event: Event) -> None:
         """Take an event of the link."""
         if isinstance(event, AccelerationReceived):
             self._take(event.samples)
@@ -182,10 +182,10 @@ class _Probe:
 
     described: AccelerometerDescribed | None = None
 
-    def begin(self) -> None:
+    def begin_stream(self) -> None:
         """Nothing to forget."""
 
-    def hear(self, event: Event) -> None:
+    def take_event(self, event: Event) -> None:
         """Take an event of the link."""
         if isinstance(event, AccelerometerDescribed):
             self.described = event

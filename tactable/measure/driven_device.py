@@ -29,10 +29,10 @@ from firmware_link.protocol.messages import encode_drive
 class Listener(Protocol):
     """Takes what the link heard, such as the samples of the board's accelerometer."""
 
-    def begin(self) -> None:
+    def begin_stream(self) -> None:
         """A stream of samples begins."""
 
-    def hear(self, event: Event) -> None:
+    def take_event(self, event: Event) -> None:
         """Take an event."""
 
 
@@ -138,7 +138,7 @@ class DrivenDevice:
 
     def _sense(self) -> None:
         if self._accelerometer is not None:
-            self._accelerometer.begin()
+            self._accelerometer.begin_stream()
             self.session.link.start_sensing(self.clock.now_ns())
 
     def __enter__(self) -> Self:
@@ -166,7 +166,7 @@ class DrivenDevice:
         events = self.session.receive()
         for event in events:
             if self._accelerometer is not None:
-                self._accelerometer.hear(event)
+                self._accelerometer.take_event(event)
             # The STATUS of a change; later ones name the renewals of the drive.
             if isinstance(event, StatusReceived) and event.status.applied_sequence == self.session.link.drive_sequence:
                 self.applied_device_us = event.status.applied_time_us

@@ -42,7 +42,7 @@ class Recorder:
             if self._driven.wait(until_ns, (self._sensor.fileno(),)):
                 self._take_block()
 
-    def take(self, seconds: float) -> Array:
+    def take_window(self, seconds: float) -> Array:
         """The next window (sample, channel); it follows the one before without a gap.
 
         Raises LostWindowError where nothing of a channel is left of it.

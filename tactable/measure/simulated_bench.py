@@ -191,7 +191,7 @@ class SimulatedBench(VirtualLine):
     def _make_samples(self) -> None:
         """Run bar and converter up to now, block by block; a block arrives after the latency."""
         now_us, log = self.time_ns / 1000, self.firmware.drive_log
-        self._synthesis.take(log[self._taken_events :])
+        self._synthesis.take_events(log[self._taken_events :])
         self._taken_events = len(log)
         while self._made_us + _BLOCK_S * _US_PER_S <= now_us:
             stop_us = self._made_us + _BLOCK_S * _US_PER_S

@@ -148,7 +148,7 @@ class SteppedSine:
         self._driven.silence()
         self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
         self.recorder.drop()
-        values = self.recorder.take(2 * self._options.window_s)
+        values = self.recorder.take_window(2 * self._options.window_s)
         fit, channel = fit_tone(known_samples(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
         self.drift = self._sensor.pace()
         self.rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
@@ -169,7 +169,7 @@ class SteppedSine:
         asked = AskedDrive.of_one(self._device, which, sum(actuators[which].band_hz) / 2, least)
         self.recorder.drop()
         driven.play(check_drive(asked, self._device))
-        values = self.recorder.take(LATE_S + self._options.window_s)
+        values = self.recorder.take_window(LATE_S + self._options.window_s)
         sounding = np.flatnonzero(abs(values[:, reference]) > _ONSET * least)
         applied_us = driven.applied_device_us
         driven.silence()
@@ -290,9 +290,9 @@ class SteppedSine:
         ):
             if len(levels) > 1:
                 self._look_for_losses(taken[-1], hz, actuator)
-            taken = [*taken[-1:], self.recorder.take(options.window_s)]
+            taken = [*taken[-1:], self.recorder.take_window(options.window_s)]
             levels.append(self._level(self._fit(taken[-1], hz), actuator))
-        more = [self.recorder.take(options.window_s) for _ in range(windows - 2)] if is_steady else []
+        more = [self.recorder.take_window(options.window_s) for _ in range(windows - 2)] if is_steady else []
         return np.concatenate([*taken, *more]), is_steady
 
     def hit(self, click: EncodedClick, length_s: float) -> tuple[Array, tuple[Fault, ...]]:
@@ -307,7 +307,7 @@ class SteppedSine:
         self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
         self.recorder.drop()
         self._driven.session.link.set_play(click)
-        values = self.recorder.take(length_s + 2 * LATE_S)
+        values = self.recorder.take_window(length_s + 2 * LATE_S)
         acceleration = known_samples(values)[:, self._form.acceleration]
         return acceleration - np.median(acceleration), find_click_faults(values, self._form, self._options.tolerance)
 

@@ -183,7 +183,9 @@ class SweptSine:
             driven.glide(self._drive(actuator, low_hz * math.exp(gone_s / stretch_s)))
         driven.silence()
         # Twice the gate, so that noise is known from where the response is not.
-        return recorder.take(max(_REST_S + sweep_s + 2 * LATE_S + self._gate_s, 2.05 * (BEFORE_S + self._gate_s)))
+        return recorder.take_window(
+            max(_REST_S + sweep_s + 2 * LATE_S + self._gate_s, 2.05 * (BEFORE_S + self._gate_s))
+        )
 
     def _drive(self, actuator: int, frequency_hz: float) -> Drive:
         return check_drive(AskedDrive.of_one(self._device, actuator, frequency_hz, self._amplitude), self._device)
@@ -195,7 +197,7 @@ class SweptSine:
         driven.play(self._drive(actuator, hz))
         driven.wait(driven.clock.now_ns() + int(2 * LATE_S * _NS_PER_S))
         recorder.drop()
-        values = known_samples(recorder.take(_CLOCK_S))
+        values = known_samples(recorder.take_window(_CLOCK_S))
         driven.silence()
         fit = fit_tone(values, self._form.sample_rate_hz, hz / (1 + self._stepped.drift))
         is_whole = fit.phase_step_rad(reference) < self._options.tolerance.phase_step_rad

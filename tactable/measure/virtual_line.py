@@ -16,7 +16,7 @@ class Board(Protocol):
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes; returns what it says until then."""
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass; returns what it says until then."""
 
     def next_deadline_us(self) -> int | None:
@@ -77,7 +77,7 @@ class VirtualLine:
         while self._to_device and self._to_device[0][0] <= end_ns:
             time_ns, data = self._to_device.pop(0)
             self._answer(self._board.receive(data, time_ns // 1000), time_ns)
-        self._answer(self._board.advance(end_ns // 1000), end_ns)
+        self._answer(self._board.run_until(end_ns // 1000), end_ns)
         self.time_ns = end_ns
 
     def _answer(self, data: bytes, time_ns: int) -> None:

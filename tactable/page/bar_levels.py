@@ -35,10 +35,10 @@ class BarLevels:
         self.counted_db = np.full(POINTS, LOWEST_DB)
         self.felt_db, self.simulated_db = {}, {}
 
-    def advance(self, until_us: float, touches: Sequence[Touch], command: Command | None) -> None:
+    def move_until(self, until_us: float, touches: Sequence[Touch], command: Command | None) -> None:
         """Let the bar move until then, and take its levels for the command."""
         start_us = self.bar.now_us
-        self._take(self.bar.advance(until_us), start_us, touches, command)
+        self._take(self.bar.move_until(until_us), start_us, touches, command)
 
     def _take(self, moved: Moved | None, start_us: float, touches: Sequence[Touch], command: Command | None) -> None:
         self.is_moving = moved is not None

@@ -34,13 +34,13 @@ class Capture:
         self._due_us, self._is_captured = math.inf, False
         self._sounds: dict[int, NDArray[np.int16]] = {}
 
-    def begin(self, command: Command) -> None:
+    def begin_command(self, command: Command) -> None:
         """Wait for a command, unless another is waited for that was not captured yet."""
         if self._command is None or self._is_captured:
             self._command, self._due_us = command, command.at_us + CAPTURE_AFTER_S * US_PER_S
             self._is_captured = False
 
-    def take(self, bars: Sequence[LiveBar], touches: Sequence[Touch], newest: Command | None) -> list[bytes]:
+    def take_motion(self, bars: Sequence[LiveBar], touches: Sequence[Touch], newest: Command | None) -> list[bytes]:
         """The MOTION that is due, of bars that show the same moment; sounds are those of the first bar."""
         command, now_us = self._command, bars[0].now_us
         if command is None or now_us < self._due_us:
@@ -53,7 +53,7 @@ class Capture:
         self._keep_sounds(command, bars[0], touches)
         self._due_us, self._is_captured = now_us + 1e6, True
         if newest is not None and newest is not command:
-            self.begin(newest)
+            self.begin_command(newest)
         elif now_us >= command.ended_us:
             self._command = None
         motions = [moment for moment in moments if moment is not None]

@@ -56,7 +56,7 @@ def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
         bar, paper = before.bar, before.paper or PaperBar(table.device, table.best_rows)
         paper.rows = table.best_rows
         if before.paper is None:
-            paper.begin(bar.now_us)
+            paper.begin_at_rest(bar.now_us)
     return View(table, bar, resolution_hz, paper=paper if table.best_rows else None)
 
 
@@ -166,7 +166,7 @@ class DemoBackend:
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
         """Take pointer events of a browser."""
-        self._pointers.take(browser, events, time.monotonic_ns())
+        self._pointers.take_events(browser, events, time.monotonic_ns())
 
     def leave(self, browser: int) -> None:
         """Release the pointers of a browser that disconnected."""
@@ -216,13 +216,13 @@ class DemoBackend:
         if view is None or firmware is None or reader is None or self._is_between:
             return [], False
         messages = []
-        for applied in firmware.ask():
+        for applied in firmware.take_answers():
             boot = (firmware.child.process.pid, applied.host_ns_at_device_zero)
             if boot != self._boot:
                 self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
-                view.begin(applied.until_us)
+                view.begin_at_rest(applied.until_us)
             view.read(reader.read())
-            view.take(applied.events)
+            view.take_events(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
         if len(view.solved) != self._shown_solved:
             self._shown_solved = len(view.solved)
@@ -283,7 +283,7 @@ class DemoBackend:
         # For actuators that were moved kernels are compiled, and no table is built.
         is_built = table.path == order.path or bool(choice.actuators_m)
         if not is_built or not self._builder.has_compiled:
-            self._builder.ask(order)  # only now: what there is plays first
+            self._builder.order_build(order)  # only now: what there is plays first
         elif table.path == order.path:
             self._builder.stop()
         if table.is_shipped:
@@ -349,7 +349,7 @@ class DemoBackend:
         finally:
             self._is_between = False
         if before is not None and view.bar is not before.bar:
-            view.begin(before.bar.now_us)
+            view.begin_at_rest(before.bar.now_us)
         if self._reader is None:
             self._reader = RingReader(self._engine.ring, from_start=True)
         shown = self._table

@@ -38,7 +38,7 @@ class FirmwareProcess:
                 self._is_asked = False
                 self._answers.append(decode_applied(answer))
 
-    def ask(self) -> list[Applied]:
+    def take_answers(self) -> list[Applied]:
         """The answers since the last call; asks for the next one."""
         answers, self._answers = self._answers, []
         if not self._is_asked and self.child.is_running:

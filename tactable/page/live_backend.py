@@ -63,7 +63,7 @@ class LiveBackend:
         """Read the ring and advance the bar."""
         records, view = list(self._reader.read()), self._view
         view.read(records)
-        view.take(self._drive.events(records))
+        view.take_events(self._drive.events(records))
         messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving

@@ -96,14 +96,14 @@ class LiveBar:
         self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
         self._rest()
 
-    def begin(self, now_us: float) -> None:
+    def begin_at_rest(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""
         self._synthesis, self.now_us = self._silent_synthesis(), now_us
         self._rest()
 
     def _silent_synthesis(self) -> Synthesis:
         synthesis = Synthesis()
-        synthesis.take([self._silence])
+        synthesis.take_events([self._silence])
         return synthesis
 
     def _rest(self) -> None:
@@ -115,9 +115,9 @@ class LiveBar:
         self._plant = _ModalPlant(self._basis, self.grid_m, RATE_HZ)
         self._place()
 
-    def take(self, events: Sequence[DriveEvent]) -> None:
+    def take_events(self, events: Sequence[DriveEvent]) -> None:
         """Take drive events in the order of their times."""
-        self._synthesis.take(events)
+        self._synthesis.take_events(events)
 
     def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
         """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
@@ -140,7 +140,7 @@ class LiveBar:
             del self._heard[next(iter(self._heard))]
         self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
 
-    def advance(self, until_us: float) -> Moved | None:
+    def move_until(self, until_us: float) -> Moved | None:
         """Simulate until then; None while nothing moves."""
         if until_us - self.now_us > LONGEST_STEP_S * US_PER_S:
             self.now_us = until_us - LONGEST_STEP_S * US_PER_S

@@ -32,9 +32,9 @@ class PaperBar:
         self._silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._last_us, self._ends_us = 0.0, math.inf
 
-    def begin(self, now_us: float) -> None:
+    def begin_at_rest(self, now_us: float) -> None:
         """Start at rest, as the other bar does."""
-        self.levels.bar.begin(now_us)
+        self.levels.bar.begin_at_rest(now_us)
         self._last_us, self._ends_us = now_us, math.inf
 
     def play(self, command: Command) -> None:
@@ -59,14 +59,16 @@ class PaperBar:
         self._take(at_us, self._silent)
         self._ends_us = math.inf
 
-    def advance(self, until_us: float, touches: Sequence[Touch], command: Command | None, *, is_loaded: bool) -> None:
+    def move_until(
+        self, until_us: float, touches: Sequence[Touch], command: Command | None, *, is_loaded: bool
+    ) -> None:
         """Let the bar move until then, with the fingers of the first bar; less than STEP_US are left for later."""
         if 0 <= until_us - self.levels.bar.now_us < STEP_US:
             return
         self._end_by(until_us)
         bar = self.levels.bar
         bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in touches], is_loaded=is_loaded)
-        self.levels.advance(until_us, touches, command)
+        self.levels.move_until(until_us, touches, command)
 
     def _end_by(self, until_us: float) -> None:
         """End a drive in place of a click that is over by then."""
@@ -77,4 +79,4 @@ class PaperBar:
         # A record may be read after the time of its command: what the bar did until now stays as it was.
         self._last_us = max(at_us, self._last_us, self.levels.bar.now_us)
         event = DriveEvent(math.ceil(self._last_us), Cause.SET, None, self._slew_per_s, channels)
-        self.levels.bar.take([event])
+        self.levels.bar.take_events([event])

@@ -51,7 +51,7 @@ class Pointers:
         for finger in self._fingers.values():
             finger.is_waiting = True
 
-    def take(self, browser: int, events: Sequence[PointerEvent], now_ns: int) -> None:
+    def take_events(self, browser: int, events: Sequence[PointerEvent], now_ns: int) -> None:
         """Take events of a browser."""
         for event in events:
             self._take((browser, event.pointer_id), event, now_ns)

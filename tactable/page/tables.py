@@ -41,7 +41,7 @@ class Builder:
         self._task: asyncio.Task[None] | None = None
         self._stopped = set[asyncio.Task[None]]()  # whose process may still be ending
 
-    def ask(self, order: BuildOrder) -> None:
+    def order_build(self, order: BuildOrder) -> None:
         """Build this table now. A build under way is stopped; it continues from its parts when ordered again."""
         if order == self._order:
             return

@@ -71,11 +71,11 @@ class View:
         """Whether something moves now."""
         return self.ours.is_moving
 
-    def begin(self, now_us: float) -> None:
+    def begin_at_rest(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""
-        self.bar.begin(now_us)
+        self.bar.begin_at_rest(now_us)
         if self.paper is not None:
-            self.paper.begin(now_us)
+            self.paper.begin_at_rest(now_us)
 
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
@@ -103,11 +103,11 @@ class View:
         self.ours.begin_command()
         if self.paper is not None:
             self.paper.play(command)
-        self._capture.begin(command)
+        self._capture.begin_command(command)
 
-    def take(self, events: Sequence[DriveEvent]) -> None:
+    def take_events(self, events: Sequence[DriveEvent]) -> None:
         """Take what the firmware drove."""
-        self.bar.take(events)
+        self.bar.take_events(events)
         self._taken_us |= {event.sequence: event.device_time_us for event in events if event.sequence is not None}
 
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
@@ -116,12 +116,12 @@ class View:
         self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
         if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
             command.is_stalled |= start_us < command.ended_us
-        self.ours.advance(until_us, self._touches, command)
+        self.ours.move_until(until_us, self._touches, command)
         bars = [self.bar]
         if self.paper is not None:
-            self.paper.advance(until_us, self._touches, command, is_loaded=is_loaded)
+            self.paper.move_until(until_us, self._touches, command, is_loaded=is_loaded)
             bars.append(self.paper.levels.bar)
-        return self._capture.take(bars, self._touches, command)
+        return self._capture.take_motion(bars, self._touches, command)
 
     def sound(self, finger: int) -> bytes | None:
         """SOUND of the last captured command under a finger; None where the finger felt none."""

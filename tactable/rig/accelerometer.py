@@ -162,9 +162,9 @@ class SensedBoard:
         """Take bytes that came at `now_us`; returns what the device sends until then."""
         return self._pass(now_us) + self.core.receive(data, now_us)
 
-    def advance(self, now_us: int) -> bytes:
+    def run_until(self, now_us: int) -> bytes:
         """Let time pass up to `now_us`; returns what the device sends until then."""
-        return self._pass(now_us) + self.core.advance(now_us)
+        return self._pass(now_us) + self.core.run_until(now_us)
 
     def hang_up(self, now_us: int) -> bytes:
         """The host let go of the line; returns what the device sends until then."""
@@ -188,7 +188,7 @@ class SensedBoard:
             self._made_us = now_us
         while self._made_us + _BLOCK_US <= now_us and self.core.senses:
             stop_us = self._made_us + _BLOCK_US
-            said += self.core.advance(stop_us)
+            said += self.core.run_until(stop_us)
             self._take_events(self.core.drive_log)
             self._sense(self._made_us, stop_us)
             self._synthesis.forget(stop_us)
@@ -196,7 +196,7 @@ class SensedBoard:
         return said
 
     def _take_events(self, log: Sequence[DriveEvent]) -> None:
-        self._synthesis.take(log[self._taken :])
+        self._synthesis.take_events(log[self._taken :])
         self._taken = len(log)
 
     def _sense(self, start_us: int, stop_us: int) -> None:

@@ -54,7 +54,7 @@ class ClickProcess:
         """The descriptor that is readable when a part of a click has come."""
         return self._descriptor
 
-    def ask(self, placement: Placement, device: Device) -> None:
+    def ask_for_click(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
         if self._is_there:
             with contextlib.suppress(BlockingIOError):

@@ -39,7 +39,7 @@ class FarEnd(Protocol):
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take bytes in; the answer."""
 
-    def advance(self, now_ns: int) -> bytes:
+    def run_until(self, now_ns: int) -> bytes:
         """What it says by itself by now."""
 
     def next_deadline_ns(self) -> int | None:
@@ -59,7 +59,7 @@ class EchoReceiver:
             self.arrivals.sequence.append(0)
         return b""
 
-    def advance(self, now_ns: int) -> bytes:  # noqa: ARG002  # a FarEnd
+    def run_until(self, now_ns: int) -> bytes:  # noqa: ARG002  # a FarEnd
         """It says nothing by itself."""
         return b""
 
@@ -238,7 +238,7 @@ class LoadGenerator:
                 data = os.read(link.fileno(), _READ_SIZE)
                 self._link = link if data else None
             now_ns = self._now_ns()
-            answer = (far_end.receive(data, now_ns) if data else b"") + far_end.advance(now_ns)
+            answer = (far_end.receive(data, now_ns) if data else b"") + far_end.run_until(now_ns)
             if answer:
                 os.write(link.fileno(), answer)
         except OSError:  # full, as a wire that loses bytes, or the engine has ended

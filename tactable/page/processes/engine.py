@@ -103,5 +103,5 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         slot = programs.open(order.table)
         source = PointerSource(pipe)
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
-        parent.say({"clicks": live.clicks, "lines": programs.begin(live.capabilities)})
+        parent.say({"clicks": live.clicks, "lines": programs.begin_run(live.capabilities)})
         live.run(_NextOrder(parent))

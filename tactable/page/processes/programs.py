@@ -39,11 +39,11 @@ class Programs:
             self.slot = ControlProcess(of)
         return self.slot
 
-    def begin(self, capabilities: Capabilities) -> list[str]:
+    def begin_run(self, capabilities: Capabilities) -> list[str]:
         """Say that the device of the run is connected; the first time what to print."""
         if self.slot is None:
             return []
-        self.slot.begin(capabilities)
+        self.slot.begin_steps(capabilities)
         lines = [] if self._is_announced else self.slot.lines
         self._is_announced = True
         return lines

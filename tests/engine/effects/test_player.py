@@ -41,14 +41,14 @@ class Story:
     def at(self, time_ms: float, *touches: Touch) -> None:
         """A frame, after all that is due before."""
         self.until(time_ms)
-        self.player.take(touches, round(time_ms * MS))
+        self.player.take_touches(touches, round(time_ms * MS))
         self.note(time_ms)
 
     def until(self, time_ms: float) -> "Story":
         player = self.player
         while player.next_change_ns is not None and player.next_change_ns <= time_ms * MS:
             due_ns = player.next_change_ns
-            player.advance(due_ns)
+            player.advance_effects(due_ns)
             assert player.next_change_ns is None or player.next_change_ns > due_ns
             self.note(due_ns / MS)
         return self
@@ -85,8 +85,8 @@ HELD = pulse((None, 20.0))
 @pytest.mark.parametrize(("to_mm", "held_mm"), [(60.0, 59.7), (0.1, 0.0), (100.0, 99.7), (99.9, 99.6)])
 def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_mm: float, held_mm: float) -> None:
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
-    player.take([touch(1, 20)], 0)
-    player.take([touch(1, 20.3)], MS)  # too little to be followed
+    player.take_touches([touch(1, 20)], 0)
+    player.take_touches([touch(1, 20.3)], MS)  # too little to be followed
     player.change_bar([touch(1, to_mm)], 100 * MM)
     assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
 
@@ -129,17 +129,17 @@ def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
 
 def test_a_finger_in_a_gap_feels_and_is_kept_quiet_as_any_other() -> None:
     seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.1)))
-    seen.player.take([Touch(1, 0.02, None), Touch(2, 0.12, None)], 0)
+    seen.player.take_touches([Touch(1, 0.02, None), Touch(2, 0.12, None)], 0)
     assert seen.player.placement == Placement((0.02, 0.12), (True, False))
 
 
 @given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
 def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)))
-    player.take([touch(1, 10)], 0)
+    player.take_touches([touch(1, 10)], 0)
     levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
     for time_ms, level in enumerate(levels):
-        player.advance(time_ms * MS)
+        player.advance_effects(time_ms * MS)
         assert (player.level_db, letters(player.placement)[0]) == (level, "-" if level is None else "F")
 
 
@@ -356,7 +356,7 @@ def test_looking_more_often_changes_nothing(path: list[tuple[int, dict[int, int]
     for step_ms, places_mm in path:
         touches = [touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()]
         for between_ms in range(time_ms + 1, time_ms + step_ms):
-            often.player.advance(between_ms * MS)
+            often.player.advance_effects(between_ms * MS)
             often.note(between_ms)
         time_ms += step_ms
         seldom.at(time_ms, *touches)
@@ -380,9 +380,9 @@ def clicks_of(seen: Story, *frames: tuple[float, tuple[Touch, ...]]) -> list[tup
     for time_ms, touches in frames:
         while seen.player.next_change_ns is not None and seen.player.next_change_ns <= time_ms * MS:
             due_ns = seen.player.next_change_ns
-            seen.player.advance(due_ns)
+            seen.player.advance_effects(due_ns)
             note(due_ns / MS)
-        seen.player.take(touches, round(time_ms * MS))
+        seen.player.take_touches(touches, round(time_ms * MS))
         note(time_ms)
     return out
 
@@ -424,7 +424,7 @@ def test_a_texture_is_a_click_for_each_distance() -> None:
 
 def test_a_click_lasts_as_long_as_the_table_says() -> None:
     player = EffectPlayer(CLICKS, click_length_ns=12 * MS)
-    player.take([touch(1, 10)], 5 * MS)
+    player.take_touches([touch(1, 10)], 5 * MS)
     assert player.next_change_ns == 17 * MS
 
 
@@ -454,7 +454,7 @@ def test_where_nothing_is_said_to_change_nothing_does() -> None:
     )
     for touches in path:
         before = (player.placement, player.level_db, player.next_change_ns)
-        seen.append(player.take(touches, 0))
+        seen.append(player.take_touches(touches, 0))
         if not seen[-1]:
             assert (player.placement, player.level_db, player.next_change_ns) == before
     assert seen == [False, True, False, True, False, True, True]
@@ -464,7 +464,7 @@ def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make(
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
     placed = list[float]()
     for place_mm in (40.0, 40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0):
-        player.take([touch(1, place_mm)], 0)
+        player.take_touches([touch(1, place_mm)], 0)
         assert player.placement is not None
         placed.append(round(player.placement.position_m[0] / MM, 3))
     assert placed == [40.0, 40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
@@ -472,33 +472,33 @@ def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make(
 
 def test_two_fingers_in_one_zone_have_their_own_roles() -> None:
     player = EffectPlayer(BURSTS)
-    player.take([touch(1, 10)], 0)
-    player.advance(60 * MS)
-    player.take([touch(1, 10), touch(2, 30)], 100 * MS)
+    player.take_touches([touch(1, 10)], 0)
+    player.advance_effects(60 * MS)
+    player.take_touches([touch(1, 10), touch(2, 30)], 100 * MS)
     assert player.placement == Placement((0.01, 0.03), (False, True))
 
 
 def test_a_click_keeps_the_placement_that_it_began_with() -> None:
     feels = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({0})),))
     player = EffectPlayer(feels)
-    player.take([touch(2, 110)], 0)
-    player.take([touch(2, 110), touch(1, 10)], 10 * MS)
+    player.take_touches([touch(2, 110)], 0)
+    player.take_touches([touch(2, 110), touch(1, 10)], 10 * MS)
     began = player.placement
     assert began == Placement((0.01, 0.11), (True, False))
     for touches in ([touch(2, 130), touch(1, 20)], [touch(2, 130), touch(1, 20), touch(3, 200)], [touch(1, 20)]):
-        player.take(touches, 20 * MS)
+        player.take_touches(touches, 20 * MS)
         assert (player.placement, player.level_db, player.click_ns) == (began, 20.0, 10 * MS)
-    player.advance(40 * MS)
+    player.advance_effects(40 * MS)
     assert (player.placement, player.click_ns) == (None, None)
 
 
 def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
     player = EffectPlayer(CLICKS)
-    player.take([touch(1, 10)], 0)
-    player.take([touch(1, 10), touch(2, 110)], 5 * MS)
-    player.take([touch(1, 10)], 10 * MS)
+    player.take_touches([touch(1, 10)], 0)
+    player.take_touches([touch(1, 10), touch(2, 110)], 5 * MS)
+    player.take_touches([touch(1, 10)], 10 * MS)
     assert (player.placement, player.click_ns) == (None, None)
-    player.take([touch(1, 10), touch(3, 110)], 15 * MS)
+    player.take_touches([touch(1, 10), touch(3, 110)], 15 * MS)
     assert player.placement == Placement((0.01, 0.11), (False, True)) and player.click_ns == 15 * MS
 
 
@@ -506,10 +506,10 @@ def test_a_lifted_finger_is_placed_only_while_it_feels() -> None:
     player = EffectPlayer(
         Effects((Rule(Trigger.LIFT, pulse((20, 20.0), (10, None), (20, 10.0))), Rule(Trigger.TOUCH, HELD)))
     )
-    player.take([touch(1, 10), touch(2, 110)], 0)
-    player.take([touch(2, 110)], 100 * MS)
+    player.take_touches([touch(1, 10), touch(2, 110)], 0)
+    player.take_touches([touch(2, 110)], 100 * MS)
     assert player.placement == Placement((0.01, 0.11), (True, True))
-    player.advance(125 * MS)
+    player.advance_effects(125 * MS)
     assert player.placement == Placement((0.11,), (True,))
 
 
@@ -517,16 +517,16 @@ def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
     near_mm = 0.9 * CLOSEST_M / MM
     first_feels = Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)),))
     player = EffectPlayer(first_feels)
-    player.take([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
+    player.take_touches([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
     assert (player.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
     last_feels = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)),)))
-    last_feels.take([touch(1, 15), touch(2, 15 + near_mm)], 0)
+    last_feels.take_touches([touch(1, 15), touch(2, 15 + near_mm)], 0)
     assert last_feels.placement == Placement(((15 + near_mm) * MM,), (True,))
 
 
 def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)),)))
-    player.take([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
+    player.take_touches([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
     placement = player.placement
     assert placement is not None
     assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
@@ -536,8 +536,8 @@ def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
 def test_a_lifted_finger_is_forgotten_when_its_effect_ends() -> None:
     player = EffectPlayer(Effects((Rule(Trigger.LIFT, pulse((20, 20.0))),)))
     assert (player.joined, player.left_out) == (0, 0)
-    player.take([touch(1, 10)], 0)
-    player.take([], 100 * MS)
+    player.take_touches([touch(1, 10)], 0)
+    player.take_touches([], 100 * MS)
     assert len(player.lifted) == 1
-    player.advance(120 * MS)
+    player.advance_effects(120 * MS)
     assert player.lifted == []

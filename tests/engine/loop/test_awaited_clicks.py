@@ -41,7 +41,7 @@ class Solving:
     def fileno(self) -> int:
         return -2
 
-    def ask(self, placement: Placement, device: Device) -> None:
+    def ask_for_click(self, placement: Placement, device: Device) -> None:
         assert device is DEVICE
         self.asked.append((self.line.time_ns, placement))
 

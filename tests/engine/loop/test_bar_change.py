@@ -87,7 +87,7 @@ class Story:
 
     def take(self, kind: str, value: object) -> None:
         self.time_ns += 15 * MS
-        for _ in self.pipeline.advance(self.time_ns):
+        for _ in self.pipeline.commands_due(self.time_ns):
             self.look()
         if self.time_ns - self.reported_ns >= RELEASE_AFTER_NS:  # a digitizer that is silent has lost its fingers
             self.places = {}

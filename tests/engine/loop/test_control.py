@@ -63,7 +63,7 @@ class Slot:
         self.line.clock.run_to(self.line.time_ns + self.stall_ns)
         return step
 
-    def tell(self, outcome: Outcome) -> None:
+    def tell_outcome(self, outcome: Outcome) -> None:
         self.told.append((self.line.time_ns - self.start_ns, outcome))
 
 
@@ -165,8 +165,8 @@ def test_the_same_steps_at_the_same_times_give_the_same_commands() -> None:
         pipeline, commands = pipeline_of(rig), []
         for entry, step in zip(rig.recording.reports, steps, strict=True):
             time_ns = round(1e9 * entry.time_s)
-            commands += [*pipeline.advance(time_ns), pipeline.step(entry.data, time_ns)]
-            commands += [*pipeline.advance(time_ns + MS), pipeline.control(step, time_ns + MS)[1]]
+            commands += [*pipeline.commands_due(time_ns), pipeline.step(entry.data, time_ns)]
+            commands += [*pipeline.commands_due(time_ns + MS), pipeline.control(step, time_ns + MS)[1]]
         found.append(commands)
     assert found[0] == found[1]
     assert len([command for command in found[0] if command is not None]) > 50

@@ -41,11 +41,11 @@ def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, Placemen
     found = list[tuple[int, Placement | None, float | None, Command]]()
     for entry in recording.reports:
         time_ns = round(1e9 * entry.time_s)
-        found += ((time_ns, *pipeline.wanted[:2], command) for command in pipeline.advance(time_ns))
+        found += ((time_ns, *pipeline.wanted[:2], command) for command in pipeline.commands_due(time_ns))
         brought = pipeline.step(entry.data, time_ns)
         if brought is not None:
             found.append((time_ns, *pipeline.wanted[:2], brought))
-    found += ((10**18, *pipeline.wanted[:2], command) for command in pipeline.advance(10**18))
+    found += ((10**18, *pipeline.wanted[:2], command) for command in pipeline.commands_due(10**18))
     return found
 
 
@@ -74,11 +74,11 @@ def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
     assert pipeline.due_ns == math.inf and pipeline.is_at_rest
     assert pipeline.step(rig.recording.reports[0].data, 0) is not None
     assert pipeline.due_ns == 50 * MS
-    assert list(pipeline.advance(50 * MS - 1)) == []
-    assert list(pipeline.advance(50 * MS)) == [SILENCE]
+    assert list(pipeline.commands_due(50 * MS - 1)) == []
+    assert list(pipeline.commands_due(50 * MS)) == [SILENCE]
     assert pipeline.wanted == (None, None, None)
     assert pipeline.due_ns == RELEASE_AFTER_NS
-    assert list(pipeline.advance(RELEASE_AFTER_NS)) == []
+    assert list(pipeline.commands_due(RELEASE_AFTER_NS)) == []
     assert pipeline.is_at_rest and pipeline.touches == []
 
 
@@ -87,7 +87,7 @@ def test_each_command_of_a_long_pause_comes_with_what_was_wanted_then() -> None:
     rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=Effects((Rule(Trigger.TOUCH, steps),)))
     pipeline = pipeline_of(rig)
     pipeline.step(rig.recording.reports[0].data, 0)
-    assert [pipeline.wanted.level_db for _ in pipeline.advance(1_000 * MS)] == [None, LEVEL_DB, None]
+    assert [pipeline.wanted.level_db for _ in pipeline.commands_due(1_000 * MS)] == [None, LEVEL_DB, None]
 
 
 def test_silence_is_a_command_only_where_something_is_wanted() -> None:

@@ -53,7 +53,7 @@ def test_without_faults_it_is_the_device() -> None:
 def test_a_reboot_is_another_boot_with_a_clock_from_zero_and_deaf_meanwhile() -> None:
     device = device_with("reboot=0.5s@2s")
     first = greet(device, 0)
-    device.advance(2_000_000)
+    device.run_until(2_000_000)
     assert device.receive(GREETING, 2_200_000) == b""
     second = greet(device, 3_000_000)
     assert first.boot_id != second.boot_id
@@ -72,14 +72,14 @@ def test_seeds_make_the_same_boots() -> None:
 def test_a_hang_up_latches_an_armed_device_and_takes_the_port_away_for_a_while() -> None:
     device = device_with("hang_up=0.2s@0.1s")
     arm(device, 0)
-    device.advance(99_999)
+    device.run_until(99_999)
     assert device.is_plugged
-    assert device.advance(100_000) == b""
+    assert device.run_until(100_000) == b""
     assert not device.is_plugged
     assert device.core.state is DeviceState.LATCHED
-    device.advance(300_000)
+    device.run_until(300_000)
     assert device.is_plugged
-    said = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 310_000) + device.advance(500_000))
+    said = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 310_000) + device.run_until(500_000))
     assert FaultCode.HUNG_UP in {message.fault for message in said if isinstance(message, Status)}
 
 
@@ -87,7 +87,7 @@ def test_nobody_hears_a_device_whose_port_is_closed() -> None:
     device = device_with("")
     greet(device, 0)
     device.hang_up(10_000)
-    assert device.advance(SECOND_US) == b""
+    assert device.run_until(SECOND_US) == b""
     assert device.to_host.counters.lost == 10
 
 
@@ -108,7 +108,7 @@ def test_its_own_deadlines_come_on_its_own_clock(ppm: int) -> None:
     while device.core.state is DeviceState.ARMED:
         deadline_us = device.next_deadline_us()
         assert deadline_us is not None
-        device.advance(deadline_us)
+        device.run_until(deadline_us)
         latched_us = deadline_us
     assert latched_us - 12_345 == pytest.approx(250_000 * (1 - ppm * 1e-6), abs=2)
 

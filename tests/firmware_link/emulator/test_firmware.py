@@ -51,7 +51,7 @@ def test_amplitude_is_zero_within_lease_and_ramp(armed_lease_ms: int, lease_ms: 
     host = BareHost()
     host.arm(1000, lease_ms=armed_lease_ms)
     host.set(DRIVE, 1000, lease_ms)
-    host.firmware.advance(240_000)
+    host.firmware.run_until(240_000)
     lease_us = min(armed_lease_ms, lease_ms) * 1000
     assert [(event.cause, event.device_time_us) for event in host.firmware.drive_log] == [
         (Cause.SET, 1000),
@@ -122,7 +122,7 @@ def test_status_tells_the_last_set_applied() -> None:
     )
     assert status.applied == 2
     assert decode_messages(host.set(DRIVE, 25_000)) == []
-    assert len(decode_messages(host.firmware.advance(30_000))) == 1
+    assert len(decode_messages(host.firmware.run_until(30_000))) == 1
 
 
 def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:

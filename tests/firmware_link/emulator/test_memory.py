@@ -21,9 +21,9 @@ def transfer(store: BasisStore, *steps: BasisBegin | BasisChunk | BasisCommit) -
     for step in steps:
         match step:
             case BasisBegin():
-                results.append(store.begin(step, may_forget=True))
+                results.append(store.begin_basis(step, may_forget=True))
             case BasisChunk():
-                results.append(store.take(step))
+                results.append(store.append_chunk(step))
             case BasisCommit():
                 results.append(store.commit(step))
     return results
@@ -63,7 +63,7 @@ def test_a_basis_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tupl
         begin, *rest = transfer_messages(data)
         assert isinstance(begin, BasisBegin)
         before = (store.held_hash, store._held_at, store._held_size)
-        result = store.begin(begin, may_forget)
+        result = store.begin_basis(begin, may_forget)
         held, held_at, held_size = before
         fits_beside = not held or len(data) <= held_at or len(data) <= 3 * len(small) - held_at - held_size
         if result is not Result.OK:

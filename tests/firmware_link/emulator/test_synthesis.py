@@ -95,7 +95,7 @@ def test_silence_comes_within_the_ramp_whatever_sounds(log: list[DriveEvent], wa
 def test_what_is_forgotten_changes_nothing_that_comes(log: list[DriveEvent], before_us: int) -> None:
     shortened = Synthesis()
     for item in log:
-        shortened.take([item])
+        shortened.take_events([item])
         shortened.forget(min(item.device_time_us, before_us))
     shortened.forget(before_us)
     got = shortened.displacements(before_us, STOP_US, RATE_HZ)
@@ -260,7 +260,9 @@ def test_what_is_over_is_forgotten() -> None:
     samples = np.zeros((101, 2), np.int16)
     for start_us in (0, 20_000, 40_000):
         played = PlayedWaveform.of(10_000, samples, 1.0)  # 10 ms long
-        synthesis.take([replace(event(start_us, QUIET, QUIET), waveform=played), event(start_us + 15_000, loud, loud)])
+        synthesis.take_events(
+            [replace(event(start_us, QUIET, QUIET), waveform=played), event(start_us + 15_000, loud, loud)]
+        )
     synthesis.forget(54_999)
     assert len(synthesis._events) == 2
     synthesis.forget(55_000)
@@ -268,7 +270,7 @@ def test_what_is_over_is_forgotten() -> None:
     assert (len(synthesis._events), synthesis.size) == (1, 3)
     # A click that a later event took over fades on.
     played = PlayedWaveform.of(10_000, samples, 1.0)
-    synthesis.take([replace(event(60_000, QUIET, QUIET), waveform=played), event(65_000, loud, loud)])
+    synthesis.take_events([replace(event(60_000, QUIET, QUIET), waveform=played), event(65_000, loud, loud)])
     for before_us, kept in ((69_999, 2), (70_000, 1)):
         synthesis.forget(before_us)
         assert len(synthesis._events) == kept

@@ -179,7 +179,7 @@ class Played:
 
     def wait(self, duration_us: int) -> None:
         self.now_us += duration_us
-        self._firmware.advance(self.now_us)
+        self._firmware.run_until(self.now_us)
 
     def take(self) -> NDArray[np.int16]:
         """Samples (time, actuator) since it was armed; ends the device."""

@@ -164,7 +164,7 @@ class Twins:
 
     def wait(self, duration_us: int) -> None:
         self.now_us += duration_us
-        assert self.compiled.advance(self.now_us) == self.python.advance(self.now_us)
+        assert self.compiled.run_until(self.now_us) == self.python.run_until(self.now_us)
         self.compare()
 
     def hang_up(self) -> None:

@@ -133,7 +133,7 @@ class Soak:
         if self._command_us is not None and self._now_us >= self._command_us:
             self._command_us += US_PER_S // COMMANDS_PER_S
             self._command()
-        self._hear(self.device.advance(self._now_us))
+        self._hear(self.device.run_until(self._now_us))
         if self._reconnect_us is not None and self._now_us >= self._reconnect_us:
             self._connect()
         data = self.link.outgoing(self._host_ns())

@@ -37,7 +37,7 @@ class CardTier:
 
     def wait(self, duration_us: int) -> None:
         self._now_us += duration_us
-        self._said += self.card.advance(self._now_us)
+        self._said += self.card.run_until(self._now_us)
 
     def read(self) -> bytes:
         said, self._said = self._said, b""

@@ -48,7 +48,7 @@ def test_a_session_goes_on_at_any_rate() -> None:
         if link.state is LinkState.READY:
             link.set_drive(bytes([1 + sent % 200] * 12))
             sent += 1
-        link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.advance(now_ns), now_ns)
+        link.receive(device.receive(link.outgoing(now_ns), now_ns) + device.run_until(now_ns), now_ns)
         link.poll(now_ns)
     assert link.state is LinkState.READY
     assert link.status is not None

@@ -58,7 +58,7 @@ class Run:
         step = self.slot.poll()
         if step is not None:
             self.controlled += 1
-            self.slot.tell(self.player.control(step, 0))
+            self.slot.tell_outcome(self.player.control(step, 0))
         return step
 
     async def loop(self) -> None:
@@ -80,7 +80,7 @@ class Run:
 def player_of(slot: ControlProcess) -> EffectPlayer:
     player = EffectPlayer(BASE)
     player.control(slot.scene(), 0)
-    player.take([FINGER], 0)
+    player.take_touches([FINGER], 0)
     return player
 
 
@@ -102,7 +102,7 @@ async def started(folder: Path, **more: Any) -> AsyncIterator[Run]:
             await asyncio.sleep(0)
         slot = ControlProcess(served, lambda *_, **__: child)
         run = Run(slot, served, ring, serving, player_of(slot))
-        slot.begin(CAPABILITIES)
+        slot.begin_steps(CAPABILITIES)
         looping = asyncio.ensure_future(run.loop())
         try:
             yield run
@@ -224,15 +224,15 @@ def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_hel
         {"scene": [], "settings": [True, False, -6.0]},
     ]
     player = player_of(slot)
-    player.take([FINGER, Touch(4, 0.2, 3)], 0)
-    player.advance(10**9)
+    player.take_touches([FINGER, Touch(4, 0.2, 3)], 0)
+    player.advance_effects(10**9)
     for document in held:
         part = json.dumps(document).encode()
         theirs.sendall(len(part).to_bytes(8, "little") + part)
         for _ in range(2):  # the size, then the part
             step = slot.poll()
             if step is not None:
-                slot.tell(player.control(step, 2 * 10**9))
+                slot.tell_outcome(player.control(step, 2 * 10**9))
         assert theirs.recv(1 << 16).count(b"\n") == 1
     assert player.level_db == 14.0 and player.fingers[4].is_kept_quiet
     theirs.close()

@@ -27,10 +27,10 @@ def felt_at(scene: Scene, place_mm: float, on: Trigger = Trigger.TOUCH) -> float
     for part in StepEncoder().parts(scene):
         decoder.decode(part)
     player.control(decoder.scene, 0)
-    player.take([Touch(1, 1e-3 * place_mm, 0)], 0)
+    player.take_touches([Touch(1, 1e-3 * place_mm, 0)], 0)
     if on is Trigger.LIFT:
-        player.advance(10**9)
-        player.take([], 2 * 10**9)
+        player.advance_effects(10**9)
+        player.take_touches([], 2 * 10**9)
     return player.level_db
 
 

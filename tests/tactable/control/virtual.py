@@ -68,7 +68,7 @@ class VirtualSlot:
     def begin_run(self) -> None:
         self.player = EffectPlayer(self._base)
         self.player.control(self.decoder.scene, 0)
-        self.player.take([FINGER], 0)
+        self.player.take_touches([FINGER], 0)
 
     async def hand_over(self, part: bytes) -> Outcome:
         assert not self._waiting and len(part) <= MOST_BYTES

@@ -118,7 +118,7 @@ def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> 
 
 def test_samples_have_the_units_of_their_form_and_displacements_those_of_the_device() -> None:
     sensor = a_sensor(scales=(0.5, 1.0), number_of_actuators=3)
-    sensor.hear(frame(0, 0, (4, 16_384, -32_767, 9, -4, 0, 0, 9)))
+    sensor.take_event(frame(0, 0, (4, 16_384, -32_767, 9, -4, 0, 0, 9)))
     block = sensor.read()
     assert block is not None
     np.testing.assert_allclose(block.values, [[2.0, 1.0, -1.0], [-2.0, 0.0, 0.0]], atol=1e-4)
@@ -128,10 +128,10 @@ def test_samples_have_the_units_of_their_form_and_displacements_those_of_the_dev
 
 def test_gaps_of_the_line_and_of_the_board_are_told_apart_across_the_wrap_of_the_numbers() -> None:
     sensor, one = a_sensor(), (1, 0, 0)
-    sensor.hear(frame(65_535, 2**32 - 1, one))
-    sensor.hear(frame(0, 0, one))  # the next of both
-    sensor.hear(frame(1, 4, one))  # three samples that the board lost
-    sensor.hear(frame(3, 7, one))  # a frame of two samples that the line lost
+    sensor.take_event(frame(65_535, 2**32 - 1, one))
+    sensor.take_event(frame(0, 0, one))  # the next of both
+    sensor.take_event(frame(1, 4, one))  # three samples that the board lost
+    sensor.take_event(frame(3, 7, one))  # a frame of two samples that the line lost
     block = sensor.read()
     assert block is not None
     assert np.isnan(block.values[:, 0]).tolist() == [False, False, True, True, True, False, True, True, False]
@@ -140,9 +140,9 @@ def test_gaps_of_the_line_and_of_the_board_are_told_apart_across_the_wrap_of_the
 
 def test_what_came_before_a_stream_begins_leaves_no_gap() -> None:
     sensor, one = a_sensor(), (1, 0, 0)
-    sensor.hear(frame(0, 0, one))
-    sensor.begin()
-    sensor.hear(frame(9, 900, one))
+    sensor.take_event(frame(0, 0, one))
+    sensor.begin_stream()
+    sensor.take_event(frame(9, 900, one))
     block = sensor.read()
     assert block is not None
     assert not np.isnan(block.values).any()
@@ -153,7 +153,7 @@ def test_the_pace_is_the_slope_of_the_two_numbers_across_their_wraps() -> None:
     assert sensor.pace() == 0.0
     for index in range(150):
         number, sample = 2**32 - 1_000 + 32 * index, 2**32 - 20_000 + round(32 * index * 15 / pace)
-        sensor.hear(frame(index, number % 2**32, (1, 0, 0) * 32, sample % 2**32))
+        sensor.take_event(frame(index, number % 2**32, (1, 0, 0) * 32, sample % 2**32))
     assert sensor.pace() == pytest.approx(pace - 1, abs=2e-6)
 
 

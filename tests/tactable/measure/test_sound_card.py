@@ -120,7 +120,7 @@ def stream_of(blocks: list[tuple[np.ndarray[tuple[int, int], np.dtype[np.float32
     reader, writer = os.pipe()
     taker = Taker(parse_input("audio:card,acceleration=2,scale=50 m/s^2,loopback=1", ACTUATORS), ACTUATORS, writer)
     for data, overflowed in blocks:
-        taker.take(data, len(data), overflowed)
+        taker.take_block(data, len(data), overflowed)
     os.close(writer)
     stream = SampleStream(Path(f"/proc/self/fd/{reader}"), DEVICE)
     os.close(reader)
@@ -145,11 +145,11 @@ def test_a_card_that_nobody_reads_loses_whole_blocks_and_says_so() -> None:
     reader, writer = os.pipe()
     taker = Taker(parse_input("audio:card,scale=50 m/s^2", ACTUATORS), ACTUATORS, writer)
     for _ in range(400):
-        taker.take(np.zeros((4_800, 1), np.float32), 4_800, False)
+        taker.take_block(np.zeros((4_800, 1), np.float32), 4_800, False)
     stream = SampleStream(Path(f"/proc/self/fd/{reader}"), DEVICE)
     first = stream.read()
-    taker.take(np.ones((4_800, 1), np.float32), 4_800, False)
-    taker.take(np.ones((4_800, 1), np.float32), 4_800, False)
+    taker.take_block(np.ones((4_800, 1), np.float32), 4_800, False)
+    taker.take_block(np.ones((4_800, 1), np.float32), 4_800, False)
     second = stream.read()
     assert first is not None
     assert second is not None

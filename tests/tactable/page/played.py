@@ -71,5 +71,5 @@ def events_of(table: Table, records: Iterable[Record]) -> list[DriveEvent]:
 def bar_of(table: Table, records: Iterable[Record]) -> LiveBar:
     """A bar from the time 0 that is driven so."""
     bar = LiveBar(table.device)
-    bar.take(events_of(table, records))
+    bar.take_events(events_of(table, records))
     return bar

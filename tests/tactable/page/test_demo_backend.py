@@ -273,9 +273,9 @@ def a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig) -> None:
     events, builder = list[DriveEvent](), rig.backend._builder
 
     class HeardView(View):
-        def take(self, found: Sequence[DriveEvent]) -> None:
+        def take_events(self, found: Sequence[DriveEvent]) -> None:
             events.extend(found)
-            super().take(found)
+            super().take_events(found)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo_backend, "View", HeardView)

@@ -31,7 +31,7 @@ def run(bar: LiveBar, seconds: float, step_us: float = FRAME_US) -> tuple[dict[i
     """Greatest level under each finger, and its level at the end."""
     greatest, last = dict[int, float](), dict[int, float]()
     while bar.now_us < 1e6 * seconds:
-        moved = bar.advance(bar.now_us + step_us)
+        moved = bar.move_until(bar.now_us + step_us)
         if moved is not None:
             last = dict(moved.power_db)
             greatest = {number: max(level, greatest.get(number, LOWEST_DB)) for number, level in moved.peak_db.items()}
@@ -76,7 +76,7 @@ def test_however_time_is_cut_the_motion_is_the_same(table: Table, seed: int) -> 
         bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
         bar.touch(fingers_of(table, PAIR), is_loaded=True)
         for stop_us in [*cuts_us.tolist(), float(steps_us.sum())]:
-            bar.advance(stop_us)
+            bar.move_until(stop_us)
         motion = bar.motion(0.0, 0.15, 1)
         assert motion is not None
         motions.append(motion)
@@ -90,7 +90,7 @@ def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: 
     bar.touch([BarFinger(1, float(bar.grid_m[point]))], is_loaded=False)
     untouched = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     for stop in range(1, 12):
-        moved, alone = bar.advance(stop * FRAME_US), untouched.advance(stop * FRAME_US)
+        moved, alone = bar.move_until(stop * FRAME_US), untouched.move_until(stop * FRAME_US)
         assert (moved is None) == (alone is None)
         if moved is not None and alone is not None:
             assert moved.peak_db[1] == pytest.approx(moved.levels_db[point], abs=1e-6)
@@ -100,18 +100,18 @@ def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: 
 def test_a_bar_that_nothing_drives_is_at_rest_and_a_click_rings_down_to_it(table: Table) -> None:
     bar = bar_of(table, [])
     bar.touch(fingers_of(table, PAIR), is_loaded=True)
-    assert [bar.advance(stop * FRAME_US) for stop in range(1, 20)] == [None] * 19
+    assert [bar.move_until(stop * FRAME_US) for stop in range(1, 20)] == [None] * 19
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     run(bar, 8.0, 1e6 * LONGEST_STEP_S / 4)
-    assert bar.advance(bar.now_us + FRAME_US) is None
+    assert bar.move_until(bar.now_us + FRAME_US) is None
 
 
 @pytest.mark.parametrize("seconds", [0.3, 0.7, 0.99, 1.0, 1.01, 1.3, 1.7, 2.0, 2.5, 10.0])
 def test_a_step_of_any_length_gives_every_finger_a_level(table: Table, seconds: float) -> None:
     bar = bar_of(table, [record_of(table, ALONE, START_NS)])
     bar.touch(fingers_of(table, ALONE), is_loaded=True)
-    bar.advance(FRAME_US)
-    moved = bar.advance(bar.now_us + 1e6 * seconds)
+    bar.move_until(FRAME_US)
+    moved = bar.move_until(bar.now_us + 1e6 * seconds)
     assert moved is not None and len(moved.peak_db) == 1
 
 
@@ -120,7 +120,7 @@ def test_a_stall_leaves_out_what_was_missed_and_hurts_no_level(table: Table) -> 
     bar = bar_of(table, [record])
     bar.touch(fingers_of(table, ALONE), is_loaded=True)
     run(bar, 0.3)
-    moved = bar.advance(60e6)
+    moved = bar.move_until(60e6)
     assert bar.now_us == 60e6
     assert moved is not None
     assert moved.power_db[1] == pytest.approx(20.0, abs=0.2)
@@ -136,9 +136,9 @@ def test_what_is_remembered_of_commands_does_not_grow(table: Table) -> None:
             record_of(table, placement, at_ns, is_click=second % 3 == 0),
             record_of(table, placement, at_ns + 300_000_000, level_db=None),
         ]
-        bar.take(drive.events(records))
+        bar.take_events(drive.events(records))
         for tenth in range(1, 11):
-            bar.advance(1e6 * (second + tenth / 10))
+            bar.move_until(1e6 * (second + tenth / 10))
         lengths.append(bar._synthesis.size)
     assert max(lengths[20:]) <= max(lengths[:20]) <= 16
 

@@ -24,7 +24,7 @@ def played(table: Table, seconds: float, *, is_click: bool, rows: BestRows | Non
     view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=paper)
     view.move(50_000.0, is_loaded=True)
     record = record_of(table, PAIR, 50_001_000, is_click=is_click)
-    view.take(RingDrive(table, RESOLUTION_HZ).events([record]))
+    view.take_events(RingDrive(table, RESOLUTION_HZ).events([record]))
     view.read([record])
     while view.bar.now_us < 50_000 + 1e6 * seconds:
         view.move(view.bar.now_us + FRAME_US, is_loaded=True)
@@ -81,7 +81,7 @@ def played_twice(table: Table, step_us: float) -> list[float]:
     view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=PaperBar(table.device, table.best_rows))
     view.move(50_000.0, is_loaded=True)
     records = [record_of(table, PAIR, at_ns, is_click=True) for at_ns in (50_001_000, 450_001_000)]
-    view.take(RingDrive(table, RESOLUTION_HZ).events(records))
+    view.take_events(RingDrive(table, RESOLUTION_HZ).events(records))
     view.read(records)
     while view.bar.now_us < 850_000:
         view.move(min(view.bar.now_us + step_us, 850_000.0), is_loaded=True)

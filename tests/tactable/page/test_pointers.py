@@ -24,7 +24,7 @@ class Rig:
         self.now_ns = 0
 
     def send(self, browser: int, pointer_id: int, phase: Phase) -> None:
-        self.pointers.take(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)], self.now_ns)
+        self.pointers.take_events(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)], self.now_ns)
 
     def fingers(self) -> frozenset[int]:
         """Contact numbers that are down, after all that was sent."""
@@ -53,17 +53,17 @@ def frames_of(rig: Rig) -> list[set[int]]:
 
 def test_fingers_of_one_message_come_down_in_one_frame_and_a_tap_within_one_is_not_lost(rig: Rig) -> None:
     down = [PointerEvent(number, 0.1 * number, 0.5, Phase.DOWN) for number in (7, 8)]
-    rig.pointers.take(1, [*down, replace(down[0], phase=Phase.UP)], 0)
+    rig.pointers.take_events(1, [*down, replace(down[0], phase=Phase.UP)], 0)
     assert frames_of(rig) == [{0, 1}, {1}]
 
 
 def test_fingers_that_rest_come_down_one_after_another_in_the_next_run(rig: Rig) -> None:
     rest = [PointerEvent(number, 0.1 * number, 0.5, Phase.MOVE) for number in (7, 8)]
-    rig.pointers.take(1, rest, 0)
+    rig.pointers.take_events(1, rest, 0)
     assert frames_of(rig) == [{0}, {0, 1}]
     rig._digitizer = open_digitizer(rig.source.descriptor, 0, 0)
     rig.pointers.feed(rig.feed)
-    rig.pointers.take(1, rest, 1)  # what a browser says meanwhile makes no second finger come down
+    rig.pointers.take_events(1, rest, 1)  # what a browser says meanwhile makes no second finger come down
     found = list[list[set[int]]]()
     for now_ns in (2, 3, APART_NS + 2):
         rig.pointers.repeat(now_ns)
@@ -116,12 +116,12 @@ def test_an_engine_that_takes_nothing_breaks_nothing() -> None:
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     pointers = Pointers()
-    pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)], 0)
+    pointers.take_events(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)], 0)
     pointers.feed(PointerFeed(writing))
     pointers.repeat(0)
     source = PointerSource(reading)
     for _ in range(10_000):
-        pointers.take(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)], 0)
+        pointers.take_events(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)], 0)
     assert pointers.refused > 0
     source.close()
     os.close(writing)

@@ -53,7 +53,7 @@ class Rig:
         at_ns = round(1000 * self.view.bar.now_us) + 1000  # a stamp of 0 is none
         how = {"is_click": is_click, "is_provisional": is_provisional, "is_sent": is_sent}
         record = record_of(self.table, placement, at_ns, level_db=level_db, **how)
-        self.view.take(self._drive.events([record]))
+        self.view.take_events(self._drive.events([record]))
         self.view.read([record])
 
     def go_on(self, seconds: float) -> None:
@@ -206,7 +206,7 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
             record_of(table, PAIR, first_ns, is_click=True),
             record_of(table, TURNED, first_ns + 400_000_000, is_click=True),
         ]
-        rig.view.take(rig._drive.events(records))
+        rig.view.take_events(rig._drive.events(records))
         rig.view.read(records)
         end_us = rig.view.bar.now_us + 0.8e6
         while rig.view.bar.now_us < end_us:

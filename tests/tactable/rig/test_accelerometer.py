@@ -34,7 +34,7 @@ def frames_of(text: str, bar: SensedBar | None = None) -> list[Acceleration]:
     said = board.receive(encode_message(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1), 1_000)
     said += board.receive(encode_message(Sense(1_000 * SECONDS), 2), 2_000)
     for now_us in range(7_000, 1_000_000 * SECONDS + 100_000, 5_000):
-        said += board.advance(now_us)
+        said += board.run_until(now_us)
     items = FrameDecoder().receive(said)
     messages = [decode_body(item)[1] for item in items if isinstance(item, bytes)]
     return [message for message in messages if isinstance(message, Acceleration)]

@@ -74,7 +74,7 @@ class SolvingHere:
     def fileno(self) -> int:
         return -2
 
-    def ask(self, placement: Placement, device: Device) -> None:
+    def ask_for_click(self, placement: Placement, device: Device) -> None:
         self._ready.append((device.fingerprint, self.solver.solve(placement)))
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:

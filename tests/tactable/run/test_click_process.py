@@ -94,7 +94,7 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
     (placement,) = placements(path, 1)
     with theirs, ClickProcess(path, lambda *_, **__: ChildHere(ours)) as process:
         assert not process.poll()
-        process.ask(placement, DEVICE)
+        process.ask_for_click(placement, DEVICE)
         parent = ParentHere(theirs)
         service = Service(path, parent)
         service._answer(parent.read() or {})
@@ -104,6 +104,6 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
         assert [click.placement for _, click in solved] == [placement]
         theirs.close()
         assert not process.poll() and not process.poll()
-        process.ask(placement, DEVICE)
+        process.ask_for_click(placement, DEVICE)
         assert not process.poll()
     assert capfd.readouterr().err.count("are no longer solved: the solving process has ended") == 1

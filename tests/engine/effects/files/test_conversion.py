@@ -135,11 +135,11 @@ def test_every_event_has_a_report_and_no_two_segments_overlap(events: list[Event
 def test_the_player_plays_the_clicks_and_drives_at_their_times() -> None:
     made = converted(tap(10), hum((100, 0.5), (200, 0.5)), tap(150))
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, made.effect),)))
-    player.take([Touch(1, 0.1, 0)], 0)
+    player.take_touches([Touch(1, 0.1, 0)], 0)
     seen = []
     while player.next_change_ns is not None:
         at_ns = player.next_change_ns
-        player.advance(at_ns)
+        player.advance_effects(at_ns)
         seen.append((at_ns // MS, player.level_db, player.click_ns is not None))
     assert seen == [
         (10, 25.0, True),

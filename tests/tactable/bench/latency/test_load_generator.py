@@ -76,10 +76,10 @@ def test_the_receiver_of_answers_stays_awake_after_a_report(
     passes = 0
 
     class Receiver(EchoReceiver):
-        def advance(self, now_ns: int) -> bytes:
+        def run_until(self, now_ns: int) -> bytes:
             nonlocal passes
             passes += 1
-            return super().advance(now_ns)
+            return super().run_until(now_ns)
 
     Run(1.0, 1, far_end=Receiver())
     assert least <= passes <= most
