@@ -92,7 +92,16 @@ def outcomes(bars: Path) -> list[Path]:
     return list((bars.parent / "out").glob(f"*/{OUTCOME}"))
 
 
-def test_a_worker_and_the_command_that_are_killed_cost_nothing_but_time(crew: Crew, bars: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_named_and_a_killed_worker_or_command_costs_nothing_but_time(
+    crew: Crew, bars: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr("precompute.fleet.run._PATIENCE_S", 1.0)
+        words = ("fleet", str(bars), "-o", str(bars.parent / "none"), "--clicks-up-to", "0")
+        done = run_here(bars, *words, "--scheduler", "tcp://127.0.0.1:9")
+    assert done.returncode == 1
+    assert done.stderr.startswith("tactable: ") and "tcp://127.0.0.1:9" in done.stderr
+
     first = crew.worker()
     process = start(bars, crew.address)
     wait_for(lambda: outcomes(bars))
@@ -105,11 +114,3 @@ def test_a_worker_and_the_command_that_are_killed_cost_nothing_but_time(crew: Cr
     process.communicate()
     statuses = assert_done(bars, start(bars, crew.address))
     assert list(statuses.values()).count("kept") >= 2
-
-
-def test_a_scheduler_that_is_not_there_is_named(bars: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("precompute.fleet.run._PATIENCE_S", 1.0)
-    out = str(bars.parent / "out")
-    done = run_here(bars, "fleet", str(bars), "-o", out, "--scheduler", "tcp://127.0.0.1:9", "--clicks-up-to", "0")
-    assert done.returncode == 1
-    assert done.stderr.startswith("tactable: ") and "tcp://127.0.0.1:9" in done.stderr
