@@ -38,9 +38,9 @@ beyond the end is gone, too, and none begins there.
 A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
 finger changes nothing.
 
-The placement changes only in `take_touches` and `advance_effects`, and `next_change_ns` is the earliest time at which `advance_effects` changes
-it, so the loop can wait for a report or that time, whichever comes first. Time is an argument; nothing here reads a
-clock.
+The placement changes only in `take_touches` and `advance_effects`, and `next_change_ns` is the earliest time at which
+`advance_effects` changes it, so the loop can wait for a report or that time, whichever comes first. Time is an
+argument; nothing here reads a clock.
 """
 
 import math
@@ -79,7 +79,8 @@ class _RulesByTrigger(NamedTuple):
 class EffectPlayer:
     """Follows the fingers of one bar and their effects.
 
-    Call `take_touches` with the fingers of each frame, and `advance_effects` when `next_change_ns` has come, in the order of times.
+    Call `take_touches` with the fingers of each frame, and `advance_effects` when `next_change_ns` has come, in the
+    order of times.
     """
 
     def __init__(self, effects: Effects, click_length_ns: int = DEFAULT_CLICK_NS) -> None:

@@ -5,8 +5,8 @@ The journey of one touch:
 1. `Digitizer.decode_report` takes the bytes of the report and gives the touch frame that they complete: every contact
    with its position in the device's logical units. Most devices send a frame in one report, some in several.
 2. `FingerTracker.track` gives the fingers of the frame: where each one is on the bar, in metres, and in which zone.
-3. `EffectPlayer.take_touches` follows the rules: which fingers are to feel and which are to rest, where each of them is, at
-   which level, and whether that is a click. These three are what is `wanted`.
+3. `EffectPlayer.take_touches` follows the rules: which fingers are to feel and which are to rest, where each of them
+   is, at which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
    or a steady drive as a SET: solved from the table's receptances for the fingers' own positions, or looked up among
    the rows of its sweep for their zones, as the rules say. The `Answerer`
@@ -17,7 +17,7 @@ A program changes what is wanted between two reports: `control` takes a new set 
 or at a place, or a finger to keep quiet.
 
 Time alone changes what is wanted, too: an effect ends, a hold begins, or a digitizer falls silent with a finger down
-and the watchdog releases it. `due_ns` says when, and `advance` does it.
+and the watchdog releases it. `due_ns` says when, and `commands_due` does it.
 
 The pipeline is pure: it reads no clock, waits for nothing and touches no port. The same steps at the same times give
 the same commands, so the loop, the simulated rig, the benchmarks and the tests all run this class. The compiled step
@@ -75,7 +75,8 @@ class Pipeline:
     """Decodes, tracks, plays and renders the reports of one digitizer on one bar.
 
     Times are nanoseconds on the source's axis and must not decrease. Before each `step` and `control` the caller takes
-    what time alone brings until then from `advance`. `stamp_ns` reads the clock of the stamps; without it they are 0.
+    what time alone brings until then from `commands_due`. `stamp_ns` reads the clock of the stamps; without it they are
+    0.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class Pipeline:
         self.frame_ns = self.state_ns = 0
         """Stamps of the last report: its frame was complete; what is wanted was known."""
         self.due_ns: float = math.inf
-        """When `advance` has something to do; infinite: time alone changes nothing."""
+        """When `commands_due` has something to do; infinite: time alone changes nothing."""
         self.counters = PlacementCounters()
         self._release_ns: int | None = None  # when the watchdog releases the contacts; None without contacts
         self._stamp_ns = stamp_ns

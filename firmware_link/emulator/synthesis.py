@@ -15,7 +15,7 @@ US_PER_S = 1e6
 
 
 class Synthesis:
-    """The synthesis as it goes on: `take` events in the order of their times, then `displacements`.
+    """The synthesis as it goes on: `take_events` in the order of their times, then `displacements`.
 
     `forget` keeps it short. Raises ValueError for a time that was forgotten.
     """

@@ -125,7 +125,7 @@ class _Channel:
 
 
 class Tones:
-    """The oscillators of all actuators: `take` events in the order of their times, then `evaluate` any time."""
+    """The oscillators of all actuators: `take_event` in the order of their times, then `evaluate` any time."""
 
     def __init__(self, number_of_actuators: int) -> None:
         self._channels = [_Channel() for _ in range(number_of_actuators)]
