@@ -40,10 +40,10 @@ from engine.steady.forms import (
     solve,
 )
 
-_CONVERGED = 1e-7
+_CONVERGED = 1e-7  # relative; 1e-5 loses nothing in the placements that search.py tells of
 _LOUD_STEPS = 8
-_LINE_STEPS = 12
-_LEVEL_STEPS, _LEVEL_FACTOR = 8, 5.0
+_LINE_STEPS = 12  # halvings; 6 lose 0.04 dB at most (search.py)
+_LEVEL_STEPS, _LEVEL_FACTOR = 8, 5.0  # 4 steps lose 13.9 dB in one of them, of three actuators
 _LEAST_WEIGHT = 1e-4
 
 _RESPONSES = types.Array(types.complex128, 2, "C")

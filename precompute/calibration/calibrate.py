@@ -19,7 +19,7 @@ from precompute.measurements.parameters import Bounds, Parameter, default_names,
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-STARTS = 5
+STARTS = 5  # 2 pass the tests too; a doubtful basin gets four times as many (fit.py)
 MOST_READINGS = 10_000
 """A fit of 2000 readings takes 23 s of a processor; repeated readings say no more than their mean and scatter."""
 OUTLIER = 4.0

@@ -39,8 +39,8 @@ _TIE = 3.0  # widths of the bounds
 _SCREENED, _PATIENCE = 64, 4  # places screened; times as many starts while the basin is doubtful
 _NEAR = 1e-6  # of the width of the bounds
 _ROUNDS, _ROUNDS_L1 = 15, 2  # the sum of absolute residuals needs the noise for its tie only
-_SETTLED = 0.02
-_TOLERANCE = 1e-13
+_SETTLED = 0.02  # of the noise: its own error is more; fits of the tests take 3 rounds at most, also with 0.2
+_TOLERANCE = 1e-13  # of the cost; 1e-9 passes the tests of fits too
 _LEAST_PROMISE = 1e-10  # of the cost: the rounding of the linear programs
 _ROUGH = 1e-5  # of the cost: a hundredth of a standard deviation
 

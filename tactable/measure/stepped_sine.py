@@ -43,10 +43,10 @@ T = TypeVar("T")
 
 STEP_OF_LEVEL = 3.0  # 9.5 dB: from 5 % to full scale in three steps of the five attempts
 WINDOW_S = 0.2  # 12 periods of 60 Hz; lines 6 Hz apart are told from the tone (_RESOLVED of tone_fit.py)
-_SETTLED = 0.003
+_SETTLED = 0.003  # of the tone: 0.026 dB, a seventh of what a reading may err (Tolerance.error)
 _REST_HZ = 37.0  # beside every line of the mains
 LATE_S = 0.1  # what a command and its samples take at the most: 20 ms of a sound card, a block, the line
-_ONSET = 0.05
+_ONSET = 0.05  # of the amplitude: a sine passes it within 1 % of a period; a loopback has less noise
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5  # more often, and the board has a fault that arming does not mend
 _LOST = 5  # windows of one reading; more, and a channel has come off

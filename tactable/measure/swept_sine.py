@@ -53,7 +53,7 @@ _BESIDE = 1.5
 """Widths of the gate's spectrum within which a line of the mains is beside a frequency."""
 _PARTS = 50
 """Parts of a record that are looked at for clipping: it clips at a resonance only."""
-_STEADY = 5.0
+_STEADY = 5.0  # standard errors, as _STANDS_OUT of tone_fit.py
 _FEW = 0.05
 """Noise that hides a smaller fraction of the frequencies, where the bar hardly moves, is named and raises no level."""
 _NS_PER_S = 1_000_000_000
