@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 
 POINTS = 22
 """Measured points along the bar, as in the paper."""
-"""Mass of the paper's accelerometer."""
 _FIRST, _LAST = 0.02, 0.98  # fractions of the bar: the middle of a sensor cannot be at the bar's end
 _WRONG = 3.0  # a wrong range of the sensor; four standard deviations (OUTLIER) at 27 % noise
 
