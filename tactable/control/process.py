@@ -41,7 +41,7 @@ class _LoopSlot:
     """The loop's slot: one part of a step at a time, and the word that it was taken."""
 
     def __init__(self, parent: Parent, begin: Callable[[dict[str, Any]], None]) -> None:
-        """`begin_steps` gets what the parent says of the board and of the next run."""
+        """`begin` gets what the parent says of the board and of the next run."""
         self._parent, self._begin = parent, begin
         self.is_open = asyncio.Event()
         self.has_ended = asyncio.Event()
