@@ -239,7 +239,7 @@ def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_hel
     step = slot.poll()
     assert step is not None and player.control(step, 0) is Outcome.DONE
     assert player.level_db is None and not player.fingers[4].is_kept_quiet and player.settings == SceneSettings()
-    slot.tell(Outcome.DONE)
+    slot.tell_outcome(Outcome.DONE)
     assert slot.poll() is None and "no longer heard" in capfd.readouterr().err
     slot.__exit__(None, None, None)
 
