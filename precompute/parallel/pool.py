@@ -12,10 +12,12 @@ import itertools
 import multiprocessing
 import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from types import FrameType
 from typing import Any, TypeVar
 
 import numba
@@ -159,12 +161,24 @@ def _killed() -> WorkerError:
 
 @contextlib.contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Processes started here inherit that SIGINT is blocked, and so never see the Ctrl-C of a terminal."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Processes started here inherit that SIGINT is blocked, and so never see the Ctrl-C of a terminal.
+
+    Python tells the main thread of a Ctrl-C that any other thread has heard. It is told here once the processes are
+    started: one that was not given what it is to do would print a traceback.
+    """
+    before, heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}), list[tuple[int, FrameType | None]]()
+    handler = signal.getsignal(signal.SIGINT)
+    is_told = callable(handler) and threading.current_thread() is threading.main_thread()
+    if is_told:
+        signal.signal(signal.SIGINT, lambda number, frame: heard.append((number, frame)))
     try:
         yield
     finally:
+        if is_told:
+            signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if heard and callable(handler):
+            handler(*heard[0])
 
 
 def _end_with_parent() -> None:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +18,7 @@ import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a proc
 from threadpoolctl import threadpool_info
 
 from base.errors import TactableError
-from precompute.parallel.pool import WorkerError, WorkerPool, solve_in_processes
+from precompute.parallel.pool import WorkerError, WorkerPool, _interrupts_held_back, solve_in_processes
 
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
@@ -48,6 +49,27 @@ def dies() -> Callable[[int], int]:
 
 def none_left() -> bool:
     return not multiprocessing.active_children()
+
+
+def test_ctrl_c_that_another_thread_hears_is_told_once_processes_are_started() -> None:
+    """Python would raise it in the main thread, though that has blocked it: a process would miss what it is to do."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    begins, is_started = threading.Event(), False
+    other = threading.Thread(target=lambda: begins.wait() and signal.raise_signal(signal.SIGINT))
+    other.start()
+    before = signal.set_wakeup_fd(writer)  # written as soon as a thread has heard
+    try:
+        with pytest.raises(KeyboardInterrupt), _interrupts_held_back():
+            begins.set()
+            assert os.read(reader, 1) == bytes([signal.SIGINT])
+            is_started = sum(range(100)) > 0
+    finally:
+        signal.set_wakeup_fd(before)
+        other.join()
+        os.close(reader)
+        os.close(writer)
+    assert is_started
 
 
 def test_without_workers_the_caller_solves_all_in_the_order_of_the_jobs() -> None:
