@@ -56,7 +56,12 @@ def test_ctrl_c_that_another_thread_hears_is_told_once_processes_are_started() -
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     begins, is_started = threading.Event(), False
-    other = threading.Thread(target=lambda: begins.wait() and signal.raise_signal(signal.SIGINT))
+
+    def strike() -> None:
+        begins.wait()
+        signal.raise_signal(signal.SIGINT)
+
+    other = threading.Thread(target=strike)
     other.start()
     before = signal.set_wakeup_fd(writer)  # written as soon as a thread has heard
     try:
