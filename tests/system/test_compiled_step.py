@@ -10,7 +10,7 @@ from engine.loop.fast.layout import c_header
 from engine.loop.fast.library import SOURCE
 from tests.firmware_link.firmware.compiled_core import need, under_sanitizers
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.machine(stall_s=None)
 
 ROOT = Path(__file__).parents[2]
 FAST = "tests/engine/loop/fast"

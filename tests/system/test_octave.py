@@ -12,7 +12,7 @@ from tests.documents import ROOT, Page, read_blocks
 from tests.small_device import small_text
 
 pytestmark = [
-    pytest.mark.machine,
+    pytest.mark.machine(stall_s=None),
     pytest.mark.skipif(
         shutil.which("octave-cli") is None, reason="there is no octave-cli: run tests/system/prepare.sh on Debian"
     ),

@@ -60,7 +60,7 @@ def loaded_by(statement: str) -> set[str]:
     )
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_importing_loads_what_is_used_and_no_more() -> None:
     assert loaded_by("import tactable").isdisjoint({"engine", "numpy", "precompute", "numba"})
     assert loaded_by("from tactable import Device, Table").isdisjoint({"precompute", "numba", "matplotlib"})

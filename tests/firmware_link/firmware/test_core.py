@@ -50,7 +50,7 @@ def test_the_c_core_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
     law(WatchedTier())
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_the_c_core_does_nothing_undefined_in_its_tests(sanitized: Path) -> None:
     tests = [str(path) for path in sorted(Path(__file__).parent.glob("test_*.py"))]
     # A board of two actuators has no room for the frames of more.
@@ -63,7 +63,7 @@ def test_the_c_core_does_nothing_undefined_in_its_tests(sanitized: Path) -> None
     assert " passed" in done.stdout
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 @pytest.mark.parametrize(
     "frames",
     [

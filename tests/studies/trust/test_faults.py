@@ -21,7 +21,7 @@ BAD_WRITERS = {
 }
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_writer_that_cannot_write_says_so_in_one_line_and_leaves_nothing_and_a_bad_one_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,7 +34,7 @@ def _fail(rng: random.Random, _folder: Path) -> None:
             pass
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_wrong_errors_crashes_and_hangs_are_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     # A NetCDF file is read in a process of its own, which takes half a second to start.
     outcomes, faults = fuzz("netcdf", seed=1, first=2, count=3)

@@ -78,7 +78,7 @@ def test_what_was_found_equivalent_is_still_there() -> None:
     assert equivalents().keys() <= names
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_fault_is_killed_and_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
     need("git")
     path = "engine/touch/placement.py"

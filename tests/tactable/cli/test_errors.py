@@ -106,7 +106,7 @@ def workers_of(process: "subprocess.Popen[str]") -> list[int]:
     return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no_process(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
     command, pipe = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--workers", "3"], subprocess.PIPE

@@ -30,7 +30,7 @@ for words in json.loads(sys.argv[1]):
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_help_and_list_load_neither_arrays_nor_compiler_nor_solver_nor_plot() -> None:
     """In one fresh interpreter: the help of all commands, the first, needs not even the engine."""
     command = [sys.executable, "-c", IMPORTED, json.dumps(LIGHT)]

@@ -37,7 +37,7 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
     assert declared == {*CLICKS, *STEADY, *SWEEP, *BUILDS}
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_what_plays_first_imports_nothing_slow_and_plays_without_a_compiler(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", PLAYED], capture_output=True, text=True, check=True, cwd=tmp_path)
     imported, after_a_drive = (set(line.split()) for line in done.stdout.splitlines())

@@ -12,7 +12,7 @@ ALLOWED = sorted(os.sched_getaffinity(0))
 NONE_SUCH = max(ALLOWED) + 1000
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 @pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="there is no C compiler")
 def test_an_exchange_takes_longer_than_a_cached_read_and_ends_where_a_processor_is_missing(tmp_path: Path) -> None:
     program = build_program("exchange", tmp_path)
