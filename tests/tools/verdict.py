@@ -7,9 +7,10 @@ a process that the test started was stopped, or waited for a processor, longer t
 what a document or a command prints, is marked `@pytest.mark.machine(stall_s=None)`: no stall excuses its failure.
 
 A test that fails without evidence is broken: the fault was seen on a machine that ran. One that fails with evidence
-runs again, with fresh fixtures, up to three times. Where none of the three was quiet, its law is *not shown*: that
-does not fail the check, and is listed at its end. A law that is not shown in three checks in a row is a fault of the
-test, and fails: the counts are in `~/.local/state/tactable/not_shown.json` (`XDG_STATE_HOME`).
+runs again, with fresh fixtures, up to three times. Where none of the three was quiet, its law is *not shown*: that does
+not fail the check, and is listed at its end with how it failed last and what stood still. A law that is not shown in
+three checks in a row is a fault of the test, and fails: the counts are in `~/.local/state/tactable/not_shown.json`
+(`XDG_STATE_HOME`).
 """
 
 import contextlib
@@ -66,7 +67,7 @@ def _judged(item: pytest.Item, nextitem: pytest.Item | None, limit_s: float | No
         if not any(report.failed for report in reports) or not evidence:
             count_not_shown(item.nodeid, is_not_shown=False)
             return reports
-        told.append(str(evidence))
+        told.append(f"{_failure_of(reports)}; {evidence}")
     if count_not_shown(item.nodeid, is_not_shown=True) >= CHECKS_IN_A_ROW:
         text = f"not shown in {CHECKS_IN_A_ROW} checks in a row, which is a fault of the test: {told[-1]}"
         reports[-1].sections.append(("Verdict", text))
@@ -75,6 +76,12 @@ def _judged(item: pytest.Item, nextitem: pytest.Item | None, limit_s: float | No
     report.outcome, report.longrepr = "passed", None
     report.not_shown = told[-1]  # type: ignore[attr-defined]
     return [report]
+
+
+def _failure_of(reports: list[pytest.TestReport]) -> str:
+    """Where and how an attempt failed, in a line."""
+    crash = next((getattr(report.longrepr, "reprcrash", None) for report in reports if report.failed), None)
+    return "failed" if crash is None else f"{Path(crash.path).name}:{crash.lineno}: {crash.message.splitlines()[0]}"
 
 
 def count_not_shown(test: str, *, is_not_shown: bool) -> int:
