@@ -77,3 +77,4 @@ def test_a_basis_in_transfer_never_lies_on_the_one_that_is_held(steps: list[tupl
         for message in rest:
             assert transfer(store, message) == [Result.OK]
         assert store.held_hash == basis.hash
+        assert 0 <= store._held_at <= 3 * len(small) - len(data)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
-from tactable.control.requests import read_request
+from tactable.control.requests import MOST_BYTES, read_request
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.test_requests import MESSAGE
 from tests.tactable.control.virtual import FINGERS, VirtualSlot, run_virtual, server_of, settle
@@ -50,6 +50,14 @@ def test_what_is_written_is_read(values: list[Value]) -> None:
     assert len(data) % 4 == 0 and decode_osc(data) == [("/a/b", values)]
     bundle = b"#bundle\0" + bytes(8) + 2 * (len(data).to_bytes(4, "big") + data)
     assert decode_osc(bundle) == 2 * [("/a/b", values)]
+
+
+def test_the_longest_datagram_is_read_and_one_that_is_longer_is_refused() -> None:
+    head = len(encode_osc("/a", [b""]))
+    longest = encode_osc("/a", [bytes(MOST_BYTES - head)])
+    assert len(longest) == MOST_BYTES and decode_osc(longest) == [("/a", [bytes(MOST_BYTES - head)])]
+    with pytest.raises(OscError, match=f"at most {MOST_BYTES}"):
+        decode_osc(encode_osc("/a", [bytes(MOST_BYTES - head + 4)]))
 
 
 def test_other_bytes_are_read_or_refused_in_words() -> None:
