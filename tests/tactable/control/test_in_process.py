@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import random
 import re
 import socket
@@ -211,7 +212,7 @@ def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_path: 
 
 
 def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_held(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = socket.socketpair()
     child = ChildHere(ours)
@@ -241,7 +242,11 @@ def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_hel
     assert player.level_db is None and not player.fingers[4].is_kept_quiet and player.settings == SceneSettings()
     slot.tell_outcome(Outcome.DONE)
     assert slot.poll() is None and "no longer heard" in capfd.readouterr().err
+    waits = list[bool]()
+    monkeypatch.setattr(child, "end", lambda: waits.append(os.get_blocking(ours.fileno())))
     slot.__exit__(None, None, None)
+    assert waits == [True], "the end of the process is waited for"
+    ours.close()
 
 
 @pytest.mark.parametrize("said", [b"\x02" + bytes(7) + b"{}", b"Traceback", (8193).to_bytes(8, "little")])

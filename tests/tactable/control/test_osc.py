@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
-from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
+from tactable.control.osc_codec import _DEEPEST, OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import MOST_BYTES, read_request
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.test_requests import MESSAGE
@@ -105,10 +105,11 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
     with pytest.raises(OscError, match="16388 bytes; expected at most 16384"):
         decode_osc(encode_osc("/x", ["y" * 16_377]))
     nested = message
-    for _ in range(9):
+    for _ in range(_DEEPEST):
         nested = b"#bundle\0" + bytes(8) + len(nested).to_bytes(4, "big") + nested
+    assert len(decode_osc(nested)) == 1
     with pytest.raises(OscError, match="deep"):
-        decode_osc(nested)
+        decode_osc(b"#bundle\0" + bytes(8) + len(nested).to_bytes(4, "big") + nested)
 
 
 @pytest.mark.parametrize("name", _MESSAGES)
