@@ -78,7 +78,7 @@ def _read(path: str) -> bytes:
 
 
 def _checked(locator: type[Any]) -> type[Any]:
-    """A locator of numba, one of its places for kept code, that nobody else can write, and that compares contents.
+    """A locator of numba that keeps machine code only where nobody else can write, and compares sources by contents.
 
     Kept code is pickled: whoever wrote it runs as its reader. Beside the sources it is trusted as these are.
     """

@@ -22,7 +22,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What holds for the whole bar and for everything that is played on it, whoever asked for it and when."""
+    """Settings of the whole bar. They apply to everything that is played on it, by rules or by programs."""
 
     is_enabled: bool = True
     """False: nothing is felt."""

@@ -9,7 +9,7 @@ from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder
 
 BIT_RATE_HZ = 8_000_000
-"""What a socket carries; so many bits take less time than a block."""
+"""Bit rate that is told to the link: at this rate the longest frame takes less time than a block of the card."""
 _CHILD = "tactable.audio.output_process"
 
 

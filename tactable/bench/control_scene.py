@@ -19,7 +19,7 @@ _FINGERS = (Touch(1, 0.02, 0), Touch(2, 0.1, 1))
 
 
 class _Loop:
-    """A scene of so many regions, and the loop's side of it under two fingers."""
+    """A scene with a given number of regions, and the part of it that the loop holds while two fingers touch."""
 
     def __init__(self, effects: list[Effect], regions: int) -> None:
         self._scene, self._effects = Scene({}), effects
