@@ -14,7 +14,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 _ROOTS = ("precompute", "engine", "firmware_link", "base")
 _START = "precompute.builder.build"
@@ -27,18 +27,28 @@ _WITHOUT_NUMBERS = (
 )
 
 
+class _Module(NamedTuple):
+    """What is kept of a source. Syntax trees are not: the garbage collector would walk those of a hundred modules."""
+
+    digest: str
+    imports: list[tuple[str, str | None, str | None]]
+    """Modules, what is taken from them (None: the module itself), and the other name that it gets."""
+
+
 @cache
 def code_fingerprint() -> str:
     """SHA-256 (hex) over the sources of `numeric_modules`."""
-    return fingerprint_of({name: path.read_text(encoding="utf-8") for name, path in numeric_modules().items()})
+    return _joined({name: _read(path).digest for name, path in numeric_modules().items()})
 
 
 def fingerprint_of(sources: Mapping[str, str]) -> str:
     """SHA-256 (hex) over Python sources by module name, without comments, docstrings and layout."""
-    digest = hashlib.sha256()
-    for name, source in sorted(sources.items()):
-        digest.update(f"{name}\0{_nested(_Bare().visit(ast.parse(source)))!r}\0".encode())
-    return digest.hexdigest()
+    return _joined({name: _parse(source).digest for name, source in sources.items()})
+
+
+def _joined(digests: Mapping[str, str]) -> str:
+    lines = (f"{name} {digest}\n" for name, digest in sorted(digests.items()))
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def numeric_modules() -> dict[str, Path]:
@@ -50,31 +60,20 @@ def numeric_modules() -> dict[str, Path]:
         if path is None or name in found or name.startswith(_WITHOUT_NUMBERS):
             continue
         found[name] = path
-        waiting += _imported(ast.parse(path.read_text(encoding="utf-8")))
+        waiting += (_home(module, taken) for module, taken, _ in _read(path).imports)
     return found
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
-    """Names of this project's modules that a module takes something from."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (each.name for each in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            yield from (_home(node.module, each.name) for each in node.names)
-
-
-def _home(module: str, name: str) -> str:
+def _home(module: str, name: str | None) -> str:
     """The module that `from module import name` leads to: through the `__init__` of a package to where the name is."""
     path = _path_of(module)
-    if path is None or path.name != "__init__.py":
+    if name is None or path is None or path.name != "__init__.py":
         return module
     if _path_of(f"{module}.{name}") is not None:
         return f"{module}.{name}"
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ImportFrom) and node.module is not None:
-            for each in node.names:
-                if name == (each.asname or each.name):
-                    return _home(node.module, each.name)
+    for origin, taken, other_name in _read(path).imports:
+        if taken is not None and name == (other_name or taken):
+            return _home(origin, taken)
     return module
 
 
@@ -87,23 +86,39 @@ def _path_of(module: str) -> Path | None:
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
+@cache
+def _read(path: Path) -> _Module:
+    return _parse(path.read_text(encoding="utf-8"))
+
+
+def _parse(source: str) -> _Module:
+    tree = ast.parse(source)
+    return _Module(hashlib.sha256(repr(_nested(tree)).encode()).hexdigest(), list(_imported(tree)))
+
+
+def _imported(tree: ast.Module) -> Iterator[tuple[str, str | None, str | None]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((each.name, None, each.asname) for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield from ((node.module, each.name, each.asname) for each in node.names)
+
+
 def _nested(part: Any) -> Any:
-    """A syntax tree as lists: the kind of each node, then its fields that are not empty."""
+    """A syntax tree as lists, without docstrings: the kind of each node, then its fields that are not empty."""
     if isinstance(part, list):
-        return [_nested(each) for each in part]
+        return [_nested(each) for each in part if not _is_text(each)]
     if not isinstance(part, ast.AST):
         return part
-    fields = [(name, _nested(value)) for name, value in ast.iter_fields(part) if value is not None and value != []]
-    return [type(part).__name__, *fields]
+    if isinstance(part, ast.JoinedStr):  # Python 3.12 ends a nested format with ""
+        part.values = [each for each in part.values if not (isinstance(each, ast.Constant) and each.value == "")]
+    fields = ((name, getattr(part, name)) for name in part._fields)
+    return [
+        type(part).__name__,
+        *((name, _nested(value)) for name, value in fields if value is not None and value != []),
+    ]
 
 
-class _Bare(ast.NodeTransformer):
-    """Removes every statement that is only a string, and so all docstrings; and the empty parts of f-strings."""
-
-    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:  # the name that ast calls
-        is_text = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return None if is_text else node
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:  # Python 3.12 ends a nested format with ""
-        node.values = [each for each in node.values if not (isinstance(each, ast.Constant) and each.value == "")]
-        return self.generic_visit(node)
+def _is_text(node: Any) -> bool:
+    """Whether a node is a statement that is only a string, as docstrings are."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
