@@ -12,10 +12,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from scipy.stats import qmc
+import numpy as np
 
 from engine.device.toml_table import TomlTable, read_text
 from precompute.fleet.units import FleetError, Unit, checked_units
+from precompute.sampling.plants import latin_hypercube
 
 _MEASURED = (".csv", ".nc", ".nc4", ".uff", ".unv", ".uf")
 _COLUMNS = ("name", "device", "measurements")
@@ -142,7 +143,7 @@ def _grid(listed: Mapping[str, Sequence[str]], part: ManifestSection) -> list[di
 def _sample(listed: Mapping[str, Sequence[str]], count: int, seed: int, part: ManifestSection) -> list[dict[str, str]]:
     """A seeded Latin hypercube between the two values of each key."""
     ends = {key: _ends(key, values, part) for key, values in listed.items()}
-    points = qmc.LatinHypercube(len(ends), seed=seed).random(count)
+    points = latin_hypercube(count, len(ends), np.random.default_rng(seed))
     return [
         {
             key: f"{low + at * (high - low):.{_DIGITS}g}{unit}"

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from engine.device import Device, FittedValue, Spread, Uncertainty
-from precompute.sampling.plants import Scenarios, sample_scenarios
+from precompute.sampling.plants import Scenarios, latin_hypercube, sample_scenarios
 from tests.precompute.devices import every_device, mirrored, on_each, shipped
 
 Array = NDArray[np.float64]
@@ -108,3 +109,10 @@ def test_a_stiffness_that_all_actuators_share_is_fitted_for_each() -> None:
     fitted = (FittedValue("actuator.mass", 1e-3, 1.0, 0.0),)
     scenarios = sample_scenarios(replace(base, uncertainty=Uncertainty(fitted, ((0.0,),))), 6, seed=3)
     assert (scenarios.mass == 1).all() and (scenarios.bar_mass[1:] != 1).all() and (scenarios.stiffness[1:] != 1).all()
+
+
+@pytest.mark.parametrize("count", [1, 20, 150])
+def test_the_latin_hypercube_is_that_of_scipy_to_the_bit(count: int) -> None:
+    """So that the plants of a seed, and what was published of them, stay the same."""
+    mine = latin_hypercube(count, 6, np.random.default_rng(3))
+    assert (mine == qmc.LatinHypercube(6, seed=3).random(count)).all()
