@@ -57,7 +57,8 @@ class BestRow:
     amplitudes: tuple[float, ...]
     phases_rad: tuple[float, ...]
     level_db: float
-    """Level of the peak acceleration in the weakest wanted zone (`row_threshold`)."""
+    """Level of the peak acceleration in the weakest wanted zone; of two frequencies over the root of the sum of both
+    squared thresholds (`precompute.sweep.tabulate`)."""
     achieved: bool
     localized_factor: float
     """Share of the wanted zones together."""
@@ -82,18 +83,6 @@ class BestRow:
         """The one frequency of the drive; None where it has two."""
         different = {self.frequencies_hz[actuator] for actuator in self.sounding}
         return different.pop() if len(different) == 1 else None
-
-
-def row_threshold(device: Device, row: BestRow) -> float:
-    """The peak acceleration that counts as the threshold of a row, m/s^2.
-
-    For one frequency it is that of the device's curve. For two it is the root of the sum of both squares. The sum of
-    two magnitudes m1 + m2 is then at most as many times that as the tones have together by the rule of all levels,
-    which adds them in power: (m1 + m2)^2 <= (t1^2 + t2^2) (m1^2 / t1^2 + m2^2 / t2^2). So a level of a peak, of which
-    the table does not hold the parts, promises no more than is felt.
-    """
-    hz = np.array(sorted({row.frequencies_hz[actuator] for actuator in row.sounding}))
-    return float(np.hypot.reduce(device.threshold.peak_m_per_s2(hz)))
 
 
 class BestRows(Mapping[int, Sequence[BestRow]]):

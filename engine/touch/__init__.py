@@ -2,7 +2,7 @@
 
 from engine.touch.descriptor import DescriptorError
 from engine.touch.digitizer import Contact, Digitizer, DigitizerError, TouchFrame, open_digitizer
-from engine.touch.finger_tracker import FingerTracker, Touch, TouchPosition, ZoneState, state_index
+from engine.touch.finger_tracker import FingerTracker, Touch, TouchPosition, ZoneState
 from engine.touch.placement import Placement, PlacementError
 
 __all__ = [
@@ -18,5 +18,4 @@ __all__ = [
     "TouchPosition",
     "ZoneState",
     "open_digitizer",
-    "state_index",
 ]

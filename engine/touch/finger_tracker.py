@@ -12,7 +12,6 @@ finger that comes down again starts without hysteresis. Hovering contacts are no
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -37,11 +36,6 @@ class ZoneState(IntEnum):
     """A finger that must not feel anything."""
     FELT = 2
     """A finger that feels."""
-
-
-def state_index(states: Sequence[ZoneState]) -> int:
-    """The states of all zones as one number: the sum of state times 3**zone, 0 when all are free."""
-    return sum(int(state) * 3**zone for zone, state in enumerate(states))
 
 
 class Touch(NamedTuple):

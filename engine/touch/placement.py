@@ -7,7 +7,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from base.errors import TactableError
-from engine.touch.finger_tracker import ZoneEdges, ZoneState, state_index
+from engine.touch.finger_tracker import ZoneEdges, ZoneState
 
 if TYPE_CHECKING:
     from engine.device import Device
@@ -82,10 +82,6 @@ class Placement:
             if zone is not None:
                 states[zone] = max(states[zone], ZoneState.FELT if is_felt else ZoneState.QUIET)
         return tuple(states)
-
-    def state_on(self, device: "Device") -> int:
-        """The states of all zones as one number (engine.touch.state_index)."""
-        return state_index(self.zone_states(device))
 
     @property
     def felt(self) -> list[int]:

@@ -43,15 +43,6 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def solve_in_processes(begin: Begin[Job, Result], chunks: Sequence[Sequence[Job]], workers: int) -> Iterator[Result]:
-    """The results of all jobs, in any order, by at most `workers` new processes; see `WorkerPool.solve`.
-
-    When the iterator is closed, or left by an exception such as Ctrl-C, the processes have ended.
-    """
-    with WorkerPool(min(workers, len(chunks))) as pool:
-        yield from pool.solve(begin, chunks)
-
-
 class WorkerPool:
     """`count` processes, which `prepare` starts before there is work: their imports take a second.
 

@@ -206,7 +206,10 @@ def _pair_rows(grid: GridResponse, p: int, ratios: AmplitudeRatios, start: int, 
     beats = abs(hz[rows, None] - hz) < BEAT_HZ
     factor[np.broadcast_to(beats[:, None], factor.shape)] = np.nan
     threshold = device.threshold.peak_m_per_s2(hz)
-    both = np.hypot(threshold[rows, None, None], threshold)  # engine.table.best_rows.row_threshold
+    # The table does not hold the parts m1 and m2 of a peak m1 + m2, whose levels add in power. Over the root of the sum
+    # of both squared thresholds it promises no more than is felt, by the inequality of Cauchy and Schwarz:
+    # (m1 + m2)^2 <= (t1^2 + t2^2) (m1^2 / t1^2 + m2^2 / t2^2).
+    both = np.hypot(threshold[rows, None, None], threshold)
 
     def drive_at(at: tuple[int, ...]) -> Drive:
         row, ratio, other = start + at[0], at[1], at[2]

@@ -12,7 +12,7 @@ from tactable.audio.names import AudioError
 
 @dataclass(frozen=True)
 class Interface:
-    """A card as PortAudio shows it: number, name, channels, preferred rate and least latencies as its driver says."""
+    """A card as PortAudio shows it: number, name, channels, preferred rate, and its driver's least latency."""
 
     index: int
     name: str
@@ -20,7 +20,6 @@ class Interface:
     inputs: int
     rate_hz: float
     output_latency_s: float
-    input_latency_s: float
 
 
 def load_portaudio() -> ModuleType:
@@ -47,7 +46,6 @@ def find_interfaces(module: ModuleType | None = None) -> tuple[Interface, ...]:
             device["max_input_channels"],
             device["default_samplerate"],
             device["default_low_output_latency"],
-            device["default_low_input_latency"],
         )
         for index, device in enumerate(found)
     )

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from tactable.figures.played_drive import PlayedDrive
 
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
-_MS_PER_S = 1000
 
 
 def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from base.plain import to_plain
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
-from engine.touch import ZoneState
 from tactable.explain.words import level_text as level_text
 from tactable.explain.words import zone_lists as zone_lists
 from tactable.explain.words import zone_names as zone_names
@@ -22,7 +21,6 @@ if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw
 
 # Okabe and Ito's colours, told apart by the colour-blind.
 BLUE, VERMILLION, GREEN, GREY, BLACK = "#0072B2", "#D55E00", "#009E73", "#999999", "#000000"
-STATE_COLOUR = {ZoneState.FREE: GREY, ZoneState.QUIET: VERMILLION, ZoneState.FELT: GREEN}
 ROLE_COLOUR = {True: GREEN, False: VERMILLION}
 """Colours by whether a finger is to feel."""
 ORANGE, PURPLE = "#E69F00", "#CC79A7"

@@ -73,9 +73,7 @@ def even_walk(device: Device, places: int, frequencies_hz: Sequence[float] | Non
 
     By default FREQUENCIES even ones, moved away from the lines of the mains.
     """
-    chosen_hz = frequencies_hz
-    if chosen_hz is None:
-        chosen_hz = default_frequencies(device)
+    chosen_hz = default_frequencies(device) if frequencies_hz is None else frequencies_hz
     tones = tuple(
         (index, hz)
         for index, actuator in enumerate(device.actuators)

@@ -21,7 +21,6 @@ Anything else is refused by a `PageMessageError`, whose `code` closes the WebSoc
 import json
 import math
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -319,27 +318,6 @@ def decode_message(data: bytes) -> Asked:
     if kind == Kind.DEVICE:
         return _decode_device(body)
     raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: not a message of a browser")
-
-
-def encode_touches(events: Sequence[PointerEvent]) -> bytes:
-    """Encode a TOUCHES as the page's script does."""
-    parts = (_TOUCH.pack(event.pointer_id, _PHASES.index(event.phase), event.x, event.y) for event in events)
-    return _HEAD.pack(VERSION, Kind.TOUCHES) + b"".join(parts)
-
-
-def encode_choice(switches: dict[str, Any]) -> bytes:
-    """Encode a CHOICE as the page's script does."""
-    return _HEAD.pack(VERSION, Kind.CHOICE) + json.dumps(switches).encode()
-
-
-def encode_device(name: str, text: str) -> bytes:
-    """Encode a DEVICE as the page's script does."""
-    return _HEAD.pack(VERSION, Kind.DEVICE) + json.dumps({"name": name, "text": text}).encode()
-
-
-def encode_listen(finger: int) -> bytes:
-    """Encode a LISTEN as the page's script does."""
-    return _HEAD.pack(VERSION, Kind.LISTEN) + _FINGER_NUMBER.pack(finger)
 
 
 def _decode_touches(body: bytes) -> tuple[PointerEvent, ...]:

@@ -22,3 +22,8 @@ def felt_states(device: Device) -> list[tuple[ZoneState, ...]]:
     """Every state with a felt zone."""
     states = product(ZoneState, repeat=len(device.zones))
     return [state for state in states if ZoneState.FELT in state]
+
+
+def state_index(states: Sequence[ZoneState]) -> int:
+    """The states of all zones as one number: the sum of state times 3**zone, 0 when all are free."""
+    return sum(int(state) * 3**zone for zone, state in enumerate(states))

@@ -28,7 +28,7 @@ from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB, state_index
 from tests.engine.render.made_steady import made_renderer
 
 DEVICE = Device.read(Path(__file__).parents[2] / "tables" / "devices" / "reference-a.toml")
@@ -77,8 +77,8 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
 
 
 def state_of(change: CommandRecord) -> int:
-    """State of the zones, as `engine.touch.state_index` numbers it; 0: no finger feels."""
-    return 0 if change.placement is None else change.placement.state_on(DEVICE)
+    """State of the zones, as `state_index` numbers it; 0: no finger feels."""
+    return 0 if change.placement is None else state_index(change.placement.zone_states(DEVICE))
 
 
 def driven_hz(log: EmulatorLog) -> list[float]:

@@ -19,7 +19,8 @@ import websockets
 from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
-from tactable.page.messages import Drive, Kind, encode_touches
+from tactable.page.messages import Drive, Kind
+from tests.tactable.page.browser import encode_touches
 
 _COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
 _DRIVE_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4

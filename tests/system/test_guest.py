@@ -14,13 +14,12 @@ from typing import TypeVar
 import pytest
 
 from engine.loop import CommandRecord
-from engine.touch import state_index
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
 from firmware_link.emulator import Cause, DriveEvent, Outcome
 from firmware_link.emulator.process import run_emulator
 from firmware_link.host.serial_port import SerialPort
-from tests.engine.made_states import states_of
+from tests.engine.made_states import state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.system.chain import BIT_RATE_HZ, DEVICE, ChainRun, driven_hz, is_silent, run_chain
 from tests.system.guest import DEMO, HELD, SWEPT, TAP

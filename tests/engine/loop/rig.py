@@ -36,14 +36,13 @@ from engine.render.clicks import RenderedClicks
 from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
-from engine.touch import state_index
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
 from firmware_link.emulator import DriveEvent
 from firmware_link.host.reopening import ReopeningPort
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
-from tests.engine.made_states import LEVEL_DB, states_of
+from tests.engine.made_states import LEVEL_DB, state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 from tests.precompute.devices import shipped
@@ -63,7 +62,7 @@ HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),
 
 
 def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
-    """State of the zones (engine.touch.state_index) with fingers that feel, or are quiet, in their middles."""
+    """State of the zones (`state_index`) with fingers that feel, or are quiet, in their middles."""
     return state_index(states_of(DEVICE, zones, quiet))
 
 
@@ -163,7 +162,7 @@ class Rig:
     def states(self) -> list[int]:
         """State of the zones at each change of what is wanted, as `index_of` numbers it; 0: no finger feels."""
         placements = (change.placement for change in self.trace)
-        return [0 if placement is None else placement.state_on(self.device) for placement in placements]
+        return [0 if placement is None else state_index(placement.zone_states(self.device)) for placement in placements]
 
     def played(self) -> list[float]:
         """Frequency of the first actuator at each change of the drive, 0 for silence."""

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
-from engine.touch import Contact, FingerTracker, Touch, TouchFrame, TouchPosition, ZoneState, state_index
+from engine.touch import Contact, FingerTracker, Touch, TouchFrame, TouchPosition
 from engine.touch.descriptor import read_surfaces
 from engine.touch.finger_tracker import ZoneEdges
 from tests.engine.touch.descriptors import application, finger
@@ -161,13 +161,6 @@ def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: 
     places_m = [position.position_m(contact) for contact in contacts]
     touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
     assert tracker.track(frame_of(*contacts)) == touches
-
-
-@given(st.lists(st.sampled_from(ZoneState), min_size=1, max_size=6), st.data())
-def test_every_state_has_an_index_of_its_own(states: list[ZoneState], data: st.DataObject) -> None:
-    other = data.draw(st.lists(st.sampled_from(ZoneState), min_size=len(states), max_size=len(states)))
-    assert (state_index(states) == state_index(other)) == (states == other)
-    assert state_index(states) == int("".join(str(int(state)) for state in reversed(states)), 3)
 
 
 def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:

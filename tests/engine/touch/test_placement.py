@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from engine.touch import Placement, PlacementError, ZoneState
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
+from tests.engine.made_states import state_index
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
@@ -72,7 +73,7 @@ def test_a_zone_is_felt_if_one_of_its_fingers_feels() -> None:
     free = (ZoneState.FREE,) * 4
     assert Placement.on(DEVICE, inside_m[:1], inside_m[1:]).zone_states(DEVICE) == (ZoneState.FELT, *free)
     assert Placement.on(DEVICE, [], inside_m).zone_states(DEVICE) == (ZoneState.QUIET, *free)
-    assert Placement.on(DEVICE, inside_m).state_on(DEVICE) == 2
+    assert state_index(Placement.on(DEVICE, inside_m).zone_states(DEVICE)) == 2
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.booleans()), min_size=1, max_size=12))

@@ -18,7 +18,8 @@ import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a proc
 from threadpoolctl import threadpool_info
 
 from base.errors import TactableError
-from precompute.parallel.pool import WorkerError, WorkerPool, _interrupts_held_back, solve_in_processes
+from precompute.parallel.pool import WorkerError, WorkerPool, _interrupts_held_back
+from tests.precompute.parallel.solving import solve_in_processes
 
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
@@ -129,7 +130,7 @@ def test_a_process_that_ends_is_told_and_none_is_left_behind() -> None:
 
 SCRIPT = """
 import time
-from precompute.parallel.pool import solve_in_processes
+from precompute.parallel.pool import WorkerPool
 
 def begin():
     return solve
@@ -139,8 +140,9 @@ def solve(job):
     return job
 
 if __name__ == "__main__":
-    for result in solve_in_processes(begin, [[0], [1], [1]], 2):
-        print("solved", result, flush=True)
+    with WorkerPool(2) as pool:
+        for result in pool.solve(begin, [[0], [1], [1]]):
+            print("solved", result, flush=True)
 """
 
 
@@ -162,7 +164,7 @@ def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) ->
 KERNEL = """
 import ctypes, os, sys
 from pathlib import Path
-from precompute.parallel.pool import solve_in_processes
+from precompute.parallel.pool import WorkerPool
 def begin():
     def solve(job):
         Path(sys.argv[1]).touch()
@@ -170,7 +172,8 @@ def begin():
         Path(sys.argv[1]).unlink()
     return solve
 if __name__ == "__main__":
-    list(solve_in_processes(begin, [[1]], 1))
+    with WorkerPool(1) as pool:
+        list(pool.solve(begin, [[1]]))
 """
 
 

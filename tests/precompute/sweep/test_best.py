@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table.best_rows import BestRow, BestRows, combination_of, row_threshold
+from engine.table.best_rows import BestRow, BestRows, combination_of
 from engine.table.file import TableWriter
 from precompute.model.assembly import assemble
 from precompute.sweep.best import STEP, BestRowSearch
@@ -98,6 +98,12 @@ def every_row(device: Device, tables: Tables) -> tuple[NDArray[np.float64], NDAr
     factor, level = (np.concatenate(each) for each in zip(coherent, pairs, strict=True))
     is_moving = np.isfinite(factor[:, 0]) & np.isfinite(level[:, 0])
     return factor[is_moving], level[is_moving]
+
+
+def row_threshold(device: Device, row: BestRow) -> float:
+    """The peak acceleration that counts as the threshold of a row, m/s^2."""
+    hz = np.array(sorted({row.frequencies_hz[actuator] for actuator in row.sounding}))
+    return float(np.hypot.reduce(device.threshold.peak_m_per_s2(hz)))
 
 
 def rows_of(found: BestRows) -> Iterator[BestRow]:

@@ -22,9 +22,9 @@ import numpy as np
 
 from engine.device import Device, Zone
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
-from precompute.parallel.pool import solve_in_processes
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
+from tests.precompute.parallel.solving import solve_in_processes
 from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
 
 CLICK_CASES = (

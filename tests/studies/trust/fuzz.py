@@ -36,13 +36,14 @@ from engine.touch.sources.pointer import Phase, PointerEvent
 from precompute.measurements.file import read_measurements
 from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
-from tactable.page.messages import PageMessageError, decode_message, encode_choice, encode_listen, encode_touches
+from tactable.page.messages import PageMessageError, decode_message
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
 from tests.precompute.measurements.test_netcdf import READ, dataset
 from tests.precompute.measurements.test_uff import nodes, response
+from tests.tactable.page.browser import encode_choice, encode_listen, encode_touches
 
 PATIENCE_S = 10
 BATCH = 50

@@ -78,7 +78,7 @@ def test_a_card_without_its_declarations_is_refused_before_anything_starts() -> 
 
 
 def interface(index: int, name: str) -> Interface:
-    return Interface(index, name, 2, 2, 48_000.0, 0.01, 0.01)
+    return Interface(index, name, 2, 2, 48_000.0, 0.01)
 
 
 class FakePortAudio:
@@ -86,7 +86,7 @@ class FakePortAudio:
 
     @staticmethod
     def query_devices() -> list[dict[str, object]]:
-        low = {"default_low_output_latency": 0.0087, "default_low_input_latency": 0.0087}
+        low = {"default_low_output_latency": 0.0087}
         ends = {"max_output_channels": 4, "max_input_channels": 2}
         return [{"name": "USB: (hw:1,0)", "default_samplerate": 44_100.0, **ends, **low}]
 

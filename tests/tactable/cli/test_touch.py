@@ -95,7 +95,7 @@ def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
 
 
 def test_sound_cards_are_listed_with_the_text_that_chooses_them(bench: Bench) -> None:
-    bench.cards = (Interface(3, "USB: (hw:1,0)", 2, 4, 44_100.0, 0.0087, 0.0087),)
+    bench.cards = (Interface(3, "USB: (hw:1,0)", 2, 4, 44_100.0, 0.0087),)
     card, simulated = bench.json("list")["sound_cards"]
     assert (card["choose_by"], card["outputs"], card["inputs"]) == ("audio:USB: (hw:1,0)", 2, 4)
     assert (simulated["choose_by"], simulated["simulated"]) == ("audio:simulated", True)
@@ -104,7 +104,7 @@ def test_sound_cards_are_listed_with_the_text_that_chooses_them(bench: Bench) ->
 
 
 def test_the_doctor_looks_at_sound_cards_and_needs_none(bench: Bench) -> None:
-    bench.cards = (Interface(3, "USB", 2, 4, 44_100.0, 0.0087, 0.0087),)
+    bench.cards = (Interface(3, "USB", 2, 4, 44_100.0, 0.0087),)
     (check,) = check_cards(bench.machine().cards)
     assert check.passed and all(part in check.finding for part in ("2 outputs", "4 inputs", "8.7 ms"))
     bench.cards = None

@@ -28,15 +28,12 @@ from tactable.page.messages import (
     Picture,
     Role,
     decode_message,
-    encode_choice,
-    encode_device,
-    encode_listen,
     encode_motion,
     encode_picture,
     encode_scene,
     encode_sound,
-    encode_touches,
 )
+from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 EVENTS = st.builds(PointerEvent, st.integers(0, 2**32 - 1), FLOATS, FLOATS, st.sampled_from(Phase))

@@ -21,13 +21,10 @@ from tactable.page.messages import (
     CloseCode,
     DroppedFile,
     Kind,
-    encode_choice,
-    encode_device,
-    encode_listen,
     encode_sound,
-    encode_touches,
 )
 from tactable.page.server import MOST_BROWSERS, AddressError, PageServer, listen_at, serve
+from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 pytestmark = pytest.mark.usefixtures("both_ends")
 
