@@ -4,7 +4,6 @@ Quantities carry units and rules have the keys of rule files, so that both are l
 by a ControlError, whose text names the key, its value and what was expected.
 """
 
-import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -17,7 +16,7 @@ from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.effects import Effect, EffectError, Rule, SceneSettings
 from engine.effects.files import FORMATS, Converted, decode_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
-from engine.effects.files.json_part import Part
+from engine.effects.files.json_part import Part, read_json
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
 
 VERSION = 1
@@ -130,7 +129,7 @@ def decode_line(line: bytes) -> tuple[int | None, dict[str, Any]]:
     if len(line) > MOST_BYTES:
         raise ControlError(f"message: {len(line)} bytes; expected at most {MOST_BYTES}: send it in parts")
     try:
-        values = json.loads(line, parse_constant=_refuse_constant)
+        values = read_json(line)
     except (ValueError, RecursionError) as error:
         raise ControlError(f"message: not JSON: {error}; expected one object a line") from None
     if not isinstance(values, dict):
@@ -151,10 +150,6 @@ def read_request(values: Mapping[str, Any], device: Device, effects: Mapping[str
     except EffectError as error:
         raise ControlError(str(error)) from None
     return request
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no number of JSON")
 
 
 def _read_hello(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Hello:

@@ -16,6 +16,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import uvicorn
+from starlette.applications import Starlette
+
+GRACE_S = 1
+"""How long a server that ends waits for its connections."""
 _TOKEN_BYTES = 24  # 192 bits in 32 letters; 128 bits cannot be guessed either
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 POLICY = "; ".join(
@@ -46,9 +51,27 @@ def new_token() -> str:
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
-def print_no_wrong_text() -> None:
-    """Keep the traceback of a text that is not UTF-8 from the terminal; who sent it is answered with the code 1007."""
+def quiet_server(app: Starlette, longest_message: int) -> uvicorn.Server:
+    """A server of small messages that says nothing of its requests, in whose paths the token is.
+
+    Nor has it the traceback of a text that is not UTF-8; who sent it is answered with the code 1007.
+    """
     logging.getLogger("uvicorn.error").addFilter(_is_no_wrong_text)
+    config = uvicorn.Config(
+        app,
+        http="h11",
+        ws="websockets-sansio",
+        loop="asyncio",
+        lifespan="off",
+        ws_max_size=longest_message,
+        ws_per_message_deflate=False,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        date_header=False,
+        timeout_graceful_shutdown=GRACE_S,
+    )
+    return uvicorn.Server(config)
 
 
 def _is_no_wrong_text(record: logging.LogRecord) -> bool:

@@ -22,7 +22,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
 from engine.device import Device
-from engine.effects import Outcome, Role, SceneSettings, TriggeredEffect
+from engine.effects import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.requests import (
     VERSION,
     ControlError,
@@ -40,7 +40,7 @@ from tactable.control.requests import (
     read_request,
 )
 from tactable.control.scene import Scene
-from tactable.control.steps import StepEncoder
+from tactable.control.steps import NOTHING_ASKED, StepEncoder
 
 MOST_PROGRAMS = 16
 MOST_UNREAD_BYTES = 262_144
@@ -86,10 +86,8 @@ class ControlServer:
         device: Device,
         hand_over: HandOver,
         fingers: Callable[[], list[dict[str, Any]]],
-        greet_within_s: float = GREET_WITHIN_S,
     ) -> None:
         self.scene = scene
-        self._greet_within_s = greet_within_s
         self._device, self._hand_over, self._fingers = device, hand_over, fingers
         self._programs: dict[int, _Program] = {}
         self._opened = 0
@@ -107,7 +105,7 @@ class ControlServer:
         self._opened += 1
         program = self._programs[self._opened] = _Program(self._opened, connection)
         try:
-            async with asyncio.timeout(self._greet_within_s) as limit:
+            async with asyncio.timeout(GREET_WITHIN_S) as limit:
                 async for line in lines:
                     self._renew(program)
                     connection.send(_encode(await self._answer(program, line)))
@@ -115,7 +113,7 @@ class ControlServer:
                     if program.hello is not None:
                         limit.reschedule(None)
         except TimeoutError:
-            text = f"run: no hello within {self._greet_within_s:g} s: the connection is closed"
+            text = f"run: no hello within {GREET_WITHIN_S:g} s: the connection is closed"
             connection.send(_encode(_refusal(None, text)))
         finally:
             del self._programs[program.number]
@@ -177,7 +175,7 @@ class ControlServer:
         self.scene.end_lease(program.number)
         if program.has_acted:
             with contextlib.suppress(ControlError):  # the run has ended
-                await self._step(gone=program.number)
+                await self._step(ControlStep(gone_owner=program.number))
 
     # ---- messages ----
 
@@ -219,7 +217,7 @@ class ControlServer:
             case RoleRequest():
                 await self._set_role(program, request)
             case StopRequest():
-                await self._step(stopped=program.number)
+                await self._step(ControlStep(stopped_owner=program.number))
             case Subscribe():
                 program.streams = request.streams
                 return {"fingers": self._fingers()}
@@ -244,9 +242,8 @@ class ControlServer:
 
     async def _trigger(self, program: _Program, request: TriggerRequest) -> None:
         place = request.contact_id, request.position_m
-        outcome = await self._step(
-            trigger=TriggeredEffect(request.effect, program.number, *place, request.level_change_db)
-        )
+        trigger = TriggeredEffect(request.effect, program.number, *place, request.level_change_db)
+        outcome = await self._step(ControlStep(trigger=trigger))
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
         if outcome is Outcome.QUIET:
@@ -257,7 +254,8 @@ class ControlServer:
             raise ControlError(f"trigger.at: {request.position_m:g} m: the bar ends before it since its table changed")
 
     async def _set_role(self, program: _Program, request: RoleRequest) -> None:
-        outcome = await self._step(role=Role(request.contact_id, request.is_quiet, program.number))
+        role = Role(request.contact_id, request.is_quiet, program.number)
+        outcome = await self._step(ControlStep(role=role))
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("role.finger", request.contact_id)
 
@@ -265,28 +263,16 @@ class ControlServer:
         there = ", ".join(str(each["finger"]) for each in self._fingers()) or "none does"
         return ControlError(f"{key}: {contact_id}: does not touch the bar; of these that do: {there}")
 
-    async def _step(
-        self,
-        *,
-        stopped: int | None = None,
-        gone: int | None = None,
-        role: Role | None = None,
-        trigger: TriggeredEffect | None = None,
-    ) -> Outcome:
+    async def _step(self, act: ControlStep = NOTHING_ASKED) -> Outcome:
         """Bring the loop up to the scene as it is when the turn comes, and do what is asked beside; what became of it.
 
         A program that hangs up meanwhile does not break it off: the loop would hold half of it.
         """
-        return await asyncio.shield(self._hand_over_parts(stopped, gone, role, trigger))
+        return await asyncio.shield(self._hand_over_parts(act))
 
-    async def _hand_over_parts(
-        self, stopped: int | None, gone: int | None, role: Role | None, trigger: TriggeredEffect | None
-    ) -> Outcome:
+    async def _hand_over_parts(self, act: ControlStep) -> Outcome:
         async with self._one_step:
-            outcomes = [
-                await self._hand_over(part)
-                for part in self._encoder.parts(self.scene, stopped=stopped, gone=gone, role=role, trigger=trigger)
-            ]
+            outcomes = [await self._hand_over(part) for part in self._encoder.parts(self.scene, act)]
         return next((outcome for outcome in outcomes if outcome is not Outcome.DONE), Outcome.DONE)
 
 

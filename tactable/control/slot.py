@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from base.child import Child
@@ -63,9 +62,7 @@ class ControlProcess:
     def __enter__(self) -> "ControlProcess":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *unused: object) -> None:
         os.set_blocking(self._descriptor, True)
         self._child.end()
 

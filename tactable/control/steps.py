@@ -33,6 +33,7 @@ _MOST_NUMBERS = 1024
 """Effects and regions that the loop may hold; the bounds of a scene are below that."""
 _FULL_SCALE = "full scale"
 _NOTHING = Effect("nothing", ())
+NOTHING_ASKED = ControlStep()
 
 
 class StepError(TactableError, ValueError):
@@ -48,16 +49,12 @@ class StepEncoder:
         self._regions: dict[int, tuple[int, Region]] = {}
         self._sent: tuple[list[int], SceneSettings] = ([], SceneSettings())
 
-    def parts(
-        self,
-        scene: Scene,
-        *,
-        stopped: int | None = None,
-        gone: int | None = None,
-        role: Role | None = None,
-        trigger: TriggeredEffect | None = None,
-    ) -> Iterator[bytes]:
-        """The parts of one step; the loop must take each one before the next is asked for."""
+    def parts(self, scene: Scene, act: ControlStep = NOTHING_ASKED) -> Iterator[bytes]:
+        """The parts of one step, the scene and what a program asks for beside it: owners, a role or a trigger.
+
+        The loop must take each part before the next is asked for.
+        """
+        role, trigger = act.role, act.trigger
         regions = [*reversed(scene.regions.values())]
         for effect in (*_effects_of(regions), *([] if trigger is None else [trigger.effect])):
             if id(effect) not in self._effects:
@@ -75,7 +72,7 @@ class StepEncoder:
             self._regions = {id(region): self._regions[id(region)] for region in regions}
             settings = [sent[1].is_enabled, sent[1].uses_rule_file, sent[1].level_change_db]
             yield _encode({"scene": sent[0], "settings": settings})
-        asked: dict[str, Any] = {"stopped": stopped, "gone": gone}
+        asked: dict[str, Any] = {"stopped": act.stopped_owner, "gone": act.gone_owner}
         asked["role"] = None if role is None else [role.contact_id, role.is_quiet, role.owner]
         asked["trigger"] = None if trigger is None else self._trigger(trigger)
         if any(value is not None for value in asked.values()):

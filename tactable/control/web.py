@@ -9,19 +9,17 @@ import contextlib
 import socket
 from collections.abc import AsyncIterator
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from base.child import ChildError
 from tactable.control.requests import MOST_BYTES
-from tactable.control.security import LOOPBACK, AccessPolicy, new_token, print_no_wrong_text
+from tactable.control.security import GRACE_S, LOOPBACK, AccessPolicy, new_token, quiet_server
 from tactable.control.server import ControlServer
 
 _LONGEST_MESSAGE = 64 * MOST_BYTES
 """Beyond it the WebSocket is closed; up to it a message that is too long is answered."""
-_GRACE_S = 1
 
 
 class _Browser:
@@ -73,19 +71,7 @@ class WebControl:
             raise ChildError(f"port {port}: no WebSocket can be served there ({error}): choose another one") from error
         self._access = AccessPolicy(LOOPBACK[0], self._listening.getsockname()[1], new_token())
         app = Starlette(routes=[WebSocketRoute("/{token}/control", self._talk)])
-        config = uvicorn.Config(
-            app,
-            ws="websockets-sansio",
-            loop="asyncio",
-            lifespan="off",
-            ws_max_size=_LONGEST_MESSAGE,
-            ws_per_message_deflate=False,
-            log_level="error",
-            access_log=False,  # the token is in every path
-            timeout_graceful_shutdown=_GRACE_S,
-        )
-        print_no_wrong_text()
-        self._uvicorn = uvicorn.Server(config)
+        self._uvicorn = quiet_server(app, _LONGEST_MESSAGE)
 
     @property
     def address(self) -> str:
@@ -111,7 +97,7 @@ class WebControl:
         try:
             await self._server.converse(browser.messages(), browser)
             with contextlib.suppress(TimeoutError, RuntimeError, WebSocketDisconnect):  # it is gone already
-                await asyncio.wait_for(browser.drain(), _GRACE_S)
+                await asyncio.wait_for(browser.drain(), GRACE_S)
                 await socket_.close()
         finally:
             sending.cancel()

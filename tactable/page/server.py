@@ -27,7 +27,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from base.errors import TactableError
 from engine.touch.sources.pointer import PointerEvent
-from tactable.control.security import HEADERS, AccessPolicy, print_no_wrong_text, read_connections, user_of
+from tactable.control.security import HEADERS, AccessPolicy, quiet_server, read_connections, user_of
 from tactable.page.messages import (
     MOST_BYTES,
     CloseCode,
@@ -46,7 +46,6 @@ ALONE_S = 0.1
 MOST_BROWSERS = 8
 _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_GRACE_S = 1
 
 
 class PageBackend(Protocol):
@@ -247,22 +246,7 @@ async def serve(
 ) -> None:
     """Serve a backend until a signal, or until `on_start` makes the server exit. Raises what the backend raised."""
     page = PageServer(backend, access)
-    config = uvicorn.Config(
-        page.app,
-        http="h11",
-        ws="websockets-sansio",
-        loop="asyncio",
-        lifespan="off",
-        ws_max_size=MOST_BYTES,
-        ws_per_message_deflate=False,
-        log_level="error",
-        access_log=False,  # the token is in every path
-        server_header=False,
-        date_header=False,
-        timeout_graceful_shutdown=_GRACE_S,
-    )
-    print_no_wrong_text()
-    server = uvicorn.Server(config)
+    server = quiet_server(page.app, MOST_BYTES)
     beside = [asyncio.create_task(backend.run()), asyncio.create_task(page.broadcast())]
     for task in beside:
         task.add_done_callback(lambda done: _end_if_broken(done, server))

@@ -24,7 +24,7 @@ class Part:
     def parse(cls, text: str, source: str) -> "Part":
         """The whole of a document. Raises EffectError."""
         try:
-            return cls(source, "", json.loads(text, parse_constant=_refuse_constant))
+            return cls(source, "", read_json(text))
         except (ValueError, RecursionError) as error:
             raise EffectError(f"{source}: not JSON: {error}") from None
 
@@ -83,6 +83,11 @@ class Part:
         if len(self.text()) > LONGEST_WORD:
             raise self.error(f"at most {LONGEST_WORD} characters")
         return self.text()
+
+
+def read_json(text: str | bytes) -> Any:
+    """The value of a JSON text; raises ValueError, also for the numbers that Python adds, and RecursionError."""
+    return json.loads(text, parse_constant=_refuse_constant)
 
 
 def _refuse_constant(name: str) -> None:

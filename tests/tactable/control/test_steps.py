@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from engine.effects import Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
+from engine.effects import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
 from engine.effects.files.conversion import MOST_SEGMENTS as MOST_OF_AN_EFFECT
 from tactable.control.requests import MOST_RULES, Region
 from tactable.control.scene import MOST_DEFINED, MOST_REGIONS, Scene
@@ -39,7 +39,7 @@ def region_of(number: int, *effects: Effect, zones: bool = False, **more: object
 def test_what_is_no_number_is_not_written() -> None:
     trigger = TriggeredEffect(ODD, 7, None, math.nan)
     with pytest.raises(ValueError, match="not JSON compliant"):
-        list(StepEncoder().parts(Scene(named_effects()), trigger=trigger))
+        list(StepEncoder().parts(Scene(named_effects()), ControlStep(trigger=trigger)))
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -56,7 +56,8 @@ def test_what_is_written_is_read(
     scene.set_region(Region("a", tuple(asked), *place, is_enabled, -1 / 3, False), 1)
     scene.set_settings(1, SceneSettings(False, True, 1 / 3))
     role, trigger = Role(1 << 52, True, 9), TriggeredEffect(ODD, 7, None, 1 / 3, -0.5)
-    steps = [decoder.decode(part) for part in encoder.parts(scene, stopped=4, gone=5, role=role, trigger=trigger)]
+    asked_beside = ControlStep(stopped_owner=4, gone_owner=5, role=role, trigger=trigger)
+    steps = [decoder.decode(part) for part in encoder.parts(scene, asked_beside)]
     scene_step, act = [step for step in steps if step is not None]
     assert scene_step == decoder.scene and scene_step.settings == SceneSettings(False, True, 1 / 3)
     assert (act.stopped_owner, act.gone_owner, act.role, act.trigger) == (4, 5, role, trigger)
@@ -78,7 +79,7 @@ def test_a_step_is_bounded_whatever_programs_hold_and_only_what_changed_crosses(
     def hand_over(**more: Any) -> list[str]:
         """The kinds of the parts that bring the loop up to the scene."""
         found = []
-        for part in encoder.parts(scene, **more):
+        for part in encoder.parts(scene, ControlStep(**more)):
             document = json.loads(part)
             assert len(part) <= MOST_BYTES and len(document.get("segments", ())) <= MOST_SEGMENTS
             assert len(document.get("rules", ())) <= MOST_RULES
@@ -101,13 +102,13 @@ def test_a_step_is_bounded_whatever_programs_hold_and_only_what_changed_crosses(
     scene.set_region(region_of(MOST_REGIONS, *effects[:MOST_RULES], is_enabled=False), 1)
     assert hand_over() == ["region", "scene"]
     scene.set_settings(1, SceneSettings(level_change_db=1 / 3))
-    assert hand_over() == ["scene"] and hand_over() == [] and hand_over(stopped=1) == ["act"]
+    assert hand_over() == ["scene"] and hand_over() == [] and hand_over(stopped_owner=1) == ["act"]
     scene.define(large(0), 2)
     scene.set_region(region_of(0, ODD), 2)
     assert hand_over() == ["effect", "region", "scene"]  # the region 1 names the first effect 0 no more, another does
     scene.end_lease(1)
     scene.end_lease(2)
-    ended = hand_over(gone=1)
+    ended = hand_over(gone_owner=1)
     assert ended[:2] == ["scene", "act"] and set(ended[2:]) == {"forget"}
     assert kinds["forget"] == MOST_DEFINED + 1 and decoder.scene.rules == ()
 
