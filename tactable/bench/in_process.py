@@ -20,6 +20,7 @@ from engine.loop.fast.layout import NONE
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
+from engine.touch.sources import OnClock
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.light_device import LightDevice
@@ -49,7 +50,7 @@ class _PacedClock:
         self._ahead_ns += _PERIOD_NS
 
 
-class _Memory:
+class _Memory(OnClock):
     """A source of one report a wait, and a port whose far end answers at once; both note when they were called."""
 
     def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
@@ -104,12 +105,6 @@ class _Memory:
         """The compiled step answered the report in hand."""
         self.fast += 1
         self._note(duration_ns, duration_ns)
-
-    def source_time_ns(self, now_ns: int) -> int:
-        return now_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        return source_time_ns
 
     def write(self, data: bytes) -> int:
         if self.write_ns and not self.write_ns[-1]:

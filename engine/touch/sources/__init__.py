@@ -56,3 +56,15 @@ class Source(Described, Protocol):
 
     def clock_time_ns(self, source_time_ns: int) -> int:
         """Convert a time on the source's axis to clock time."""
+
+
+class OnClock:
+    """The time axis of a source that has none of its own: the clock's."""
+
+    def source_time_ns(self, now_ns: int) -> int:
+        """The clock's time."""
+        return now_ns
+
+    def clock_time_ns(self, source_time_ns: int) -> int:
+        """The clock's time."""
+        return source_time_ns

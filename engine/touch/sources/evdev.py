@@ -1,11 +1,10 @@
 """A touch device of Linux's input layer to reports: multitouch protocol B, for what hidraw does not reach.
 
-The package `evdev` finds, opens and grabs; it is an optional extra and handed in.
+The package `evdev` finds and opens; it is an optional extra and handed in.
 """
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import importlib
 import struct
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from engine.touch.digitizer import Contact, DigitizerError
+from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 
 # The input layer reports changes only, so a resting finger is repeated this often: half the watchdog's time.
@@ -60,9 +60,6 @@ class InputNode(Protocol):
 
     def capabilities(self) -> dict[int, list[Any]]:
         """Codes by event type; those of axes as pairs with their ranges."""
-
-    def grab(self) -> None:
-        """Grab the device, so that the desktop gets no events of it."""
 
     def close(self) -> None:
         """Give the device back."""
@@ -181,22 +178,19 @@ class SlotTracker:
         return self.take_frame()
 
 
-class EvdevSource:
+class EvdevSource(OnClock):
     """A multitouch node as a Source; an unplug releases everything and ends it.
 
-    With `grab` the desktop does not react to the touches. Its vendor and product are 0: its reports are of our own
-    making, and the quirks of the device do not hold for them. A release the kernel owes (100 ms) is trusted.
-    Raises `DigitizerError` for a node without slots, or a node that another process has grabbed.
+    Its vendor and product are 0: its reports are of our own making, and the quirks of the device do not hold for them.
+    A release the kernel owes (100 ms) is trusted. Raises `DigitizerError` for a node without slots.
     """
 
     vendor_id = 0
     product_id = 0
 
-    def __init__(self, node: InputNode, *, grab: bool = False, read_slots: ReadSlots = read_slots) -> None:
+    def __init__(self, node: InputNode, read_slots: ReadSlots = read_slots) -> None:
         if not _has_slots(node):
             raise DigitizerError(f"{node.path} ({node.name}) has no multitouch slots: choose its hidraw node")
-        if grab:
-            _grab(node)
         slots = node.absinfo(_SLOT).max + 1
         self.name = node.name
         self.report_index = -1
@@ -249,16 +243,8 @@ class EvdevSource:
         self.report_time_ns = now_ns
         return report
 
-    def source_time_ns(self, now_ns: int) -> int:
-        """The clock's time."""
-        return now_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        """The clock's time."""
-        return source_time_ns
-
     def close(self) -> None:
-        """Give the node back, and a grab with it."""
+        """Give the node back."""
         self._is_open = False
         self._ready.clear()
         self._node.close()
@@ -298,7 +284,7 @@ class EvdevSource:
             self._ready.append(self._encoder.encode(contacts))
 
 
-def open_evdev(path: str, evdev: EvdevModule | None, *, grab: bool = False) -> EvdevSource:
+def open_evdev(path: str, evdev: EvdevModule | None) -> EvdevSource:
     """Open a multitouch node. Raises `DigitizerError`."""
     if evdev is None:
         raise DigitizerError(f"{path} needs the package evdev: run `pip install tactable[evdev]`")
@@ -311,19 +297,10 @@ def open_evdev(path: str, evdev: EvdevModule | None, *, grab: bool = False) -> E
     except OSError as error:
         raise DigitizerError(f"cannot open {path}: {error}; `tactable list` shows what there is") from error
     try:
-        return EvdevSource(node, grab=grab)
+        return EvdevSource(node)
     except BaseException:
         node.close()
         raise
-
-
-def _grab(node: InputNode) -> None:
-    try:
-        node.grab()
-    except OSError as error:
-        if error.errno != errno.EBUSY:
-            raise
-        raise DigitizerError(f"{node.path} ({node.name}) is grabbed by another program: end that one first") from error
 
 
 def _axis(node: InputNode, code: int) -> Axis:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from engine.touch.digitizer import RELEASE_AFTER_NS, Contact, DigitizerError
+from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import Axis, ContactReports
 
 RESOLUTION = 65_535
@@ -69,7 +70,7 @@ class PointerFeed:
         os.close(self._descriptor)
 
 
-class PointerSource:
+class PointerSource(OnClock):
     """The engine's end of the pipe, as a Source: a serial touch screen of ten fingers without a physical size."""
 
     name = "pointer events of a page"
@@ -112,14 +113,6 @@ class PointerSource:
         self.report_index += 1
         self.report_time_ns = now_ns
         return report
-
-    def source_time_ns(self, now_ns: int) -> int:
-        """The clock's time."""
-        return now_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        """The clock's time."""
-        return source_time_ns
 
     def close(self) -> None:
         """Close this end too."""

@@ -6,13 +6,14 @@ import time
 from array import array
 from collections.abc import Callable
 
+from engine.touch.sources import OnClock
 from firmware_link.host.descriptor_port import READ_SIZE, DescriptorPort
 
 STAMPS = struct.Struct("<qq")
 """Leads each report on its socket: when it was due, and when it was sent, ns."""
 
 
-class SocketSource:
+class SocketSource(OnClock):
     """Reports from one end of a pair of SOCK_SEQPACKET, as a Source whose time is when each report was due.
 
     `sent_ns` and `read_ns` hold when each of at most `capacity` reports was sent and read.
@@ -67,14 +68,6 @@ class SocketSource:
         self.read_ns[self.report_index] = now_ns
         self.report_time_ns, self.sent_ns[self.report_index] = STAMPS.unpack_from(packet)
         return packet[STAMPS.size :]
-
-    def source_time_ns(self, now_ns: int) -> int:
-        """The clock's own."""
-        return now_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        """The clock's own."""
-        return source_time_ns
 
 
 class SocketPort(DescriptorPort):

@@ -55,7 +55,6 @@ class FakeKernel:
     axes: tuple[int, ...] = (SLOT, X, Y, TRACKING_ID, DISTANCE)
     buffer_size: int = 1000
     is_there: bool = True
-    grabbed_by: str = ""
     is_closed: bool = False
     events: deque[Event] = field(default_factory=deque)
 
@@ -70,11 +69,6 @@ class FakeKernel:
         if axis_num == SLOT:
             return AbsInfo(self.slot, 0, SLOTS - 1, 0)
         return AbsInfo(0, -100, 1900, 10) if axis_num == X else AbsInfo(0, 0, 1000, 0)
-
-    def grab(self) -> None:
-        if self.grabbed_by:
-            raise OSError(errno.EBUSY, "Device or resource busy")
-        self.grabbed_by = "us"
 
     def close(self) -> None:
         self.is_closed = True
@@ -115,8 +109,8 @@ class FakeKernel:
         self.events.append(event)
 
 
-def opened(kernel: FakeKernel, *, grab: bool = False) -> EvdevSource:
-    return EvdevSource(kernel, grab=grab, read_slots=kernel.read_slots)
+def opened(kernel: FakeKernel) -> EvdevSource:
+    return EvdevSource(kernel, read_slots=kernel.read_slots)
 
 
 def frames(source: Source, now_ns: int = 0) -> list[TouchFrame]:
@@ -242,15 +236,6 @@ def test_size_and_range_are_the_devices() -> None:
     surface = open_digitizer(opened(FakeKernel()).descriptor).surface
     assert (surface.x.logical_minimum, surface.x.logical_maximum, surface.width_mm) == (-100, 1900, 200.0)
     assert surface.height_mm is None
-
-
-def test_a_grab_is_taken_and_one_of_another_program_is_said() -> None:
-    kernel = FakeKernel()
-    opened(kernel, grab=True).close()
-    assert (kernel.grabbed_by, kernel.is_closed) == ("us", True)
-    with pytest.raises(DigitizerError, match="grabbed by another program"):
-        opened(FakeKernel(grabbed_by="weston"), grab=True)
-    opened(FakeKernel(grabbed_by="weston"))
 
 
 # ---- finding ---------------------------------------------------------------------------------------------
