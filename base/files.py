@@ -48,6 +48,12 @@ def replace_file(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def shipped(package: Path, name: str) -> Path:
+    """A file or folder of data: inside an installed package, in tables/ of a checkout."""
+    installed = package / name
+    return installed if installed.exists() else Path(__file__).parents[1] / "tables" / name
+
+
 def check_folder_of(path: Path) -> None:
     """Raise FolderError where a file cannot be made for want of its folder, before work is done for it."""
     if not path.parent.is_dir():

@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from base.files import shipped
+
 if TYPE_CHECKING:  # device files need the units of pint, which `tactable list` does not
     from engine.device import Device
     from engine.effects import Effect
@@ -13,15 +15,13 @@ DEMO_RECORDING = _HERE / "rig" / "demo.hid"
 
 
 def device_folder() -> Path:
-    """Folder of the shipped descriptions: inside an installed package, in tables/ of a checkout."""
-    installed = _HERE / "devices"
-    return installed if installed.is_dir() else _HERE.parent / "tables" / "devices"
+    """Folder of the shipped descriptions."""
+    return shipped(_HERE, "devices")
 
 
 def ready_folder() -> Path:
-    """Folder of the shipped tables (tactable.rig.ready), likewise."""
-    installed = _HERE / "ready"
-    return installed if installed.is_dir() else _HERE.parent / "tables" / "ready"
+    """Folder of the shipped tables (tactable.rig.ready)."""
+    return shipped(_HERE, "ready")
 
 
 def shipped_names() -> list[str]:
@@ -33,8 +33,7 @@ def named_effects() -> "dict[str, Effect]":
     """The effects of the vocabulary that rule files and programs may name."""
     from engine.effects import read_vocabulary
 
-    installed = _HERE / "vocabulary.toml"
-    return read_vocabulary(installed if installed.is_file() else _HERE.parent / "tables" / "vocabulary.toml")
+    return read_vocabulary(shipped(_HERE, "vocabulary.toml"))
 
 
 def find_device(name_or_path: str) -> "Device":

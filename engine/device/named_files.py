@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from base.files import shipped
 from engine.device.parts import DeviceError
 from engine.device.texts import document_of
 from engine.device.toml_table import read_text
@@ -66,7 +67,7 @@ def text_with_threshold(text: str, curve: Path | str, source: str) -> str:
 
 def shipped_fingers() -> list[str]:
     """Names of the shipped fingers."""
-    return sorted(path.stem for path in _folder().glob("*.toml"))
+    return sorted(path.stem for path in shipped(Path(__file__).parent, "fingers").glob("*.toml"))
 
 
 def read_impedance(path: Path, source: str) -> list[list[float]]:
@@ -104,13 +105,7 @@ def _shipped_finger(name: str, source: str) -> Path:
             f"{source}: finger: {str(name)!r}: expected a shipped finger ({known}), the path of a TOML file like "
             f"theirs, or a table [finger]"
         )
-    return _folder() / f"{name}.toml"
-
-
-def _folder() -> Path:
-    """Folder of the shipped fingers: inside an installed package, in tables/ of a checkout."""
-    installed = Path(__file__).parent / "fingers"
-    return installed if installed.is_dir() else Path(__file__).parents[2] / "tables" / "fingers"
+    return shipped(Path(__file__).parent, "fingers") / f"{name}.toml"
 
 
 def _read_document(path: Path, source: str, key: str) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from base.files import shipped
 from engine.device.parts import DeviceError
 from engine.device.toml_table import TomlTable, read_text
 
@@ -90,7 +91,7 @@ class _CurveTable(TomlTable):
 
 def shipped_thresholds() -> list[str]:
     """Names of the shipped curves."""
-    return sorted(path.stem for path in _folder().glob("*.toml"))
+    return sorted(path.stem for path in shipped(Path(__file__).parent, "thresholds").glob("*.toml"))
 
 
 def read_threshold(value: object, source: str) -> Threshold:
@@ -109,7 +110,7 @@ def read_threshold(value: object, source: str) -> Threshold:
 @cache
 def shipped_threshold(name: str) -> Threshold:
     """A shipped curve by its name; raises DeviceError for another one."""
-    return read_threshold_file(_folder() / f"{name}.toml")
+    return read_threshold_file(shipped(Path(__file__).parent, "thresholds") / f"{name}.toml")
 
 
 def read_threshold_file(path: Path) -> Threshold:
@@ -119,12 +120,6 @@ def read_threshold_file(path: Path) -> Threshold:
     except OSError as error:
         raise DeviceError(f"{path}: no threshold curve can be read there: {error.strerror}") from error
     return _curve_of(_CurveTable.parse(text, str(path)))
-
-
-def _folder() -> Path:
-    """Folder of the shipped curves: inside an installed package, in tables/ of a checkout."""
-    installed = Path(__file__).parent / "thresholds"
-    return installed if installed.is_dir() else Path(__file__).parents[2] / "tables" / "thresholds"
 
 
 def _curve_of(part: TomlTable) -> Threshold:
