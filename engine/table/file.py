@@ -8,7 +8,7 @@ where its readers ignore it.
 import math
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -129,10 +129,8 @@ class TableWriter:
                 self.write(group, like, values.astype(object) if values.dtype.kind in "SU" else values)
                 continue
             stream = self.open_stream(group, like, shape, variable.dtype)
-            for row in range(shape[0]):
-                step = max(1, _READ_BYTES // (math.prod(shape[2:]) * variable.dtype.itemsize))
-                for start in range(0, shape[1], step):
-                    stream.append(np.asarray(variable[row, start : start + step]))
+            for piece in pieces(variable):
+                stream.append(piece)
             stream.close()
 
     def open_stream(self, group: str, variable: Variable, shape: tuple[int, ...], dtype: Any) -> "VariableStream":
@@ -245,15 +243,22 @@ def _verify_arrays(path: Path, checksums: Mapping[str, int]) -> None:
 
 
 def _array_checksum(variable: h5py.Dataset) -> int:
-    """CRC-32 of the array, read in pieces of bounded size along its first two axes."""
-    if variable.ndim < 2 or variable.nbytes <= _READ_BYTES:
-        return zlib.crc32(_bytes_of(np.asarray(variable[...])))
-    checksum, rows = 0, variable.shape[1]
-    step = max(1, _READ_BYTES * variable.shape[0] * rows // variable.nbytes)
-    for first in range(variable.shape[0]):
-        for start in range(0, rows, step):
-            checksum = zlib.crc32(_bytes_of(np.asarray(variable[first, start : start + step])), checksum)
+    checksum = 0
+    for piece in pieces(variable):
+        checksum = zlib.crc32(_bytes_of(piece), checksum)
     return checksum
+
+
+def pieces(variable: Any) -> Iterator[Values]:
+    """The values of an open array in C order, in pieces of bounded size along its first two axes."""
+    shape, item_bytes = variable.shape, variable.dtype.itemsize
+    if len(shape) < 2 or math.prod(shape) * item_bytes <= _READ_BYTES:
+        yield np.asarray(variable[...])
+        return
+    step = max(1, _READ_BYTES // (math.prod(shape[2:]) * item_bytes))
+    for row in range(shape[0]):
+        for start in range(0, shape[1], step):
+            yield np.asarray(variable[row, start : start + step])
 
 
 def is_text(values: object) -> bool:

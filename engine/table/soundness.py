@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.error import TableError
+from engine.table.file import pieces
 from engine.table.schema import (
     FIXED_SIZES,
     REAL_ATTRIBUTES,
@@ -28,7 +29,6 @@ from engine.table.schema import (
     Kind,
 )
 
-_PIECE_BYTES = 1 << 24  # 16 MiB at a time, as file.py
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four
 _SPREADS = 5
@@ -167,7 +167,7 @@ def _check_kind(where: str, array: h5py.Dataset, declared: ArrayKind | None, siz
 
 
 def _check_numbers(where: str, array: h5py.Dataset, declared: ArrayKind) -> None:
-    for piece in _pieces(array):
+    for piece in pieces(array):
         if piece.dtype.kind == "f":
             wrong = np.isinf(piece) if not declared.may_be_infinite else np.zeros_like(piece, dtype=bool)
             if not declared.may_be_nan:
@@ -177,17 +177,6 @@ def _check_numbers(where: str, array: h5py.Dataset, declared: ArrayKind) -> None
         for bound, is_beyond in ((declared.least, np.less), (declared.greatest, np.greater)):
             if bound is not None and is_beyond(piece, bound).any():
                 raise _FlawError(f"{where}: holds a value {'below' if is_beyond is np.less else 'above'} {bound:g}")
-
-
-def _pieces(array: h5py.Dataset) -> Iterator[Any]:
-    """The array's values, along its first two axes in pieces of bounded size."""
-    if array.ndim < 2 or array.nbytes <= _PIECE_BYTES:
-        yield np.asarray(array[...])
-        return
-    step = max(1, _PIECE_BYTES * array.shape[0] * array.shape[1] // array.nbytes)
-    for first in range(array.shape[0]):
-        for start in range(0, array.shape[1], step):
-            yield np.asarray(array[first, start : start + step])
 
 
 def _check_rows(where: str, arrays: Arrays, device: Device) -> None:
