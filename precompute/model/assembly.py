@@ -111,10 +111,10 @@ class Plant:
         return replace(self, K=K, C=C, M=M)
 
 
-def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
-    """Nodes (node,) in metres: one at every actuator, zone edge and place in `extra_m`; elements as short as asked."""
+def build_mesh(device: Device) -> Array:
+    """Nodes (node,) in metres: one at every actuator and zone edge; elements as short as asked."""
     length_m = device.bar.length_m
-    forced = [0.0, *(actuator.position_m for actuator in device.actuators), *extra_m]
+    forced = [0.0, *(actuator.position_m for actuator in device.actuators)]
     forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
     edges = [0.0]
     for place in sorted(forced):
@@ -128,10 +128,10 @@ def build_mesh(device: Device, extra_m: Sequence[float] = ()) -> Array:
     return np.append(np.concatenate(pieces), length_m)
 
 
-def assemble(device: Device, extra_m: Sequence[float] = ()) -> Plant:
+def assemble(device: Device) -> Plant:
     """The plant of the untouched bar: the mesh, and its elements and actuators assembled."""
     bar = device.bar
-    node_m = build_mesh(device, extra_m)
+    node_m = build_mesh(device)
     size = 2 * len(node_m)
     K, M = np.zeros((BANDWIDTH + 1, size)), np.zeros((BANDWIDTH + 1, size))
     bending_stiffness = bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12

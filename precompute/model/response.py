@@ -26,6 +26,30 @@ class Response:
         return -(omega**2)[:, None, None] * self.plant.sampler(position_m).sample(self.displacement_m)
 
 
+def by_tone(
+    frequency_hz: NDArray[np.float64], amplitude: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Frequencies (tone,) of what moves in a drive (actuator,), and its amplitudes at each (tone, actuator)."""
+    tones_hz = np.unique(frequency_hz[amplitude != 0])
+    return tones_hz, np.where(frequency_hz == tones_hz[:, None], amplitude, 0)
+
+
+def peak_along(
+    plant: Plant,
+    frequency_hz: NDArray[np.float64],
+    amplitude: NDArray[np.complex128],
+    position_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Peak steady acceleration (point,), m/s^2, of a drive (actuator,) at positions (point,).
+
+    Fields of one frequency add, those of several as magnitudes (paper eq. (8)).
+    """
+    tones_hz, weight = by_tone(frequency_hz, amplitude)
+    field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(position_m))
+    peak: NDArray[np.float64] = abs(field).sum(axis=0)
+    return peak
+
+
 def solve_response(
     plant: Plant, frequency_hz: NDArray[np.float64], touched_m: NDArray[np.float64] | None = None
 ) -> Response:

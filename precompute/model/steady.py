@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from precompute.model.assembly import Plant
 from precompute.model.gram import compute_gram
-from precompute.model.response import Response, solve_response
+from precompute.model.response import Response, by_tone, solve_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,9 +30,8 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
     Tones of one frequency add as fields, tones of different frequencies as magnitudes and energies
     (paper eqs. (8), (10); docs/theory.md#tabulated-quantities).
     """
-    tones = np.unique(frequency_hz[amplitude != 0])
+    tones, weight = by_tone(frequency_hz, amplitude)
     response = solve_response(plant, tones)
-    weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
     return steady_state_of(plant, tones, np.einsum("fa,fad->fd", weight, response.displacement_m))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from base.compiled import njit
 from precompute.model.assembly import Plant
-from precompute.model.response import solve_response
+from precompute.model.response import by_tone, solve_response
 from precompute.model.steady import SteadyState, steady_state_of
 from precompute.sampling.fingers import SampledFingers
 
@@ -39,8 +39,7 @@ def compute_figures(
     plant: Plant, sampled: SampledFingers, touched: Sequence[int], frequency_hz: Array, amplitude: Complex
 ) -> DriveFigures:
     """Figures of the drive, frequency_hz and amplitude (actuator,) as fractions of full scale."""
-    tones = np.unique(frequency_hz[amplitude != 0])
-    weight = np.where(frequency_hz == tones[:, None], amplitude, 0)
+    tones, weight = by_tone(frequency_hz, amplitude)
     field = _loaded_fields(plant, sampled, list(touched), tones, weight)
     omega = 2 * np.pi * tones
     zones = np.array(touched, dtype=np.int64)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from base.files import replace_file
 from engine.device import Device
 from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
+from precompute.model.response import peak_along
 from tactable.explain.words import finger_names
 from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION
 from tactable.rig.bar import Felt, is_felt
@@ -155,8 +155,4 @@ def _envelope(device: Device, report: DriveReport, position_m: NDArray[np.float6
     """Peak steady acceleration of the drive along the bar and its fingers, m/s^2."""
     drive = report.drive
     loaded = assemble(device).with_fingers(report.placement.position_m, device.finger)
-    hz = np.array(drive.frequencies_hz)
-    tones_hz = np.unique(hz[np.array(drive.amplitudes) > 0])
-    acceleration = solve_response(loaded, tones_hz).acceleration(position_m)
-    base = np.where(hz == tones_hz[:, None], drive.complex_amplitudes, 0)
-    return np.asarray(abs(np.einsum("fa,fap->fp", base, acceleration)).sum(axis=0))
+    return peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, position_m)

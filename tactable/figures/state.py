@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
+from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import Load, PlayedDrive
@@ -65,17 +65,14 @@ def plot_state(played: PlayedDrive) -> Picture:
 
 
 def compute_envelope(played: PlayedDrive) -> Envelope:
-    """Tones of different frequencies add as magnitudes, paper eq. (8)."""
-    device, tones_hz = played.device, played.tones_hz
+    """The drive under each load of fingers."""
+    device, frequency_hz = played.device, np.array(played.frequencies_hz)
     plant = assemble(device)
     position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
-    weight = np.where(np.array(played.frequencies_hz) == tones_hz[:, None], played.complex_amplitudes, 0)
 
     def along(load: Load) -> Array:
-        places_m, fingers = zip(*load, strict=True)
-        response = solve_response(plant.with_fingers(places_m, fingers), tones_hz).acceleration(position_m)
-        total: Array = abs(np.einsum("ta,tap->tp", weight, response)).sum(axis=0)
-        return total
+        loaded = plant.with_fingers(*zip(*load, strict=True))
+        return peak_along(loaded, frequency_hz, played.complex_amplitudes, position_m)
 
     each = np.array([along(load) for load in played.cases])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))

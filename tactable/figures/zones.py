@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from engine.device import Device
 from precompute.model.assembly import Plant, assemble
-from precompute.model.response import solve_response
+from precompute.model.response import peak_along
 from precompute.model.steady import SteadyState, compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures.file import FigureError, Picture
@@ -62,18 +62,13 @@ def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:
 def _compute(plant: Plant, drives: Sequence[BarDrive]) -> list[_Shown]:
     place_m = np.linspace(0.0, plant.device.bar.length_m, _PLACES)
     return [
-        _Shown(drive, _along(plant, drive, place_m), compute_steady_state(plant, drive.frequency_hz, drive.amplitude))
+        _Shown(
+            drive,
+            peak_along(plant, drive.frequency_hz, drive.amplitude, place_m),
+            compute_steady_state(plant, drive.frequency_hz, drive.amplitude),
+        )
         for drive in drives
     ]
-
-
-def _along(plant: Plant, drive: BarDrive, place_m: Array) -> Array:
-    """Shape (place,), m/s^2: fields of one frequency add, of several as magnitudes (paper eq. (8))."""
-    tones_hz = np.unique(drive.frequency_hz[drive.amplitude != 0])
-    weight = np.where(drive.frequency_hz == tones_hz[:, None], drive.amplitude, 0)
-    field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(place_m))
-    level: Array = abs(field).sum(axis=0)
-    return level
 
 
 def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequence[int]) -> Picture:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
+from precompute.model.response import by_tone, solve_response
 from tactable.measure.asked_drive import AskedDrive
 
 Array = NDArray[np.float64]
@@ -30,9 +30,8 @@ def simulate_levels(device: Device, asked: AskedDrive, position_m: Array | None 
     The level is that of the summed powers over the threshold at each tone.
     """
     places_m = np.linspace(0.0, device.bar.length_m, POINTS) if position_m is None else position_m
-    phasors, hz = asked.phasors, np.array(asked.frequencies_hz)
-    tones_hz = np.unique(hz[phasors != 0])
+    tones_hz, weight = by_tone(np.array(asked.frequencies_hz), asked.phasors)
     unit = solve_response(assemble(device), tones_hz).acceleration(places_m)
-    size = abs(np.einsum("fa,fap->fp", np.where(hz == tones_hz[:, None], phasors, 0), unit))
+    size = abs(np.einsum("fa,fap->fp", weight, unit))
     power = ((size / device.threshold.peak_m_per_s2(tones_hz)[:, None]) ** 2).sum(axis=0)
     return BarLevels(places_m, size.sum(axis=0), 10 * np.log10(np.maximum(power, 1e-30)))

@@ -30,8 +30,8 @@ any_device = on_each(every_device())
 
 
 @st.composite
-def meshed(draw: st.DrawFn) -> tuple[Device, list[float]]:
-    """A bar with one to five actuators, some zones, extra places, and a largest element: all anywhere."""
+def meshed(draw: st.DrawFn) -> Device:
+    """A bar with one to five actuators, some zones, and a largest element: all anywhere."""
     device = with_bar(shipped("reference-a"), length_m=draw(st.floats(0.01, 2.0)))
     length_m = device.bar.length_m
     device = with_bar(device, largest_element_m=length_m * draw(st.floats(5e-3, 3.0)))
@@ -39,15 +39,13 @@ def meshed(draw: st.DrawFn) -> tuple[Device, list[float]]:
     actuators = tuple(replace(device.actuators[0], position_m=min(p * length_m, length_m)) for p in at)
     edges = sorted(draw(st.sets(places, min_size=2, max_size=9)))
     zones = tuple(Zone(str(i), a * length_m, b * length_m) for i, (a, b) in enumerate(itertools.pairwise(edges)))
-    extra = [p * length_m for p in draw(st.lists(places, max_size=6))]
-    return replace(device, actuators=actuators, zones=zones), extra
+    return replace(device, actuators=actuators, zones=zones)
 
 
 @given(meshed())
-def test_mesh_has_a_node_at_every_place_and_no_element_longer_than_asked(case: tuple[Device, list[float]]) -> None:
-    device, extra = case
-    node_m, length_m = build_mesh(device, extra), device.bar.length_m
-    wanted = [0.0, length_m, *extra, *(actuator.position_m for actuator in device.actuators)]
+def test_mesh_has_a_node_at_every_place_and_no_element_longer_than_asked(device: Device) -> None:
+    node_m, length_m = build_mesh(device), device.bar.length_m
+    wanted = [0.0, length_m, *(actuator.position_m for actuator in device.actuators)]
     wanted += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
     assert node_m[0] == 0.0 and node_m[-1] == length_m
     for place in wanted:  # places closer than a millionth of the bar may share a node
@@ -57,10 +55,9 @@ def test_mesh_has_a_node_at_every_place_and_no_element_longer_than_asked(case: t
 
 
 @given(meshed())
-def test_mesh_wastes_no_node(case: tuple[Device, list[float]]) -> None:
-    device, extra = case
-    forced = 2 + len(extra) + len(device.actuators) + 2 * len(device.zones)
-    assert len(build_mesh(device, extra)) <= forced + device.bar.length_m / device.bar.largest_element_m + 1
+def test_mesh_wastes_no_node(device: Device) -> None:
+    forced = 2 + len(device.actuators) + 2 * len(device.zones)
+    assert len(build_mesh(device)) <= forced + device.bar.length_m / device.bar.largest_element_m + 1
 
 
 @any_device
