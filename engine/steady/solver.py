@@ -53,15 +53,11 @@ class SteadyError(TactableError, ValueError):
 
 
 class SteadySolver:
-    """Solves placements on one device, one at a time: its buffers are its own, so threads need a solver each.
+    """Solves placements on one device, one at a time: its buffers are its own, so threads need a solver each."""
 
-    `cases`: sampled cases of each solve; by default 8, and 4 for more than four fingers.
-    """
-
-    def __init__(self, device: Device, receptances: Receptances, cases: int | None = None) -> None:
+    def __init__(self, device: Device, receptances: Receptances) -> None:
         self.device, self.frequency_hz, self.pitch_m = device, receptances.frequency_hz, receptances.pitch_m
         self._places = len(receptances.place_m)
-        self._cases = cases
         self._kept: dict[tuple[int, int], tuple[Single, Single]] = {}
         hz = receptances.frequency_hz
         omega = 2 * np.pi * hz
@@ -162,7 +158,7 @@ class SteadySolver:
         )
 
     def _deviations(self, fingers: int) -> Deviations:
-        return _deviations(fingers, self._cases or (_CASES if fingers <= _FEW_FINGERS else _FEW_CASES))
+        return _deviations(fingers, _CASES if fingers <= _FEW_FINGERS else _FEW_CASES)
 
     def _buffers(self, cases: int, fingers: int) -> tuple[Single, Single]:
         """Space for receptances between fingers and for responses, kept: fresh pages cost more than what fills them."""

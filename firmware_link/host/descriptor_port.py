@@ -1,7 +1,6 @@
 """Bytes of a board over a descriptor that never blocks: what a serial port and the socket to a sound card share."""
 
 import os
-from types import TracebackType
 from typing import Self
 
 from firmware_link.protocol.errors import LinkLostError
@@ -51,9 +50,7 @@ class DescriptorPort:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *unused: object) -> None:
         self.close()
 
     def _gone(self, reason: object) -> LinkLostError:

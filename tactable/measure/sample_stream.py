@@ -13,7 +13,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from engine.device.quantity import QuantityError, read_quantity
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 
 _VERSION = 1
+_PATIENCE_NS = 10_000_000_000  # for the whole header
 _READ_SIZE = 1 << 16
 _LONGEST_HEADER = 1 << 16
 _HEADER_KEYS = {"tactable_samples", "sample_rate", "channels", "simulated"}
@@ -33,10 +34,8 @@ _CHANNEL_KEYS = {"name", "scale", "clips_at"}
 class SampleStream:
     """Samples of a file, a named pipe or another descriptor; raises SensorError for a stream of another form."""
 
-    def __init__(
-        self, path: Path, device: Device, monotonic_ns: Callable[[], int] = time.monotonic_ns, patience_s: float = 10.0
-    ) -> None:
-        self._path, self._monotonic_ns = path, monotonic_ns
+    def __init__(self, path: Path, device: Device) -> None:
+        self._path = path
         try:
             self._descriptor = os.open(path, os.O_RDONLY)
         except OSError as error:
@@ -44,7 +43,7 @@ class SampleStream:
                 f"{path}: cannot be opened ({error.strerror}); name the file or pipe of samples"
             ) from None
         try:
-            line, self._rest = self._read_header(patience_s)
+            line, self._rest = self._read_header()
             self.form, self._scale = read_header(line, device, str(path))
         except SensorError:
             self.close()
@@ -78,7 +77,7 @@ class SampleStream:
                 )
             return None
         raw = np.frombuffer(data[:whole], "<f4").reshape(-1, len(self._scale))
-        return Block(raw * self._scale, self._monotonic_ns())
+        return Block(raw * self._scale, time.monotonic_ns())
 
     def pace(self) -> float:
         """Nothing is known of the converter's clock before a tone is read."""
@@ -88,13 +87,13 @@ class SampleStream:
         """Close the descriptor."""
         os.close(self._descriptor)
 
-    def _read_header(self, patience_s: float) -> tuple[bytes, bytes]:
+    def _read_header(self) -> tuple[bytes, bytes]:
         """The first line, and what came behind it."""
-        data, end_ns = b"", self._monotonic_ns() + int(patience_s * 1e9)
+        data, end_ns = b"", time.monotonic_ns() + _PATIENCE_NS
         while b"\n" not in data:
             part = os.read(self._descriptor, _READ_SIZE)
             data += part
-            if not part or len(data) > _LONGEST_HEADER or self._monotonic_ns() > end_ns:
+            if not part or len(data) > _LONGEST_HEADER or time.monotonic_ns() > end_ns:
                 raise SensorError(f"{self._path}: does not begin with a line of JSON that declares the samples")
         line, _, rest = data.partition(b"\n")
         return line, rest

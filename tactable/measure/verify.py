@@ -187,8 +187,8 @@ def _drive_of(table: Table, placement: Placement, level_db: float, drives: Drive
 class PossibleBars:
     """Bars that a table holds for possible, the nominal one first, with a sensor of a mass at a place."""
 
-    def __init__(self, device: Device, sensor_mass_kg: float, bars: int = BARS) -> None:
-        scenarios, random = sample_scenarios(device, bars, SEED), np.random.default_rng(SEED)
+    def __init__(self, device: Device, sensor_mass_kg: float) -> None:
+        scenarios, random = sample_scenarios(device, BARS, SEED), np.random.default_rng(SEED)
         others = (scenarios.device_of(i) for i in range(1, len(scenarios)))
         self._plants: list[Plant] = [assemble(each) for each in (device, *others)]
         self._bases = [compute_basis(plant) for plant in self._plants]

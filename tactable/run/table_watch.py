@@ -14,7 +14,6 @@ import struct
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from base.child import Child, Parent
@@ -103,9 +102,7 @@ class TableWatch:
     def __enter__(self) -> "TableWatch":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *unused: object) -> None:
         self._child.kill()
 
     def fileno(self) -> int:
