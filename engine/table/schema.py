@@ -15,7 +15,6 @@ class Kind(StrEnum):
 
     REAL = "f"
     WHOLE = "iu"
-    NUMBER = "fiu"
     TEXT = "O"
 
 

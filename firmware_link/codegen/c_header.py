@@ -17,21 +17,13 @@ _ENUMS: tuple[type[Enum], ...] = tuple(
     for value in vars(messages).values()
     if isinstance(value, type) and issubclass(value, Enum) and value.__module__ == messages.__name__
 )
+_OF_MESSAGES = (
+    *("VERSION_MAJOR", "VERSION_MINOR", "MAGIC", "SCHEMA_HASH", "FULL_SCALE_WORD"),
+    *("CLOCK_REFERENCE_US", "CLOCK_REFERENCE_SPAN", "BASIS_CHUNK_SIZE", "MAXIMUM_WEIGHTS", "MAXIMUM_FRACTION_BITS"),
+    *("MAXIMUM_SENSED_VALUES", "LONGEST_SENSE_MS", "ACCELEROMETER", "LINEARISES"),
+)
 _CONSTANTS = {
-    "VERSION_MAJOR": messages.VERSION_MAJOR,
-    "VERSION_MINOR": messages.VERSION_MINOR,
-    "MAGIC": messages.MAGIC,
-    "SCHEMA_HASH": messages.SCHEMA_HASH,
-    "FULL_SCALE_WORD": messages.FULL_SCALE_WORD,
-    "CLOCK_REFERENCE_US": messages.CLOCK_REFERENCE_US,
-    "CLOCK_REFERENCE_SPAN": messages.CLOCK_REFERENCE_SPAN,
-    "BASIS_CHUNK_SIZE": messages.BASIS_CHUNK_SIZE,
-    "MAXIMUM_WEIGHTS": messages.MAXIMUM_WEIGHTS,
-    "MAXIMUM_FRACTION_BITS": messages.MAXIMUM_FRACTION_BITS,
-    "MAXIMUM_SENSED_VALUES": messages.MAXIMUM_SENSED_VALUES,
-    "LONGEST_SENSE_MS": messages.LONGEST_SENSE_MS,
-    "ACCELEROMETER": int(messages.ACCELEROMETER),
-    "LINEARISES": int(messages.LINEARISES),
+    **{name: int(getattr(messages, name)) for name in _OF_MESSAGES},
     "EMERGENCY_STOP_RUN": framing.EMERGENCY_STOP_RUN,
 }
 _BEGINNING = """\

@@ -89,6 +89,14 @@ Frequencies = Annotated[
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, max=64, help="Processes that share the work; default: one a core.")
 ]
+PortName = Annotated[
+    str,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
+    ),
+]
 BitRate = Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of the serial port, bit/s.")]
 
 _FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tactable.cli.console import OUT, note, remark, show
-from tactable.cli.options import AsJson, BitRate, DeviceArgument, OptionError, read_option
+from tactable.cli.options import AsJson, BitRate, DeviceArgument, OptionError, PortName, read_option
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
@@ -20,14 +20,7 @@ _EACH = "One value for all actuators, or one for each, between commas"
 
 def play(
     device_name: DeviceArgument,
-    port_name: Annotated[
-        str,
-        typer.Option(
-            "--port",
-            metavar="PORT",
-            help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
-        ),
-    ],
+    port_name: PortName,
     frequency: Annotated[str, typer.Option(help=f"{_EACH}, such as 150 or 150,130 Hz; - for a still actuator.")],
     amplitude: Annotated[str, typer.Option(help=f"Of full scale. {_EACH}, such as '20 %' or '20 %,5 %'.")],
     phase: Annotated[str, typer.Option(help=f"{_EACH}, such as 0deg,90deg or 1.57rad.")] = "0deg",

@@ -35,6 +35,7 @@ from tactable.cli.options import (
     ControlSocket,
     DrivesOf,
     EffectsPath,
+    PortName,
     TableArgument,
     read_rules,
 )
@@ -54,14 +55,6 @@ _NS_PER_S = 1_000_000_000
 
 TouchName = Annotated[
     str, typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
-]
-PortName = Annotated[
-    str,
-    typer.Option(
-        "--port",
-        metavar="PORT",
-        help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
-    ),
 ]
 NotAchieved = Annotated[
     WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")

@@ -46,19 +46,19 @@ def plot_course(played: PlayedDrive) -> Picture:
     if rising.contrast_db is not None:
         _draw_contrast(panels[1], played, rising.time_s, rising.contrast_db)
     panels[-1].set_xlabel("time from rest (ms)")
-    words = f"risen after {rise_text(played.t90_s)}{_contrast_text(played, rising)}"
+    words = f"risen after {rise_text(played.figures.t90_s)}{_contrast_text(played, rising)}"
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {played.who}, {level_text(played.wanted_level_db)}, from rest",
+        f"{device.name}: {played.who}, {level_text(played.drive.wanted_level_db)}, from rest",
         words,
         _columns(played, rising),
         {
             **zone_lists(device, played.placement.zone_states(device)),
             "fingers": placement_json(device, played.placement),
-            "wanted_level_db": played.wanted_level_db,
-            "t90_s": played.t90_s,
-            "contrast_db": played.contrast_db,
+            "wanted_level_db": played.drive.wanted_level_db,
+            "t90_s": played.figures.t90_s,
+            "contrast_db": played.figures.contrast_db,
             "contrast_after_50_ms_db": None if rising.contrast_db is None else _after(rising, PROMPT_MS[1]),
         },
         subtitle=words,
@@ -69,8 +69,8 @@ def compute_rising(played: PlayedDrive) -> Rising:
     """Levels of tones of different frequencies add as powers."""
     position_m = np.array(played.placement.position_m)
     model = compute_rise_model(compute_basis(assemble(played.device)), [played.cases[0]], position_m[None])
-    time_s = np.arange(_STEP_S, max(_SHORTEST_S, _LONGER * played.t90_s), _STEP_S)
-    hz, amplitude = np.array(played.frequencies_hz), played.complex_amplitudes
+    time_s = np.arange(_STEP_S, max(_SHORTEST_S, _LONGER * played.figures.t90_s), _STEP_S)
+    hz, amplitude = np.array(played.drive.frequencies_hz), played.drive.complex_amplitudes
     tones_hz, envelope = compute_envelopes(model, hz, amplitude, time_s)
     threshold_m_per_s2 = played.device.threshold.peak_m_per_s2(tones_hz)
     power = ((envelope[:, 0] / threshold_m_per_s2[:, None, None]) ** 2).sum(axis=0)
@@ -98,7 +98,9 @@ def _draw_levels(axes: Axes, played: PlayedDrive, rising: Rising) -> None:
         axes.plot(1e3 * rising.time_s, level_db, color=colour, ls=style, lw=1.6, label=name)
         axes.plot(1e3 * rising.time_s[-1], finger.level_db, "<", ms=8, color=colour, clip_on=False)
     axes.plot([], [], "<", ms=8, color=BLACK, label="promised")
-    axes.axvline(1e3 * played.t90_s, color=BLACK, ls=":", lw=1.2, label=f"t90, {1e3 * played.t90_s:.0f} ms")
+    axes.axvline(
+        1e3 * played.figures.t90_s, color=BLACK, ls=":", lw=1.2, label=f"t90, {1e3 * played.figures.t90_s:.0f} ms"
+    )
     axes.axhline(0.0, color=GREY, lw=1.2, ls="--", label="detection threshold (ESTIMATE)")
     top_db = float(rising.level_db.max())
     axes.set(ylabel="level (dB above threshold)", ylim=(top_db - _LOWEST_DB, top_db + 3.0))
@@ -110,10 +112,10 @@ def _draw_levels(axes: Axes, played: PlayedDrive, rising: Rising) -> None:
 def _draw_contrast(axes: Axes, played: PlayedDrive, time_s: Array, contrast_db: Array) -> None:
     _draw_prompt(axes)
     axes.plot(1e3 * time_s, contrast_db, color=BLUE, lw=1.6)
-    assert played.contrast_db is not None
-    axes.plot(1e3 * time_s[-1], played.contrast_db, "<", ms=8, color=BLACK, clip_on=False)
+    assert played.figures.contrast_db is not None
+    axes.plot(1e3 * time_s[-1], played.figures.contrast_db, "<", ms=8, color=BLACK, clip_on=False)
     axes.axhline(0.0, color=GREY, lw=0.8)
-    axes.axvline(1e3 * played.t90_s, color=BLACK, ls=":", lw=1.2)
+    axes.axvline(1e3 * played.figures.t90_s, color=BLACK, ls=":", lw=1.2)
     axes.set(ylabel="contrast, felt over\nquiet, at that moment (dB)")
     axes.grid(alpha=0.25)
 
@@ -131,7 +133,7 @@ def _contrast_text(played: PlayedDrive, rising: Rising) -> str:
     if rising.contrast_db is None:
         return ""
     early_db = _after(rising, PROMPT_MS[1])
-    return f"; contrast {early_db:z.1f} dB after {PROMPT_MS[1]:g} ms, {played.contrast_db:z.1f} dB steady"
+    return f"; contrast {early_db:z.1f} dB after {PROMPT_MS[1]:g} ms, {played.figures.contrast_db:z.1f} dB steady"
 
 
 def _columns(played: PlayedDrive, rising: Rising) -> dict[str, Array]:

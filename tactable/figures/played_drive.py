@@ -4,19 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from engine.device import Device, Finger
+from engine.steady import SteadyDrive
 from engine.steady.cases import cases_at, sample_deviations
 from engine.table import Table
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
+from precompute.predict.at_positions import PlacementFigures
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.placed_drive import designer_of
 from tactable.explain.words import placement_text
 
-Array = NDArray[np.float64]
 Load = Sequence[tuple[float, Finger]]
 """Position in metres and finger, for each finger."""
 
@@ -34,39 +34,26 @@ class PlayedFinger:
 
 @dataclass(frozen=True)
 class PlayedDrive:
-    """A steady drive with the fingers that it is for; contrasts are None where nothing is quiet.
+    """A steady drive with the fingers that it is for.
 
     who: the fingers in words. cases: the standard fingers, then the sampled ones. worst_contrast_db: over the sampled
-    fingers.
+    fingers, None where nothing is quiet.
     """
 
     device: Device
     who: str
     placement: Placement
-    frequencies_hz: tuple[float, ...]
-    amplitudes: tuple[float, ...]
-    phases_rad: tuple[float, ...]
-    wanted_level_db: float
-    level_db: float
-    achieved: bool
-    contrast_db: float | None
-    expected_contrast_db: float | None
+    figures: PlacementFigures
+    threshold_m_per_s2: float
     worst_contrast_db: float | None
     localized_factor: float
-    t90_s: float
     fingers: tuple[PlayedFinger, ...]
     cases: tuple[Load, ...]
 
     @property
-    def tones_hz(self) -> Array:
-        """Shape (tone,): distinct frequencies of the actuators that move."""
-        return np.unique(np.array(self.frequencies_hz)[np.array(self.amplitudes) > 0])
-
-    @property
-    def complex_amplitudes(self) -> NDArray[np.complex128]:
-        """Shape (actuator,): fractions of full scale."""
-        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
-        return amplitudes
+    def drive(self) -> SteadyDrive:
+        """The drive, of one frequency."""
+        return self.figures.drive
 
 
 def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedDrive:
@@ -86,17 +73,10 @@ def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedD
         device=device,
         who=placement_text(device, placement),
         placement=placement,
-        frequencies_hz=drive.frequencies_hz,
-        amplitudes=drive.amplitudes,
-        phases_rad=drive.phases_rad,
-        wanted_level_db=drive.wanted_level_db,
-        level_db=drive.weakest_felt_db,
-        achieved=drive.achieved,
-        contrast_db=figures.contrast_db,
-        expected_contrast_db=figures.expected_contrast_db,
+        figures=figures,
+        threshold_m_per_s2=threshold_m_per_s2,
         worst_contrast_db=float((weakest - strongest).min()) if placement.quiet else None,
         localized_factor=float(share[felt_zones].sum()),
-        t90_s=figures.t90_s,
         fingers=tuple(
             PlayedFinger(at_m, is_felt, threshold_m_per_s2 * 10 ** (level / 20), level, (low, high))
             for at_m, is_felt, level, (low, high) in zip(

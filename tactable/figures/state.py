@@ -43,36 +43,35 @@ class Envelope:
 
 def plot_state(played: PlayedDrive) -> Picture:
     """Picture of a drive that is solved for fingers."""
-    device, tones_hz = played.device, played.tones_hz
-    envelope = compute_envelope(played)
-    threshold = device.threshold.peak_m_per_s2(tones_hz)
+    device, envelope = played.device, compute_envelope(played)
     figure = Figure(figsize=(9, 5.4), layout="constrained")
     axes = figure.add_subplot()
     _draw_envelope(axes, played, envelope)
-    _draw_thresholds(axes, tones_hz, threshold)
+    label = f"detection threshold at {played.drive.frequency_hz:g} Hz (ESTIMATE)"
+    axes.axhline(played.threshold_m_per_s2, color=BLACK, lw=1.0, ls="--", label=label)
     _draw_fingers(axes, played)
-    _set_axes(axes, played, envelope, threshold)
+    _set_axes(axes, played, envelope)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {played.who}, {level_text(played.wanted_level_db)}",
+        f"{device.name}: {played.who}, {level_text(played.drive.wanted_level_db)}",
         _promise_text(played),
         _columns(envelope),
-        _summary(played, threshold),
+        _summary(played),
         subtitle=f"{_drive_text(played)}\n{_promise_text(played)}",
     )
 
 
 def compute_envelope(played: PlayedDrive) -> Envelope:
     """The drive under each load of fingers."""
-    device, frequency_hz = played.device, np.array(played.frequencies_hz)
+    device, frequency_hz = played.device, np.array(played.drive.frequencies_hz)
     plant = assemble(device)
     position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
 
     def along(load: Load) -> Array:
         loaded = plant.with_fingers(*zip(*load, strict=True))
-        return peak_along(loaded, frequency_hz, played.complex_amplitudes, position_m)
+        return peak_along(loaded, frequency_hz, played.drive.complex_amplitudes, position_m)
 
     each = np.array([along(load) for load in played.cases])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
@@ -85,14 +84,6 @@ def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
     axes.fill_between(place_mm, envelope.least, envelope.greatest, color=BLUE, alpha=0.15, lw=0, label=label)
     axes.plot(place_mm, envelope.standard, color=BLUE, lw=1.8, label="with standard fingers")
     draw_actuators(axes, played.device)
-
-
-def _draw_thresholds(axes: Axes, tones_hz: Array, threshold: Array) -> None:
-    for k, (hz, value) in enumerate(zip(tones_hz, threshold, strict=True)):
-        style = ("--", "-.", ":")[k % 3]
-        axes.axhline(value, color=BLACK, lw=1.0, ls=style, label=f"detection threshold at {hz:g} Hz (ESTIMATE)")
-    if len(tones_hz) > 1:
-        axes.plot([], [], " ", label="of several tones the levels add as powers")
 
 
 def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
@@ -113,9 +104,10 @@ def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
         )
 
 
-def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope, threshold: Array) -> None:
+def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    reference = played.threshold_m_per_s2
     under = [finger.acceleration_m_per_s2 for finger in played.fingers]
-    lowest = min([*_BELOW_THRESHOLD * threshold, *(value / 2 for value in under if value)])
+    lowest = min([_BELOW_THRESHOLD * reference, *(value / 2 for value in under if value)])
     axes.set(
         xlabel="along the bar (mm)",
         ylabel="peak acceleration (m/s²)",
@@ -123,41 +115,34 @@ def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope, threshold: Ar
         yscale="log",
         ylim=(lowest, _HEADROOM * envelope.greatest.max()),
     )
-    if len(threshold) == 1:
-        reference = float(threshold[0])
-        levels = axes.secondary_yaxis(
-            "right",
-            functions=(
-                lambda value: 20 * np.log10(np.maximum(np.asarray(value, dtype=float), 1e-9) / reference),
-                lambda level_db: reference * 10 ** (np.asarray(level_db, dtype=float) / 20),
-            ),
-        )
-        levels.set_yscale("linear")
-        levels.set_ylabel("sensation level (dB above threshold)")
+    levels = axes.secondary_yaxis(
+        "right",
+        functions=(
+            lambda value: 20 * np.log10(np.maximum(np.asarray(value, dtype=float), 1e-9) / reference),
+            lambda level_db: reference * 10 ** (np.asarray(level_db, dtype=float) / 20),
+        ),
+    )
+    levels.set_yscale("linear")
+    levels.set_ylabel("sensation level (dB above threshold)")
 
 
 def _drive_text(played: PlayedDrive) -> str:
-    """What each actuator plays; a common frequency is said once."""
-    tones_hz = played.tones_hz
-    is_common = len(tones_hz) == 1
+    """What each actuator plays."""
+    drive = played.drive
     parts = [
-        f"{actuator.name} {100 * amplitude:.3g} %{'' if is_common else f' at {hz:g} Hz'}, {phase:+z.2f} rad"
-        if amplitude
-        else f"{actuator.name} still"
-        for actuator, hz, amplitude, phase in zip(
-            played.device.actuators, played.frequencies_hz, played.amplitudes, played.phases_rad, strict=True
-        )
+        f"{actuator.name} {100 * amplitude:.3g} %, {phase:+z.2f} rad" if amplitude else f"{actuator.name} still"
+        for actuator, amplitude, phase in zip(played.device.actuators, drive.amplitudes, drive.phases_rad, strict=True)
     ]
-    common = f" at {tones_hz[0]:g} Hz" if is_common else ""
-    return textwrap.fill(f"solved for these positions{common}: {'; '.join(parts)}", _TITLE_LETTERS)
+    return textwrap.fill(f"solved for these positions at {drive.frequency_hz:g} Hz: {'; '.join(parts)}", _TITLE_LETTERS)
 
 
 def _promise_text(played: PlayedDrive) -> str:
-    reached = "" if played.achieved else f"NOT ACHIEVED, {played.level_db:.1f} dB at most; "
-    if played.contrast_db is None or played.expected_contrast_db is None or played.worst_contrast_db is None:
+    figures, worst_db = played.figures, played.worst_contrast_db
+    reached = "" if played.drive.achieved else f"NOT ACHIEVED, {played.drive.weakest_felt_db:.1f} dB at most; "
+    if worst_db is None:
         return f"{reached}localized factor {played.localized_factor:.3f}"
-    contrasts = f"expected {played.expected_contrast_db:z.1f}, worst {played.worst_contrast_db:z.1f}"
-    return f"{reached}contrast {played.contrast_db:z.1f} dB ({contrasts})"
+    contrasts = f"expected {figures.expected_contrast_db:z.1f}, worst {worst_db:z.1f}"
+    return f"{reached}contrast {figures.contrast_db:z.1f} dB ({contrasts})"
 
 
 def _columns(envelope: Envelope) -> dict[str, Array]:
@@ -169,18 +154,18 @@ def _columns(envelope: Envelope) -> dict[str, Array]:
     }
 
 
-def _summary(played: PlayedDrive, threshold: Array) -> dict[str, object]:
-    named = placement_json(played.device, played.placement)
+def _summary(played: PlayedDrive) -> dict[str, object]:
+    named, figures, drive = placement_json(played.device, played.placement), played.figures, played.drive
     return {
         **zone_lists(played.device, played.placement.zone_states(played.device)),
-        "wanted_level_db": played.wanted_level_db,
-        "level_db": played.level_db,
-        "achieved": played.achieved,
-        "contrast_db": played.contrast_db,
-        "expected_contrast_db": played.expected_contrast_db,
+        "wanted_level_db": drive.wanted_level_db,
+        "level_db": drive.weakest_felt_db,
+        "achieved": drive.achieved,
+        "contrast_db": figures.contrast_db,
+        "expected_contrast_db": figures.expected_contrast_db,
         "worst_contrast_db": played.worst_contrast_db,
         "localized_factor": played.localized_factor,
-        "threshold_m_per_s2": dict(zip(map(str, played.tones_hz.tolist()), threshold.tolist(), strict=True)),
+        "threshold_m_per_s2": {str(drive.frequency_hz): played.threshold_m_per_s2},
         "fingers": [
             {
                 **name,

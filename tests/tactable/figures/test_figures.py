@@ -33,7 +33,7 @@ def drawn(table: Table, felt: str, *quiet: str, level_db: float = 20.0) -> Playe
 
 
 def test_a_level_that_is_not_achieved_is_said(table: Table) -> None:
-    loudest_db = drawn(table, "I", "III", level_db=inf).level_db
+    loudest_db = drawn(table, "I", "III", level_db=inf).drive.weakest_felt_db
     picture = plot_state(drawn(table, "I", "III", level_db=loudest_db + 3))
     assert "NOT ACHIEVED" in picture.caption
     assert picture.summary["achieved"] is False
@@ -43,7 +43,7 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     placement = Placement.named(table.device, ["35 mm"], ["120 mm", "80 mm"])
     played = solved_drive(table, placement, 20.0)
     solved = table.drive_for(["35 mm"], ["120 mm", "80 mm"], 20.0)
-    assert (played.frequencies_hz, played.amplitudes) == (solved.frequencies_hz, solved.amplitudes)
+    assert (played.drive.frequencies_hz, played.drive.amplitudes) == (solved.frequencies_hz, solved.amplitudes)
     envelope = compute_envelope(played)
     for finger in played.fingers:
         here = np.interp(finger.position_m, envelope.position_m, envelope.standard)
@@ -53,7 +53,7 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert [finger["position_m"] for finger in picture.summary["fingers"]] == list(placement.position_m)
     assert "35 mm (I) felt" in picture.caption
     risen_db = compute_rising(played).level_db[played.placement.felt[0], -1]
-    assert risen_db == pytest.approx(played.level_db, abs=1.0)
+    assert risen_db == pytest.approx(played.drive.weakest_felt_db, abs=1.0)
 
 
 def test_the_course_is_risen_when_it_is_said_and_stays_near_what_is_promised(table: Table) -> None:
@@ -63,7 +63,7 @@ def test_the_course_is_risen_when_it_is_said_and_stays_near_what_is_promised(tab
         (finger,) = played.placement.felt
         own, promised_db = rising.level_db[finger], played.fingers[finger].level_db
         outside = np.flatnonzero(abs(10 ** ((own - promised_db) / 20) - 1) > 0.1)
-        assert rising.time_s[outside[-1]] == pytest.approx(played.t90_s, abs=2e-3)
+        assert rising.time_s[outside[-1]] == pytest.approx(played.figures.t90_s, abs=2e-3)
 
 
 def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table) -> None:
