@@ -203,14 +203,14 @@ def check_bytes(path: Path, verify: bool) -> bool:
     seal, size = _read_seal(path), path.stat().st_size
     if seal is None and size != int.from_bytes(head[_HDF5_END:], "little") and head[8] == _HDF5_SUPERBLOCK:
         raise TableError(f"{path}: is truncated; build it again")
-    if verify and seal is not None and seal != _file_checksum(path, size - _SEAL.size):
+    if verify and seal is not None and seal != file_checksum(path, size - _SEAL.size):
         raise TableError(f"{path}: is corrupted: it fails its checksum; build it again")
     return seal is not None
 
 
 def _append_seal(path: Path) -> None:
     """Close the file with a magic and the CRC-32 of all before it, which HDF5 does not read."""
-    checksum = _file_checksum(path, path.stat().st_size)
+    checksum = file_checksum(path)
     with path.open("ab") as file:
         file.write(_SEAL.pack(_SEAL_MAGIC, checksum))
 
@@ -225,10 +225,11 @@ def _read_seal(path: Path) -> int | None:
     return int(_SEAL.unpack(last)[1])
 
 
-def _file_checksum(path: Path, size: int) -> int:
+def file_checksum(path: Path, size: float = math.inf) -> int:
+    """CRC-32 of the first `size` bytes of a file."""
     checksum = 0
     with path.open("rb") as file:
-        while size > 0 and (piece := file.read(min(size, _READ_BYTES))):
+        while size > 0 and (piece := file.read(int(min(size, _READ_BYTES)))):
             checksum = zlib.crc32(piece, checksum)
             size -= len(piece)
     return checksum

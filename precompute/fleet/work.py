@@ -1,10 +1,8 @@
 """Work on one unit in its folder: calibrate, build, verify. Its outcome is written last and marks it as complete."""
 
-import hashlib
 import json
 import threading
 import time
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,18 +17,14 @@ from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
 from engine.table import Table
+from engine.table.file import file_checksum
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.calibration.adequacy import adequacy_report
-from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.calibration.device_text import calibrated_text
+from precompute.calibration.fitted import REPORT, fit_file
 from precompute.calibration.misfit import Loss
-from precompute.calibration.pairwise import fit_pairwise
-from precompute.calibration.report import calibration_report, report_markdown
 from precompute.clicks import ClickOptions
 from precompute.fleet.figures import compute_table_figures, evaluate_table
 from precompute.fleet.units import FleetError, Job, Outcome
-from precompute.measurements import read_measurements
 from precompute.measurements.parameters import default_names
 
 TABLE = "table.nc"
@@ -40,8 +34,6 @@ Progress = Callable[[str, float], None]
 """Called with the step that runs and the fraction done."""
 LARGEST_MISFIT = 0.2
 """Typical misfit beyond which a calibration is doubtful, as for `tactable calibrate`."""
-_REPORT = "report.json"
-_PIECE_BYTES = 1 << 24  # 16 MiB at a time, as engine/table/file.py
 
 # Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()
@@ -88,7 +80,7 @@ def kept_outcome(job: Job) -> Outcome | None:
         values = json.loads((job.folder / OUTCOME).read_text(encoding="utf-8"))
         outcome = Outcome(**{**values, "doubts": tuple(values["doubts"]), "is_kept": True})
         is_whole = outcome.key == job.key and (
-            outcome.table_crc32 is None or outcome.table_crc32 == _checksum(job.folder / TABLE)
+            outcome.table_crc32 is None or outcome.table_crc32 == file_checksum(job.folder / TABLE)
         )
     except (OSError, ValueError, TypeError, KeyError):
         return None
@@ -108,7 +100,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
     table_crc32 = None
     if job.unit.evaluated_table is None:
         figures = _build(job, device, progress)
-        table_crc32 = _checksum(job.folder / TABLE)
+        table_crc32 = file_checksum(job.folder / TABLE)
     else:
         with Table.open(job.unit.evaluated_table) as table, threadpool_limits(1, "blas"):
             figures = evaluate_table(table, device)
@@ -159,46 +151,17 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str,
     """
     folder = job.folder / f"calibration-{job.key[:12]}"
     if not folder.exists():
-        write_new_folder(folder, _calibration_files(job, device, path))
+        options = job.options
+        usual = default_names(device) if options.parameters is None else options.parameters
+        names, mass_kg = (*usual, *options.also), options.sensor_mass_kg
+        fitted = fit_file(
+            device, path, names, Loss(options.loss), sensor_mass_kg=mass_kg, created=job.created, bounds={}
+        )
+        write_new_folder(folder, fitted.files())
     calibrated = Device.read(folder / f"{device.name}.toml")
-    report = json.loads((folder / _REPORT).read_text(encoding="utf-8"))
+    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
     misfit = report["median_misfit"]
     doubts = [f"typical misfit {100 * misfit:.3g} %"] if misfit > LARGEST_MISFIT else []
     doubts += [doubt] if (doubt := report.get("adequacy", {}).get("doubt")) else []
     doubts += [f"{p['name']}: {p['known']}" for p in report["parameters"] if p["known"] != "known"]
     return calibrated, tuple(doubts)
-
-
-def _calibration_files(job: Job, device: Device, path: Path) -> dict[str, bytes]:
-    raw, options = path.read_bytes(), job.options
-    measurements = read_measurements(path, device, options.sensor_mass_kg)
-    names = (*(default_names(device) if options.parameters is None else options.parameters), *options.also)
-    with threadpool_limits(1, "blas"):
-        found = calibrate(device, measurements, names, Loss(options.loss))
-        report = calibration_report(found, fit_pairwise(device, found))
-        report["adequacy"] = adequacy_report(device, found, {})
-    return {
-        f"{device.name}.toml": _calibrated_text(found, job, path, raw).encode(),
-        f"measurements{path.suffix.lower()}": raw,
-        _REPORT: json.dumps(report, indent=2).encode(),
-        "report.md": report_markdown(report).encode(),
-    }
-
-
-def _calibrated_text(found: Calibration, job: Job, path: Path, raw: bytes) -> str:
-    provenance = {
-        "created": job.created,
-        "measurements": f"measurements{path.suffix.lower()}",
-        "sha256": hashlib.sha256(raw).hexdigest(),
-        "report": _REPORT,
-        "loss": found.loss.value,
-    }
-    return calibrated_text(found, provenance)
-
-
-def _checksum(path: Path) -> int:
-    checksum = 0
-    with path.open("rb") as file:
-        while piece := file.read(_PIECE_BYTES):
-            checksum = zlib.crc32(piece, checksum)
-    return checksum

@@ -7,24 +7,20 @@ not at all, and its report keeps everything that decided the result, so that the
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from base.files import check_new_folder, write_new_folder
 from engine.device import Device
 from engine.render.board_fit import card_text, flash_text
-from precompute.calibration.device_text import calibrated_text
+from precompute.calibration.device_text import calibrated_device
+from precompute.calibration.fitted import REPORT, Fitted, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.calibration.plausibility import implausible_changes
 from precompute.measurements.parameters import Bounds
 from tactable.calibration.step_times import Progress
-
-if TYPE_CHECKING:
-    from precompute.calibration.calibrate import Calibration
-
-_REPORT = "report.json"
 
 
 @dataclass(frozen=True)
@@ -51,44 +47,33 @@ class CalibrationJob:
         """File of the calibrated device."""
         return self.folder / f"{self.device.name}.toml"
 
-    def fit(self, progress: Progress) -> "Fitted":
+    def fit(self, progress: Progress) -> Fitted:
         """Read the measurements and fit. Raises CalibrationError, FolderError where the folder is there already."""
-        from threadpoolctl import threadpool_limits
-
-        from precompute.calibration.adequacy import adequacy_report
-        from precompute.calibration.calibrate import calibrate
-        from precompute.calibration.device_text import calibrated_device
-        from precompute.calibration.pairwise import fit_pairwise
-        from precompute.calibration.report import calibration_report
-        from precompute.measurements import read_measurements
-        from precompute.measurements.file import check_file
-
         check_new_folder(self.folder)
-        check_file(self.measurements)
-        raw = self.measurements.read_bytes()
         progress("fit", 0.0)
-        with threadpool_limits(1, "blas"):
-            measurements = read_measurements(self.measurements, self.device, self.sensor_mass_kg)
-            found = calibrate(
-                self.device,
-                measurements,
-                self.names,
-                self.loss,
-                bounds=self.bounds,
-                starts=self.starts,
-                seed=self.seed,
-            )
-            report = calibration_report(found, fit_pairwise(self.device, found) if self.compares else None)
-            report["adequacy"] = adequacy_report(self.device, found, self.bounds)
+        fitted = fit_file(
+            self.device,
+            self.measurements,
+            self.names,
+            self.loss,
+            sensor_mass_kg=self.sensor_mass_kg,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            bounds=self.bounds,
+            starts=self.starts,
+            seed=self.seed,
+            compares=self.compares,
+        )
+        report = fitted.report | {"asked": self._asked(fitted.raw)}
         if any(p["name"].endswith("full_scale") for p in report["parameters"]):
-            report["flash"] = flash_text(calibrated_device(found))
-            report["card"] = card_text(calibrated_device(found))
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        return Fitted(found, report | {"asked": self._asked(raw)}, raw, self.measurements.suffix.lower(), now)
+            device = calibrated_device(fitted.calibration)
+            report |= {"flash": flash_text(device), "card": card_text(device)}
+        return replace(fitted, report=report)
 
-    def write(self, fitted: "Fitted") -> None:
+    def write(self, fitted: Fitted) -> None:
         """Write the folder. Raises FolderError."""
-        write_new_folder(self.folder, calibration_files(fitted))
+        from tactable.figures.calibration import calibration_png  # takes a second to import, which a refusal need not
+
+        write_new_folder(self.folder, fitted.files() | {"fit.png": calibration_png(fitted.calibration)})
 
     def doubts_of(self, report: Mapping[str, Any]) -> list[str]:
         """Reasons not to use the result without a look."""
@@ -109,7 +94,7 @@ class CalibrationJob:
     def kept_report(self) -> dict[str, Any] | None:
         """Report of an earlier run of the same job; None where the folder holds none, or that of another job."""
         try:
-            report: dict[str, Any] = json.loads((self.folder / _REPORT).read_text(encoding="utf-8"))
+            report: dict[str, Any] = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
             raw = self.measurements.read_bytes()
         except (OSError, ValueError):
             return None
@@ -129,56 +114,6 @@ class CalibrationJob:
         }
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """A calibration that is not written yet; `raw` is the file of measurements, `ending` such as ".csv"."""
-
-    calibration: "Calibration"
-    report: dict[str, Any]
-    raw: bytes
-    ending: str
-    created: str
-
-    def device(self, source: str) -> Device:
-        """Device of the file that will be written; `source` is its name in messages."""
-        return Device.parse(_device_text(self), source)
-
-
 def calibration_json(job: CalibrationJob, report: Mapping[str, Any], doubts: Sequence[str]) -> dict[str, Any]:
     """Calibration as plain values: files, doubts and the report."""
     return {"folder": str(job.folder), "device_file": str(job.device_file), "doubts": list(doubts), **report}
-
-
-def calibration_files(fitted: Fitted) -> dict[str, bytes]:
-    """Contents of the folder by name."""
-    from precompute.calibration.report import report_markdown
-    from tactable.figures.calibration import calibration_png  # takes a second to import; the device file does not wait
-
-    name = fitted.calibration.device.name
-    text = _device_text(fitted)
-    more = {**_provenance(fitted), "fingerprint": Device.parse(text, name).fingerprint}
-    return {
-        f"{name}.toml": text.encode(),
-        _data_name(fitted): fitted.raw,
-        _REPORT: json.dumps({**fitted.report, **more}, indent=2).encode(),
-        "report.md": report_markdown(fitted.report).encode(),
-        "fit.png": calibration_png(fitted.calibration),
-    }
-
-
-def _device_text(fitted: Fitted) -> str:
-    return calibrated_text(fitted.calibration, _provenance(fitted))
-
-
-def _provenance(fitted: Fitted) -> dict[str, str]:
-    return {
-        "created": fitted.created,
-        "measurements": _data_name(fitted),
-        "sha256": hashlib.sha256(fitted.raw).hexdigest(),
-        "report": _REPORT,
-        "loss": fitted.calibration.loss.value,
-    }
-
-
-def _data_name(fitted: Fitted) -> str:
-    return f"measurements{fitted.ending}"
