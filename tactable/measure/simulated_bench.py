@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device import Device
+from engine.device import Device, Finger
 from engine.device.electrodes import board_bias
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_quantity
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
@@ -156,7 +156,8 @@ class SimulatedBench(VirtualLine):
         self.position_m = position_m
         self._plant.rest()
         self._plant.look_at(np.array([position_m]))
-        self._plant.touch([(position_m, replace(self._device.finger, **_mass_alone(self._sensor_mass_kg)))])
+        sensor = Finger(mass_kg=self._sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
+        self._plant.touch([(position_m, sensor)])
 
     def turn_over(self) -> None:
         """Turn the sensor over, so that gravity shows with the other sign."""
@@ -269,11 +270,6 @@ class SimulatedSensor:
 
     def close(self) -> None:
         """Nothing is open."""
-
-
-def _mass_alone(mass_kg: float) -> dict[str, float]:
-    """Values of a finger that is a mass and nothing else."""
-    return {"mass_kg": mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
 
 
 def _read_flaw(key: str, text: str, unit: str) -> float:
