@@ -90,7 +90,7 @@ def _message_text(layout: Layout) -> str:
     lines.append(f"#define TACTABLE_{upper}_TYPE {layout.message.type_byte:#04x}u")
     if layout.words:
         lines += ["", f"struct tactable_{name} {{", *_members(layout.words), "};"]
-    if layout.repeated:
+    if layout.repeated and _has_items(layout):
         lines += ["", f"struct {_item(layout)} {{", *_members(list(layout.repeated[1].words)), "};"]
     if layout.message.sender is not Sender.DEVICE:
         lines += _reader(layout) + _item_reader(layout)
@@ -160,7 +160,7 @@ def _writer(layout: Layout) -> list[str]:
 
 
 def _item_writer(layout: Layout) -> list[str]:
-    if not layout.repeated:
+    if not layout.repeated or not _has_items(layout):
         return []
     item = _item(layout)
     return [
@@ -172,6 +172,11 @@ def _item_writer(layout: Layout) -> list[str]:
         "    return at;",
         "}",
     ]
+
+
+def _has_items(layout: Layout) -> bool:
+    """Whether the firmware handles items one by one; the values of a stream it writes as they are."""
+    return layout.most is None or layout.message.sender is not Sender.DEVICE
 
 
 def _item(layout: Layout) -> str:

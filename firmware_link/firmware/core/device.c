@@ -168,8 +168,3 @@ void tactable_device_sense(struct tactable_device *device, int16_t acceleration)
     const uint32_t sample = device->synthesis.samples - 1u - device->configuration.sensor_delay_samples;
     sense_take(&device->sense, acceleration, sense_recall(&device->sense, sample), sample);
 }
-
-void tactable_device_miss(struct tactable_device *device, uint32_t samples)
-{
-    sense_miss(&device->sense, samples);
-}

@@ -40,7 +40,4 @@ void tactable_device_linearise(const struct tactable_device *device, int16_t *di
  * the displacements that this returned, or to those of `sensor_delay_samples` before. It neither waits nor allocates. */
 void tactable_device_sense(struct tactable_device *device, int16_t acceleration);
 
-/* Counts samples that the accelerometer took and the board did not read. */
-void tactable_device_miss(struct tactable_device *device, uint32_t samples);
-
 #endif

@@ -41,12 +41,6 @@ void sense_take(struct sense *sense, int16_t acceleration, const int16_t *displa
     sense->put++;
 }
 
-void sense_miss(struct sense *sense, uint32_t samples)
-{
-    sense->number += samples;
-    sense->lost += samples;
-}
-
 uint32_t sense_waiting(const struct sense *sense)
 {
     return sense->put - sense->taken;

@@ -48,9 +48,6 @@ const int16_t *sense_recall(const struct sense *sense, uint32_t synthesis_sample
 /* Interrupt: takes a sample of the accelerometer in counts, with the displacements that belong to it. */
 void sense_take(struct sense *sense, int16_t acceleration, const int16_t *displacements, uint32_t synthesis_sample);
 
-/* Interrupt: counts samples that the accelerometer took and nobody read. */
-void sense_miss(struct sense *sense, uint32_t samples);
-
 /* Number of records that wait. */
 uint32_t sense_waiting(const struct sense *sense);
 

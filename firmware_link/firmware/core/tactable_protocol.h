@@ -542,10 +542,6 @@ struct tactable_acceleration {
     uint8_t number_of_values;
 };
 
-struct tactable_acceleration_item {
-    int16_t value;
-};
-
 static inline uint8_t *tactable_write_acceleration(uint8_t *at, uint8_t sequence, const struct tactable_acceleration *message)
 {
     at = put_u8(at, TACTABLE_ACCELERATION_TYPE);
@@ -554,12 +550,6 @@ static inline uint8_t *tactable_write_acceleration(uint8_t *at, uint8_t sequence
     at = put_u32(at, message->number);
     at = put_u32(at, message->synthesis_sample);
     at = put_u8(at, message->number_of_values);
-    return at;
-}
-
-static inline uint8_t *tactable_write_acceleration_item(uint8_t *at, const struct tactable_acceleration_item *item)
-{
-    at = put_i16(at, item->value);
     return at;
 }
 
