@@ -1,11 +1,11 @@
 """Serial ports: their list, and one opened by name as a descriptor that never blocks."""
 
+import contextlib
 import errno
 import grp
 import stat
 import termios
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 
 import serial
@@ -17,13 +17,6 @@ from firmware_link.protocol.errors import LinkError
 
 _BY_ID = Path("/dev/serial/by-id")
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
-
-
-class LowLatency(Enum):
-    """Outcome of asking the driver not to collect bytes (FTDI: 16 ms by default, 1 ms with it)."""
-
-    SET = "set"
-    UNSUPPORTED = "unsupported by this port"
 
 
 @dataclass(frozen=True)
@@ -86,7 +79,9 @@ class SerialPort(DescriptorPort):
             remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if _is_refused(error) else ""
             raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
-            self.low_latency = _set_low_latency(self._serial)
+            # Not to collect bytes: an FTDI does so for 16 ms by default, and for 1 ms then.
+            with contextlib.suppress(OSError, ValueError, NotImplementedError):  # drivers refuse in each of these ways
+                self._serial.set_low_latency_mode(True)
             super().__init__(self.path, self._serial.fileno())
             _report_hang_up(self._descriptor)
         except (OSError, termios.error) as error:
@@ -121,14 +116,6 @@ def _group_with_access(path: str) -> str | None:
         return None
     may_use = stat.S_IRGRP | stat.S_IWGRP
     return group if status.st_mode & may_use == may_use and group != "root" else None
-
-
-def _set_low_latency(port: serial.Serial) -> LowLatency:
-    try:
-        port.set_low_latency_mode(True)
-    except (OSError, ValueError, NotImplementedError):  # drivers refuse it in each of these ways; `doctor` tells
-        return LowLatency.UNSUPPORTED
-    return LowLatency.SET
 
 
 def _report_hang_up(descriptor: int) -> None:

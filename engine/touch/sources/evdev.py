@@ -195,8 +195,6 @@ class EvdevSource(OnClock):
         self.name = node.name
         self.report_index = -1
         self.report_time_ns = 0
-        self.dropped = 0
-        """How often the kernel lost events; its state was read again each time."""
         self._node = node
         self._is_open = True
         self._read_slots = read_slots
@@ -262,7 +260,6 @@ class EvdevSource(OnClock):
     def _take_event(self, event: InputEvent) -> None:
         """After SYN_DROPPED everything up to the next SYN_REPORT is void, and the kernel is asked instead."""
         if event.type == _EV_SYN and event.code == _SYN_DROPPED:
-            self.dropped += 1
             self._is_dropping = True
         elif event.type == _EV_SYN and event.code == _SYN_REPORT:
             if self._is_dropping:

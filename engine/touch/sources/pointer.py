@@ -84,8 +84,6 @@ class PointerSource(OnClock):
         self.report_time_ns = 0
         self.ended = False
         """The page is gone and all is released."""
-        self.silent_pointers = 0
-        """Pointers that were released because the page stopped reporting them."""
         self._pipe = descriptor
         self._is_open = True
         self._pressed: dict[bytes, tuple[int, bytes]] = {}  # by contact id: time and report, the longest silent first
@@ -135,6 +133,5 @@ class PointerSource(OnClock):
         for last_ns, report in self._pressed.values():
             if self._is_open and now_ns - last_ns < RELEASE_AFTER_NS:
                 break
-            self.silent_pointers += self._is_open
             return report[:1] + b"\0" + report[2:-1] + b"\1"
         return None

@@ -14,7 +14,7 @@ from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emu
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
-from firmware_link.host.serial_port import LowLatency, SerialPort
+from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
@@ -55,7 +55,6 @@ def test_a_drive_reaches_another_process_whose_port_is_exclusive_and_comes_back_
         reopening = ReopeningPort(lambda: SerialPort(emulator.stable_port))
         port, session = reopened(reopening)
         name, link = os.ttyname(port.fileno()), session.link
-        assert port.low_latency is LowLatency.UNSUPPORTED
         with pytest.raises(LinkError, match="cannot open"):
             SerialPort(emulator.port)
         bounds = link.clock.offset_bounds(time.monotonic_ns())
