@@ -22,9 +22,6 @@ _CONTACT_USAGES = {
     _CONTACT_ID: "contact_id",
     0x000D_0032: "in_range",
     0x000D_0047: "confidence",
-    0x000D_0030: "pressure",
-    0x000D_0048: "width",
-    0x000D_0049: "height",
 }
 _DEVICE_MODE, _CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0052, 0x000D_0054, 0x000D_0055, 0x000D_0056
 _CERTIFICATION_BLOB = 0xFF00_00C5  # of Windows touch devices; it marks the kernel's class Win8
@@ -54,9 +51,6 @@ class ContactLayout:
     contact_id: Field | None = None
     in_range: Field | None = None
     confidence: Field | None = None
-    pressure: Field | None = None
-    width: Field | None = None
-    height: Field | None = None
 
 
 @dataclass(frozen=True, slots=True)
