@@ -100,7 +100,6 @@ class Capabilities:
     synthesis_rate_hz: int
     boot_id: int
     board: int
-    firmware_version: tuple[int, int, int]
     features: Features = _NO_FEATURES
     longest_waveform_ms: int = 0
     basis_capacity_bytes: int = 0
@@ -120,7 +119,6 @@ class Capabilities:
             synthesis_rate_hz=hello.synthesis_rate_hz,
             boot_id=hello.boot_id,
             board=hello.board,
-            firmware_version=(hello.firmware_major, hello.firmware_minor, hello.firmware_patch),
             features=hello.features,
             longest_waveform_ms=hello.longest_waveform_ms,
             basis_capacity_bytes=hello.basis_capacity_bytes,

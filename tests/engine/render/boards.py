@@ -12,7 +12,7 @@ FULL_SCALE_M = 0.52e-6
 def plain_board(*full_scales_m: float) -> Capabilities:
     """A board that plays no waveforms; by default of two actuators of reference-a's full scale."""
     full_scales_m = full_scales_m or (FULL_SCALE_M, FULL_SCALE_M)
-    return Capabilities(len(full_scales_m), 0.01, 1.0, 655.35, full_scales_m, 100, 48_000, 1, 0, (0, 1, 0))
+    return Capabilities(len(full_scales_m), 0.01, 1.0, 655.35, full_scales_m, 100, 48_000, 1, 0)
 
 
 def board(*full_scales_m: float, **changed: object) -> Capabilities:

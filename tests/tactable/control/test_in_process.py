@@ -36,7 +36,7 @@ from tests.tools.child_here import ChildHere, ParentHere
 pytestmark = pytest.mark.usefixtures("both_ends")
 LONGER = DEVICE.with_values({"bar.length": "350 mm"})
 FULL_SCALES_M = tuple(each.full_scale_m for each in DEVICE.actuators)
-CAPABILITIES = Capabilities(2, 0.01, 10.0, 1000.0, FULL_SCALES_M, 80, 48_000, 1, 0, (1, 0, 0))
+CAPABILITIES = Capabilities(2, 0.01, 10.0, 1000.0, FULL_SCALES_M, 80, 48_000, 1, 0)
 BUZZ = {"type": "trigger", "effect": "buzz", "finger": 3}
 REGION = {"type": "region", "name": "a", "region": ["0 mm", "90 mm"], "rules": [{"on": "touch", "effect": "press"}]}
 
