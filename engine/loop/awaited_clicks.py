@@ -1,8 +1,7 @@
 """Clicks that no table holds (three fingers and more): asked for when they are wanted, and taken when they are solved.
 
-A solver beside the loop takes longer than a loop may wait. So the loop asks, goes on, and takes the answer when it
-comes: in time, and the touch that waits is answered with it; later, and it is remembered for the next touch of these
-places. The pipeline decides which of the two it is.
+A solver beside the loop takes longer than a loop may wait. So the loop asks, goes on, and the touch that waits is
+answered when the click comes. Where the solver has ended, the pipeline awaits nothing any more.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -18,6 +17,10 @@ from engine.touch import Placement
 
 class ClickSolving(Protocol):
     """What solves clicks beside a loop; nothing of it waits."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether questions are still answered."""
 
     def fileno(self) -> int:
         """Readable when `poll` has something to do."""
@@ -54,6 +57,10 @@ class AwaitedClicks:
                     command = pipeline.learn(click)
                     if command is not None:
                         self._hand_over(command)
+            if not self._solving.is_there and pipeline.answerer.awaits_clicks:
+                command = pipeline.stop_awaiting()
+                if command is not None:
+                    self._hand_over(command)
         awaited = pipeline.answerer.awaited
         if awaited is not None and awaited != self._asked:
             self._solving.ask_for_click(awaited, pipeline.device)

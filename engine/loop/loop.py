@@ -228,9 +228,7 @@ class Loop:
         placement, level_db, click_ns = pipeline.wanted
         frame, drive = None if report_index is None else pipeline.frame, dispatcher.held.drive
         is_click, touches = click_ns is not None, pipeline.touches
-        is_provisional = fate is not Fate.NONE and pipeline.answerer.is_provisional
-        self.counters.provisional += is_provisional
-        wanted = (placement, level_db, is_click, is_provisional, touches)
+        wanted = (placement, level_db, is_click, touches)
         play = dispatcher.play if fate is Fate.WAITING else b""
         dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None, play)))
 

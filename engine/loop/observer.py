@@ -47,8 +47,6 @@ class CommandRecord(NamedTuple):
     """Wanted sensation level; None: no finger feels."""
     is_click: bool
     """A click is wanted, not a steady drive."""
-    is_provisional: bool
-    """The command is the best that was known in time: the click that was wanted was not solved yet."""
     touches: Sequence[Touch]
     drive: bytes
     """The drive that the device holds from then on unless a waveform plays; empty for silence."""
@@ -82,8 +80,6 @@ class LoopCounters:
     """New sessions after a loss, or after the device stopped itself."""
     swaps: int = 0
     """Changes to another table."""
-    provisional: int = 0
-    """Commands that were the best known in time, in place of a click that was not solved yet."""
     controlled: int = 0
     """Control steps of programs."""
     learned: int = 0

@@ -10,8 +10,8 @@ The journey of one touch:
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
    or a steady drive as a SET: solved from the table's receptances for the fingers' own positions, or looked up among
    the rows of its sweep for their zones, as the rules say. The `Answerer`
-   asks for it: a drive that follows a finger keeps its frequency where it can, and a click that is being solved is
-   awaited for a while, until `learn` brings it.
+   asks for it: a drive that follows a finger keeps its frequency where it can, and a click that no table holds is
+   solved beside the loop and awaited, until `learn` brings it.
 
 A program changes what is wanted between two reports: `control` takes a new set of rules, an effect to begin at a finger
 or at a place, or a finger to keep quiet.
@@ -33,7 +33,7 @@ from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
 from engine.effects.player import DEFAULT_CLICK_NS
 from engine.loop.answerer import NOTHING, Answerer, Wanted
-from engine.render import Command, Renderer, Rendering
+from engine.render import SILENCE, Command, Renderer, Rendering
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
@@ -120,12 +120,12 @@ class Pipeline:
         if not self._follow(frame):
             return None
         self.state_ns = self._stamp_ns()
-        return self._answer(frame.time_ns)
+        return self.answerer.answer(self.wanted)
 
     def control(self, step: ControlStep, time_ns: int) -> tuple[Outcome, Command | None]:
         """Take what a program asks for; what became of it, and the new command, None where none is due."""
         outcome = self.player.control(step, time_ns)
-        return outcome, self._answer(time_ns) if self._take_wanted() else None
+        return outcome, self.answerer.answer(self.wanted) if self._take_wanted() else None
 
     def commands_due(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
@@ -134,33 +134,34 @@ class Pipeline:
             yield from self._advance_effects(release_ns)
             frame = self.digitizer.expire(release_ns)
             if frame is not None and self._follow(frame):
-                yield from self._answers(release_ns)
+                yield from self._answers()
         yield from self._advance_effects(time_ns)
-        latest_ns = self.answerer.latest_ns
-        if latest_ns is not None and latest_ns <= time_ns:
-            self._stop_waiting()
-            yield self.command()
 
     def command(self) -> Command:
         """The command for what is wanted now; it is also wanted again after a change of table.
 
-        Where the click is not known, it is the best that is, marked as provisional.
+        Where the click is not known, it is the steady drive for the same fingers, or silence while it is awaited.
         """
-        return self.answerer.answer_now(self.wanted)
+        return SILENCE if self.answerer.awaited is not None else self.answerer.answer_now(self.wanted)
 
     def learn(self, click: ClickEntry) -> Command | None:
         """Add a click that was solved beside the loop; its command where it is awaited, else None."""
-        if not self.answerer.learn(click):
-            return None
-        self._note_due()
-        return self.command()
+        return self.command() if self.answerer.learn(click) else None
+
+    def stop_awaiting(self) -> Command | None:
+        """Solve no more clicks beside the loop; the command for a touch that waits for one, else None."""
+        was_awaited = self.answerer.awaited is not None
+        self.answerer.awaits_clicks = False
+        self.answerer.stop_waiting()
+        return self.command() if was_awaited else None
 
     def silence(self) -> Command | None:
         """Want nothing any more, whatever is touched; None where nothing was wanted."""
         if self.wanted.placement is None:
             return None
         self.wanted = NOTHING
-        self._stop_waiting()
+        self.answerer.stop_waiting()
+        self._note_due()
         return self.command()
 
     def change_table(self, rendering: Rendering) -> None:
@@ -192,24 +193,12 @@ class Pipeline:
         while (change_ns := player.next_change_ns) is not None and change_ns <= time_ns:
             player.advance_effects(change_ns)
             if self._take_wanted():
-                yield from self._answers(change_ns)
+                yield from self._answers()
 
-    def _answers(self, time_ns: int) -> Iterator[Command]:
-        command = self._answer(time_ns)
+    def _answers(self) -> Iterator[Command]:
+        command = self.answerer.answer(self.wanted)
         if command is not None:
             yield command
-
-    def _answer(self, time_ns: int) -> Command | None:
-        """The command for what is wanted since now; None where its click is awaited."""
-        command = self.answerer.answer(self.wanted, time_ns)
-        if command is None:
-            self._note_due()
-        return command
-
-    def _stop_waiting(self) -> None:
-        if self.answerer.latest_ns is not None:
-            self.answerer.stop_waiting()
-        self._note_due()
 
     def _take_wanted(self) -> bool:
         player = self.player
@@ -221,13 +210,12 @@ class Pipeline:
         if player.placement is not None:
             self.counters.joined += player.joined > 0
             self.counters.left_out += player.left_out > 0
-        self._stop_waiting()
+        self.answerer.stop_waiting()
+        self._note_due()
         return True
 
     def _note_due(self) -> None:
-        due_ns, release_ns, latest_ns = self.player.next_change_ns, self._release_ns, self.answerer.latest_ns
+        due_ns, release_ns = self.player.next_change_ns, self._release_ns
         if release_ns is not None and (due_ns is None or release_ns < due_ns):
             due_ns = release_ns
-        if latest_ns is not None and (due_ns is None or latest_ns < due_ns):
-            due_ns = latest_ns
         self.due_ns = math.inf if due_ns is None else due_ns

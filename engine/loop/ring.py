@@ -20,7 +20,7 @@ from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
 
 MAGIC = b"tactring"
-REVISION = 3  # raise it with any change of the structures below
+REVISION = 4  # raise it with any change of the structures below
 MOST_TOUCHES = 16
 SLOTS = 4096
 """Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
@@ -32,9 +32,9 @@ _COUNT = struct.Struct("<Q")
 _HEAD_SIZE = 64  # a cache line: the count of records shares none with a slot
 # CRC-32 of the rest, then the number of the record, from 1
 _GUARD = struct.Struct("<IIQ")
-# six stamps, report index, level, is_click, is_provisional, sequence, counters, the fingers that feel as bits, then how
-# many of fingers, touches, drive, play and report; no finger stands for no placement
-_FIXED = struct.Struct("<6qqd??h6QHBBHHH")
+# six stamps, report index, level, is_click, sequence, counters, the fingers that feel as bits, then how many of
+# fingers, touches, drive, play and report; no finger stands for no placement
+_FIXED = struct.Struct("<6qqd?h6QHBBHHH")
 _FINGERS = [struct.Struct(f"<{count}d") for count in range(MOST_FINGERS + 1)]
 _TOUCH = struct.Struct("<qdb")
 _NO_LEVEL = float("-inf")
@@ -74,8 +74,6 @@ class Record(NamedTuple):
     """The fingers that the command is for, each with its role; None where no finger is to feel anything."""
     level_db: float | None
     is_click: bool
-    is_provisional: bool
-    """The command is the best that was known in time: the click for these fingers was not solved yet."""
     drive_sequence: int | None
     """Sequence of the SET or PLAY that was written; None without one."""
     counters: RingCounters
@@ -131,7 +129,6 @@ class RingWriter:
                     _NONE if record.report_index is None else record.report_index,
                     _NO_LEVEL if record.level_db is None else record.level_db,
                     record.is_click,
-                    record.is_provisional,
                     _NONE if record.drive_sequence is None else record.drive_sequence,
                     counters.reports,
                     counters.frames,
@@ -234,7 +231,7 @@ class RingReader:
 
 def _decode(body: bytes) -> Record:
     values = _FIXED.unpack_from(body)
-    stamps, (index, level_db, is_click, is_provisional, sequence), counters = values[:6], values[6:11], values[11:17]
+    stamps, (index, level_db, is_click, sequence), counters = values[:6], values[6:10], values[10:16]
     felt, fingers, count, drive_size, play_size, report_size = values[17:]
     fingers_end = _FIXED.size + _FINGERS[fingers].size
     touches_end = fingers_end + count * _TOUCH.size
@@ -246,7 +243,6 @@ def _decode(body: bytes) -> Record:
         placement=_placement(_FINGERS[fingers].unpack_from(body, _FIXED.size), felt) if fingers else None,
         level_db=None if level_db == _NO_LEVEL else level_db,
         is_click=is_click,
-        is_provisional=is_provisional,
         drive_sequence=None if sequence == _NONE else sequence,
         counters=RingCounters(*counters),
         touches=tuple(

@@ -9,11 +9,10 @@ from engine.table import ClickEntry, Clicks
 from engine.table.click import played_at
 from engine.table.levels import LEVEL_TOLERANCE_DB
 from engine.touch import Placement
-from engine.touch.places import Key
 from firmware_link.protocol.basis import encode_click
 from firmware_link.protocol.messages import encode_amplitude
 
-MOST_LEARNED = 4096  # some 12 kB each, so 50 MB; a shipped table has 532 clicks
+MOST_LEARNED = 256  # of fingers that rest while their effect clicks again
 NOT_PLAYED = -1
 """Stands in place of an amplitude where the device lacks the click's set, or the level is refused."""
 
@@ -25,7 +24,7 @@ class RenderedClicks:
         self.clicks, self.basis = clicks, basis
         self._refuses = refuses
         self._rendered: dict[tuple[int, float], Rendered | None] = {}
-        self._learned: dict[Key, ClickEntry] = {}
+        self._learned: dict[Placement, ClickEntry] = {}
 
     @property
     def number(self) -> int:
@@ -39,26 +38,28 @@ class RenderedClicks:
 
     def is_unknown(self, placement: Placement) -> bool:
         """Whether the device plays clicks, and the click of these fingers is neither in the table nor learned."""
-        key = self.clicks.places.key(placement)
-        return self.are_played and self.clicks.row_of(key) is None and key not in self._learned
+        row = self.clicks.row_of(self.clicks.places.key(placement))
+        return self.are_played and row is None and placement not in self._learned
 
     def learn(self, click: ClickEntry) -> None:
-        """Add a click that was solved for places of this table; the earliest is forgotten beyond MOST_LEARNED."""
+        """Add a click that was solved for fingers; the earliest is forgotten beyond MOST_LEARNED."""
         if len(self._learned) == MOST_LEARNED:
             del self._learned[next(iter(self._learned))]
-        self._learned[self.clicks.places.key(click.placement)] = click
+        self._learned[click.placement] = click
 
     def rendered(self, placement: Placement, level_db: float) -> Rendered | None:
-        """The click of the places nearest to the fingers; None: it is not known, or the device can't play it."""
+        """The click of the places nearest to the fingers, else the one that was solved for just these; None: neither.
+
+        None also where the device can't play it.
+        """
         if self.basis.basis is None:
             return None
-        key = self.clicks.places.key(placement)
-        row = self.clicks.row_of(key)
+        row = self.clicks.row_of(self.clicks.places.key(placement))
         if row is not None:
             if (row, level_db) not in self._rendered:
                 self._rendered[row, level_db] = self._encode(self.clicks[row], level_db)
             return self._rendered[row, level_db]
-        learned = self._learned.get(key)
+        learned = self._learned.get(placement)
         return None if learned is None else self._encode(learned, level_db)
 
     def shortfall(self, level_db: float) -> int:
@@ -77,10 +78,8 @@ class RenderedClicks:
         return np.where(is_played, np.array(words, np.int32), np.int32(NOT_PLAYED))
 
     def _is_achieved(self, level_db: float) -> NDArray[np.bool_]:
-        is_achieved = self.clicks.achieved.astype(bool)
-        if np.isfinite(level_db):
-            is_achieved &= self.clicks.felt_low_db >= level_db - LEVEL_TOLERANCE_DB
-        return is_achieved
+        low_db = self.clicks.felt_low_db
+        return low_db >= level_db - LEVEL_TOLERANCE_DB if np.isfinite(level_db) else np.ones(len(low_db), np.bool_)
 
     def _encode(self, tabulated: ClickEntry, level_db: float) -> Rendered | None:
         number = self.basis.sets.get(tabulated.basis_set)

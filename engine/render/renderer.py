@@ -12,7 +12,6 @@ from engine.render.clicks import RenderedClicks
 from engine.render.commands import SILENCE, Command, Rendered
 from engine.table import ClickEntry
 from engine.touch import Placement
-from engine.touch.placement import merged
 from firmware_link.host.link_values import Capabilities
 
 
@@ -73,8 +72,8 @@ class Renderer:
 
         held_hz: frequency of the steady drive that they have, and moved since; None: they have none.
 
-        None: a click is wanted for these fingers that the table does not hold and nobody has solved yet; `fallback` has
-        the best that is known meanwhile. A device that plays no clicks gets that at once.
+        None: a click is wanted for these fingers that the table does not hold and nobody has solved yet; `fallback` is
+        what is played where nobody solves it. A device that plays no clicks gets that at once.
         """
         if placement is None or level_db is None:
             return SILENCE
@@ -93,17 +92,8 @@ class Renderer:
         self.not_achieved += not rendered.is_achieved
         return rendered.command
 
-    def at_places(self, placement: Placement) -> Placement | None:
-        """The placement at the nearest places of the table, which a click is solved for.
-
-        None where two fingers are at the same place or at places that are too close.
-        """
-        places = self.clicks.clicks.places
-        found = places.placement(places.key(placement))
-        return found if merged(zip(found.position_m, found.is_felt, strict=True))[2] == 0 else None
-
     def learn(self, click: ClickEntry) -> None:
-        """Add a click that was solved since the table was opened, for its places."""
+        """Add a click that was solved for fingers since the table was opened."""
         self.clicks.learn(click)
 
     @property

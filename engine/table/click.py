@@ -52,11 +52,6 @@ class ClickEntry:
     basis_set: int
     weights: NDArray[np.int16]
     fraction_bits: int
-    amplitude: float
-    wanted_level_db: float
-    """The level that is asked for; infinite: as strong as tabulated."""
-    achieved: bool
-    """False: full scale and the quiet level allow less than the wanted level; or the quiet level is not kept."""
     felt: LevelSpread
     """The weakest felt finger."""
     quiet: LevelSpread | None
@@ -69,11 +64,14 @@ class ClickEntry:
     residual_from_s: float
     residual_db: float
     """The strongest felt finger from residual_from_s on."""
-    objective: str
-    bound_db: float
-    """Upper bound on the felt level of clicks of these tones within the quiet level, mean of the optimised plants."""
-    gap_db: float
-    """Distance of this click from the bound."""
+    amplitude: float = 1.0
+    wanted_level_db: float = math.inf
+    """The level that is asked for; infinite: as strong as solved."""
+
+    @property
+    def achieved(self) -> bool:
+        """Whether the wanted level is reached: full scale and the quiet level may allow less."""
+        return math.isinf(self.wanted_level_db) or self.level_db >= self.wanted_level_db - LEVEL_TOLERANCE_DB
 
     @property
     def level_db(self) -> float:
@@ -116,7 +114,6 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
         click,
         amplitude=click.amplitude * scale,
         wanted_level_db=level_db,
-        achieved=click.achieved and (math.isinf(level_db) or click.level_db >= level_db - LEVEL_TOLERANCE_DB),
         felt=shifted(click.felt, change_db),
         quiet=click.quiet and shifted(click.quiet, change_db),
         fingers=tuple(
@@ -124,5 +121,4 @@ def played_at(click: ClickEntry, level_db: float) -> ClickEntry:
             for each in click.fingers
         ),
         residual_db=click.residual_db + change_db,
-        bound_db=click.bound_db + change_db,
     )

@@ -15,7 +15,6 @@ from firmware_link.protocol.errors import MessageError
 
 _CLICK, _FINGER, _SPREAD = ("click",), ("click", "finger"), ("click", "spread")
 _PLACE = Variable("place", ("place",), "m", "position from the start of the bar")
-_OBJECTIVE = Variable("objective", (), "1", "what was maximised")
 _LEVEL = Variable("level", ("level",), "dB", "that the click is played at; infinite: as it is")
 _SPREAD_NAMES = Variable("spread", ("spread",), "1", "nominal plant, how many sampled plants lie below, the worst")
 _FUNCTIONS = Variable(
@@ -48,15 +47,9 @@ _VARIABLES = {
         "s",
         "when every felt finger has passed its threshold; NaN: one never does",
     ),
-    "wanted_level_db": Variable("wanted_level", _CLICK, "dB", "level asked for; infinite: as strong as can be"),
     "peak_s": Variable("peak_time", _CLICK, "s", "when the last felt finger has its peak"),
     "residual_from_s": Variable("residual_start", _CLICK, "s", "from when on the residual is taken"),
     "residual_db": Variable("residual_level", _CLICK, "dB", "strongest felt finger from then on"),
-    "bound_db": Variable(
-        "upper_bound", _CLICK, "dB", "no click of its tones is felt more strongly; mean of the plants"
-    ),
-    "gap_db": Variable("optimality_gap", _CLICK, "dB", "what the bound leaves open"),
-    "achieved": Variable("achieved", _CLICK, "1", "1: the quiet level is kept and the wanted one reached"),
 }
 """The arrays of a file, by the fields of Clicks."""
 
@@ -67,7 +60,6 @@ def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
     write = partial(writer.write, "clicks")
     write(Variable.names("actuator"), [actuator.name for actuator in device.actuators])
     write(_PLACE, np.array(clicks.places.position_m))
-    write(_OBJECTIVE, clicks.objective)
     write(_SPREAD_NAMES, ["nominal", "5 %", "50 %", "95 %", "worst"])
     _write_basis(write, clicks.basis)
     write(_LEVEL, np.array(clicks.levels_db))
@@ -85,14 +77,12 @@ def read_clicks(arrays: Arrays, length_m: float, tolerance_m: float) -> Clicks:
     columns = {field: np.asarray(arrays[variable.name][...]) for field, variable in _VARIABLES.items()}
     if not (columns["basis_set"] < len(basis.sets)).all():
         raise ValueError(f"a click is of set {columns['basis_set'].max()} of a basis with {len(basis.sets)}")
-    for field in ("is_felt", "achieved"):
-        columns[field] = columns[field].astype(np.bool_)
+    columns["is_felt"] = columns["is_felt"].astype(np.bool_)
     return Clicks(
         places=Places(length_m, len(arrays[_PLACE.name])),
         tolerance_m=tolerance_m,
         basis=basis,
         levels_db=tuple(arrays[_LEVEL.name][...].tolist()),
-        objective=arrays[_OBJECTIVE.name].asstr()[()],
         **columns,
     )
 

@@ -23,7 +23,7 @@ NO_FINGER = -1
 """Stands in `finger_place` behind the last finger of a row."""
 NO_ROW = -1
 """Stands in `pair` where the table holds no such click."""
-FIGURES = ("wanted_level_db", "peak_s", "residual_from_s", "residual_db", "bound_db", "gap_db")
+FIGURES = ("peak_s", "residual_from_s", "residual_db")
 """Fields of an entry that are one real number."""
 
 
@@ -41,7 +41,6 @@ class Clicks(Sequence[ClickEntry]):
     tolerance_m: float
     basis: Basis | None
     levels_db: tuple[float, ...]
-    objective: str
     finger_place: NDArray[np.int32]
     is_felt: NDArray[np.bool_]
     weights: NDArray[np.int16]
@@ -52,17 +51,13 @@ class Clicks(Sequence[ClickEntry]):
     finger_m_per_s2: Array
     finger_db: Array
     exceeds_s: Array
-    wanted_level_db: Array
-    achieved: NDArray[np.bool_]
     peak_s: Array
     residual_from_s: Array
     residual_db: Array
-    bound_db: Array
-    gap_db: Array
 
     @classmethod
     def of(cls, places: Places, clicks: Sequence[ClickEntry]) -> "Clicks":
-        """The arrays of clicks, which share a basis, a tolerance, an objective and the levels that are looked at."""
+        """The arrays of clicks, which share a basis, a tolerance and the levels that are looked at."""
         first = clicks[0] if clicks else None
         assert first is None or all(click.basis.hash == first.basis.hash for click in clicks)
         rows, keys = len(clicks), [places.key(click.placement) for click in clicks]
@@ -82,7 +77,6 @@ class Clicks(Sequence[ClickEntry]):
             tolerance_m=0.0 if first is None else first.tolerance_m,
             basis=None if first is None else first.basis,
             levels_db=tuple(first.exceeds_s) if first else (),
-            objective=first.objective if first else "",
             finger_place=code // 2,
             is_felt=code % 2 == 1,
             weights=_padded([click.weights.tolist() for click in clicks], functions, 0).astype(np.int16),
@@ -93,7 +87,6 @@ class Clicks(Sequence[ClickEntry]):
             finger_m_per_s2=_padded(figures, fingers, np.nan),
             finger_db=_padded(levels_db, fingers, np.nan),
             exceeds_s=np.array(exceeds).reshape(rows, -1) if rows else np.empty((0, 0)),
-            achieved=column("achieved", np.bool_),
             **{name: column(name) for name in FIGURES},
         )
 
@@ -180,13 +173,10 @@ class Clicks(Sequence[ClickEntry]):
             basis_set=number,
             weights=self.weights[row, : len(self.basis.sets[number].actuators)],
             fraction_bits=int(self.fraction_bits[row]),
-            amplitude=1.0,
-            achieved=bool(self.achieved[row]),
             felt=LevelSpread(*self.felt_db[row].tolist()),
             quiet=None if np.isnan(quiet_db[0]) else LevelSpread(*quiet_db),
             fingers=tuple(ClickFinger(*finger) for finger in fingers)[: len(key)],
             exceeds_s={level_db: None if np.isnan(at_s) else at_s for level_db, at_s in exceeds_s},
-            objective=self.objective,
             **{name: float(getattr(self, name)[row]) for name in FIGURES},
         )
 

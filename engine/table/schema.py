@@ -99,7 +99,6 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
     "clicks": {
         **_labels("actuator", "spread"),
         **_arrays("place", "place"),
-        **_arrays("", "objective", kind=Kind.TEXT),
         **_arrays("sample", "sample"),
         **_arrays("level", "level", may_be_infinite=True),
         **_arrays("function sample", "basis_function", kind=Kind.WHOLE, least=-32768, greatest=32767),
@@ -115,9 +114,6 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("click finger", "acceleration_at_finger", "sensation_level", may_be_nan=True),
         **_arrays("click level", "exceedance_time", may_be_nan=True),
         **_arrays("click", "peak_time", "residual_start", "residual_level"),
-        **_arrays("click", "upper_bound", "optimality_gap", may_be_infinite=True),
-        **_arrays("click", "wanted_level", may_be_infinite=True),
-        **_arrays("click", "achieved", kind=Kind.WHOLE, least=0, greatest=1),
     },
     "measured": {},
 }
@@ -125,13 +121,13 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
 
 TEXT_ATTRIBUTES = (
     "format", "title", "Conventions", "device_name", "device_description", "device_fingerprint", "code_fingerprint",
-    "code_version", "created", "source", "outdated", "click_options",
+    "code_version", "created", "source", "click_options",
     "responses_file", "responses_sha256", "modelled",
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
 """Attribute of a table that holds best rows and clicks alone, made to be small."""
 WHOLE_ATTRIBUTES = (
-    *("format_revision", "clicks_up_to", "clicks_are_coarse", IS_SHIPPED),
+    *("format_revision", "clicks_up_to", IS_SHIPPED),
     *("mesh_elements", "modes", "click_modes"),
 )
 REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m", "mesh_longest_element_m")

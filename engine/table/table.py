@@ -57,7 +57,7 @@ class Table:
         """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
 
         >>> with Table.open("my-bar.nc") as table:
-        ...     print(table.device.name, table.is_coarse)
+        ...     print(table.device.name, len(table.clicks))
         my-bar False
         """
         path = Path(path)
@@ -153,11 +153,6 @@ class Table:
         if not self.device.sweep.is_stored:
             return "holds the best rows of the sweep alone, as [sweep] store = false asks; set it true, and build again"
         return "was packed without its sweep; build it"
-
-    @property
-    def is_coarse(self) -> bool:
-        """Whether the table is the first one of a build: clicks at coarse places."""
-        return "clicks_are_coarse" in self.attributes
 
     @property
     def places(self) -> Places:

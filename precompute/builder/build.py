@@ -4,10 +4,9 @@ A build writes a new file beside its target and takes over the parts of the earl
 (builder.incremental). It solves the others, verifies the file, and only then puts it in the earlier table's place, so
 that an engine never opens half a table. Memory is bounded, whatever the grid of the sweep.
 
-Clicks take longest, minutes for the thousands of placements at places 3 mm apart. Each is kept in a store beside the
-table once it is solved (clicks.store), so that an interrupted build loses seconds. And where no clicks of the device
-are there yet, a build may first put a table with coarse clicks in place (ClickOptions.coarse), which is playable after
-half a minute; then it solves the fine ones and replaces that table, and a running engine adopts it.
+Clicks of two fingers take longest, a minute for the thousands of placements at places 3 mm apart. A build may therefore
+first put a table with the clicks of one finger in place (`early`), which is playable after seconds: a run solves the
+others as fingers ask for them. Then it replaces that table, and a running engine adopts it.
 """
 
 import json
@@ -15,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
 
@@ -25,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from base.files import written_path
 from engine.device import Device
 from engine.device.values import restated
-from engine.table import Table, TableError
+from engine.table import ClickEntry, Table, TableError
 from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.clicks import Clicks
@@ -34,13 +32,12 @@ from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.cost import BuildCost
-from precompute.builder.incremental import DEFERRABLE, OUTDATED, BuildOptions, Part, input_fingerprint, is_compatible
+from precompute.builder.incremental import BuildOptions, Part, input_fingerprint
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.builder.size import check_size
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.basis import click_basis, lines_for
+from precompute.clicks.basis import lines_for
 from precompute.clicks.plants import count_modes
-from precompute.clicks.store import ClickStore
 from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.responses import MeasuredResponses
@@ -55,19 +52,10 @@ from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, wr
 
 MEMORY_BUDGET_BYTES = 64 << 20
 """Default bound on the buffers of the sweep, whatever its grid."""
-COARSE_IN_PLACE = "coarse table"
+EARLY_IN_PLACE = "early table"
 """The step that is told when the table with coarse clicks is in place."""
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done."""
-
-
-class Coarse(StrEnum):
-    """Whether a build makes a table with coarse clicks, which is usable after half a minute."""
-
-    NEVER = "never"
-    FIRST = "first"
-    """Before the fine ones, where there are no clicks of this device yet."""
-    ONLY = "only"
 
 
 def _no_progress(step: str, fraction: float) -> None:
@@ -81,10 +69,9 @@ def build_table(
     created: str | None = None,
     clicks_up_to: int = MOST_TABULATED,
     click_options: ClickOptions = DEFAULT_OPTIONS,
-    coarse: Coarse = Coarse.NEVER,
+    early: bool = False,
     workers: int = 1,
     reuse: bool = True,
-    clicks_later: bool = False,
     completes: bool = False,
     responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
@@ -94,14 +81,12 @@ def build_table(
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
     `created` is the date to note, by default now. `clicks_up_to`: the most fingers that have clicks, at all places of
-    the options' pitch: 0, 1 or 2; more fingers are solved when they come. `coarse`: a table with coarse clicks comes
-    first, or is all. Clicks are solved by `workers` processes. Clicks that were solved when a build is interrupted are
-    kept beside the table for the next build. With `reuse`, parts of a table at `path` are taken over if this code made
-    them from inputs that have not changed. With `clicks_later` its clicks are taken over whatever has changed, marked
-    as outdated (builder.incremental); a build without it makes them. The table that was at `path` is kept as the
-    previous one; a build that `completes` it keeps the one before. With `responses` the bar moves as it was measured,
-    while the effect of fingers, rise times and clicks remain the model's. `accept` gets the complete file before it
-    takes its place, and refuses it by an exception. Returns what it took.
+    the options' pitch: 0, 1 or 2; more fingers are solved when they come. `early`: where no clicks of this device are
+    there yet, a table with those of one finger comes first. Clicks are solved by `workers` processes. With `reuse`,
+    parts of a table at `path` are taken over if this code made them from inputs that have not changed. The table that
+    was at `path` is kept as the previous one; a build that `completes` it keeps the one before. With `responses` the
+    bar moves as it was measured, while the effect of fingers, rise times and clicks remain the model's. `accept` gets
+    the complete file before it takes its place, and refuses it by an exception. Returns what it took.
 
     Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown number of
     fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
@@ -122,14 +107,13 @@ def build_table(
             path,
             options,
             workers,
-            clicks_later,
             completes,
             responses,
             memory_budget_bytes,
             checked,
             accept,
         )
-        builder.build_steps(created or datetime.now(UTC).isoformat(timespec="seconds"), coarse, reuse)
+        builder.build_steps(created or datetime.now(UTC).isoformat(timespec="seconds"), early, reuse)
     progress("done", 1.0)
     return builder.cost
 
@@ -151,7 +135,7 @@ def _model_attributes(plant: Plant, options: BuildOptions) -> dict[str, int | fl
         "modes": len(basis.square_omega),
     }
     if options.clicks_up_to:
-        found["click_modes"] = count_modes(plant.device, lines_for(plant.device, options.click_options.lengths_s))
+        found["click_modes"] = count_modes(plant.device, lines_for(plant.device, options.click_options.length_s))
     return found
 
 
@@ -174,52 +158,37 @@ class _Builder:
     path: Path
     options: BuildOptions
     workers: int
-    clicks_later: bool
     completes: bool
     responses: MeasuredResponses | None
     memory_budget_bytes: int
     progress: Progress
     accept: Callable[[Path], None]
     cost: BuildCost = field(default_factory=BuildCost)
-    is_coarse: bool = False
 
-    def build_steps(self, created: str, coarse: Coarse, reuse: bool) -> None:
-        """The table with coarse clicks where it is wanted, and then, unless that is all, the table that is wanted."""
-        builder, rough = self, replace(self, is_coarse=True)
-        has_coarser_clicks = self.options.clicks_up_to > 0 and rough.click_options != self.click_options
-        if coarse is Coarse.ONLY or (coarse is Coarse.FIRST and has_coarser_clicks):
+    def build_steps(self, created: str, early: bool, reuse: bool) -> None:
+        """The table with the clicks of one finger where it is wanted, and then the table that is wanted."""
+        builder = self
+        if early and self.options.clicks_up_to > 1:
             with _earlier(self.path, reuse) as earlier:
-                if coarse is Coarse.ONLY or not self._has_clicks(earlier):
-                    rough.build(created, earlier)
+                first = replace(self, options=replace(self.options, clicks_up_to=1))
+                if earlier is None or not any(each.has_current_clicks(earlier) for each in (self, first)):
+                    first.build(created, earlier)
                     builder, reuse = replace(self, completes=True), True
-                    self.progress(COARSE_IN_PLACE, 0.35)
-            if coarse is Coarse.ONLY:
-                return
+                    self.progress(EARLY_IN_PLACE, 0.3)
         with _earlier(self.path, reuse) as earlier:
             builder.build(created, earlier)
 
-    @property
-    def click_options(self) -> ClickOptions:
-        """The options of the clicks that are solved."""
-        return self.options.click_options.coarse if self.is_coarse else self.options.click_options
-
-    def _has_clicks(self, table: Table | None) -> bool:
-        """Whether a table has clicks of this device, coarse ones or others."""
-        if table is None or not table.clicks:
-            return False
-        made = [each._click_inputs() for each in (self, replace(self, is_coarse=True))]
-        return table.attributes.get(Part.CLICKS.attribute) in made
-
-    def _click_inputs(self) -> str:
-        return input_fingerprint(Part.CLICKS, self.device, replace(self.options, click_options=self.click_options))
+    def has_current_clicks(self, table: Table) -> bool:
+        """Whether a table has the clicks that this build would solve."""
+        made = input_fingerprint(Part.CLICKS, self.device, self.options)
+        return table.attributes.get(Part.CLICKS.attribute) == made
 
     def build(self, created: str, earlier: Table | None) -> None:
         """One table, written and put in place."""
         device, options, progress = self.device, self.options, self.progress
-        inputs = {part: input_fingerprint(part, device, options) for part in Part} | {Part.CLICKS: self._click_inputs()}
+        inputs = {part: input_fingerprint(part, device, options) for part in Part}
         known = {part for part in Part if earlier and earlier.attributes.get(part.attribute) == inputs[part]}
-        wanted = self._wanted()
-        later = {part for part in DEFERRABLE if self.clicks_later and part in wanted - known}
+        wanted = set(Part) if options.clicks_up_to else {Part.RESPONSES}
         progress("responses", 0.0)
         with self.cost.measured("responses"):
             plant = assemble(device) if self.responses is None else measured_plant(device, self.responses)
@@ -237,31 +206,22 @@ class _Builder:
                     "threshold": device.threshold.title,
                     "clicks_up_to": options.clicks_up_to,
                     "click_options": json.dumps(asdict(options.click_options)),
-                    **self._click_attributes(earlier if later else None),
+                    **self._click_attributes(),
                     **_model_attributes(plant, options),
                     **source_attributes(self.responses),
-                    **{part.attribute: inputs[part] for part in wanted | known if part not in later},
-                    **({OUTDATED: " ".join(sorted(later))} if later else {}),
+                    **{part.attribute: inputs[part] for part in wanted | known},
                 }
             )
             if earlier is not None:
-                for part in sorted(known | {part for part in later if is_compatible(earlier.device, device)}):
+                for part in sorted(known & wanted):
                     if earlier.copy_groups(writer, part.groups):
                         progress(f"{part} as before", 0.05)
             if Part.RESPONSES not in known:
                 self._write_responses(writer, plant)
-            with self.cost.with_workers(self._clicks_step), self.cost.measured(self._clicks_step):
-                store = self._solve_clicks() if Part.CLICKS in wanted - known - later else None
-                if store and store.clicks:
-                    clicks = [click for _, click in sorted(store.clicks.items())]
-                    write_clicks(writer, Clicks.of(self._places, clicks), device)
+            if Part.CLICKS in wanted - known:
+                with self.cost.with_workers("clicks"), self.cost.measured("clicks"):
+                    write_clicks(writer, Clicks.of(self._places, self._solve_clicks()), device)
             progress("verify", 0.96)
-        if store:
-            store.path.unlink(missing_ok=True)  # nothing is left to resume
-
-    def _wanted(self) -> set[Part]:
-        """The parts that the table is to have."""
-        return set(Part) if self.options.clicks_up_to else {Part.RESPONSES}
 
     def _check(self, written: Path) -> None:
         Table.open(written, device=self.device, code_fingerprint=self.options.code_fingerprint, verify=False).close()
@@ -287,35 +247,21 @@ class _Builder:
 
     @property
     def _places(self) -> Places:
-        return Places.every(self.device.bar.length_m, self.click_options.pitch_m)
+        return Places.every(self.device.bar.length_m, self.options.click_options.pitch_m)
 
-    @property
-    def _clicks_step(self) -> str:
-        return "coarse clicks" if self.is_coarse else "clicks"
-
-    def _click_attributes(self, outdated: Table | None) -> dict[str, int | float]:
-        """How fine the clicks are: those of the `outdated` table that are kept, or those that are solved."""
-        if outdated is not None:
-            names = ("click_pitch_m", "click_tolerance_m", "clicks_are_coarse")
-            return {name: outdated.attributes[name].item() for name in names if name in outdated.attributes}
+    def _click_attributes(self) -> dict[str, int | float]:
         places = self._places
-        tolerance_m = self.click_options.at(places).tolerance_m
+        tolerance_m = self.options.click_options.at(places).tolerance_m
         assert tolerance_m is not None  # `at` gives it
-        found: dict[str, int | float] = {"click_pitch_m": places.pitch_m, "click_tolerance_m": tolerance_m}
-        return found | ({"clicks_are_coarse": 1} if self.is_coarse else {})
+        return {"click_pitch_m": places.pitch_m, "click_tolerance_m": tolerance_m}
 
-    def _solve_clicks(self) -> ClickStore:
-        """Every click, in a store that may already hold some from an interrupted build."""
-        device, options, places = self.device, self.click_options, self._places
-        with ClickStore(self.path, self._click_inputs(), click_basis(device, options), places) as store:
-            keys = tabulated_keys(places, self.options.clicks_up_to)
-            left = [key for key in keys if key not in store.clicks]
-            for click, effort in tabulate_clicks(device, options, places, left, self.workers):
-                store.add(click)
-                self.cost.effort += effort
-                if self.is_coarse:
-                    self.cost.coarse_clicks += 1
-                else:
-                    self.cost.clicks += 1
-                self.progress(self._clicks_step, 0.35 + 0.6 * len(store.clicks) / len(keys))
-        return store
+    def _solve_clicks(self) -> list[ClickEntry]:
+        """Every click, in the order of the keys."""
+        device, options, places = self.device, self.options.click_options, self._places
+        keys = tabulated_keys(places, self.options.clicks_up_to)
+        found = list[ClickEntry]()
+        for click in tabulate_clicks(device, options, places, keys, self.workers):
+            found.append(click)
+            self.progress("clicks", 0.3 + 0.65 * len(found) / len(keys))
+        self.cost.clicks += len(found)
+        return sorted(found, key=lambda click: places.key(click.placement))

@@ -6,22 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from precompute.clicks.program import Effort
-
-STEPS = ("responses", "sweep", "coarse clicks", "clicks")
+STEPS = ("responses", "sweep", "clicks")
 
 
 @dataclass
 class BuildCost:
-    """processor_s: by step; a step whose result was taken over takes none. The counts are of what was solved now.
-
-    effort: what coarse_clicks and clicks took.
-    """
+    """processor_s: by step; a step whose result was taken over takes none. clicks: how many were solved now."""
 
     processor_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
-    coarse_clicks: int = 0
     clicks: int = 0
-    effort: Effort = field(default_factory=Effort)
 
     @contextmanager
     def measured(self, step: str) -> Iterator[None]:

@@ -6,10 +6,6 @@ part depends on, and the options of the build. A part of an earlier table is tak
 equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
 the sweep), and everything else is in it, so that a value which is added to the device makes parts stale rather than
 wrong.
-
-Clicks are deferrable, since they take minutes: a build may keep those of the earlier table for a device that has
-changed, provided that they can be played on it. They are then named as outdated, and carry no fingerprint until a later
-build has made them again.
 """
 
 import hashlib
@@ -61,15 +57,10 @@ class BuildOptions:
         return cls(
             code_fingerprint=str(values["code_fingerprint"]),
             clicks_up_to=int(values["clicks_up_to"]),
-            click_options=ClickOptions(**click | {"lengths_s": tuple(click["lengths_s"])}),
+            click_options=ClickOptions(**click),
             responses_sha256=str(values.get("responses_sha256", "")),
         )
 
-
-OUTDATED = "outdated"
-"""The table's attribute that names, separated by spaces, the parts that were made for an earlier device."""
-DEFERRABLE = (Part.CLICKS,)
-"""Parts that a build may leave for later."""
 
 # Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide; best
 # rows of the sweep reach the levels within the limit.
@@ -96,18 +87,11 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
     return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()
 
 
-def outdated_parts(table: Table) -> tuple[Part, ...]:
-    """Parts of a table that were made for an earlier device."""
-    names = str(table.attributes.get(OUTDATED, "")).split()
-    return tuple(part for part in Part if part in names)
-
-
 def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
-    """Whether a table is what a build would make now, its outdated parts left aside."""
-    left_out = set() if options.clicks_up_to else {Part.CLICKS}
-    left = set(Part) - set(outdated_parts(table)) - left_out
+    """Whether a table is what a build would make now."""
+    wanted = set(Part) if options.clicks_up_to else {Part.RESPONSES}
     return table.fingerprint == device.fingerprint and all(
-        table.attributes.get(part.attribute) == input_fingerprint(part, device, options) for part in left
+        table.attributes.get(part.attribute) == input_fingerprint(part, device, options) for part in wanted
     )
 
 

@@ -13,20 +13,22 @@ from precompute.clicks.solver import Click, ClickSolver
 
 Array = NDArray[np.float64]
 
+_PLANTS = 41
+"""Plants that the energies are averaged over."""
 _REGULAR = 1e-6
 """Regularisation, relative to the mean quiet energy; without it the quotient is decided by rounding."""
 
 
-def energy_contrast(solver: ClickSolver, placement: Placement, length_s: float) -> Array:
+def energy_contrast(solver: ClickSolver, placement: Placement) -> Array:
     """Waveform of the greatest ratio of felt energy during the click to quiet energy at all times.
 
     Acoustic contrast control in the time domain: the leading generalised eigenvector over the weights of the tones,
     with weighted energies averaged over the scenarios. Without quiet fingers the denominator is the energy of the
     drive.
     """
-    options = solver.options
-    tones = make_tones(solver.device, length_s, options.crowding)
-    played = solver.plants_of(placement.position_m).optimised.play_each(tones)
+    length_s = solver.options.length_s
+    tones = make_tones(solver.device, length_s, solver.options.crowding)
+    played = solver.plants_of(placement.position_m).pool.first(_PLANTS).play_each(tones)
     felt, quiet = placement.felt, placement.quiet
     numerator = _energy(played[:, felt, : round(length_s * EVALUATION_RATE_HZ)])
     denominator = _energy(played[:, quiet]) if quiet else _drive_energy(tones.wave, tones.actuator)
@@ -35,10 +37,10 @@ def energy_contrast(solver: ClickSolver, placement: Placement, length_s: float) 
     return tones.waveform(np.asarray(vectors[:, -1], dtype=np.float64))
 
 
-def gated_drive(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], length_s: float) -> Array:
+def gated_drive(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive]) -> Array:
     """The steady drive switched on for that long within the slew of the device's limits; of all levels the best."""
-    gated = [gate(drive, length_s, solver.device.limits.slew_per_s) for drive in drives]
-    return max(gated, key=lambda moved: solver.evaluate(placement, length_s, moved, "").evaluation.felt.low_db)
+    gated = [gate(drive, solver.options.length_s, solver.device.limits.slew_per_s) for drive in drives]
+    return max(gated, key=lambda moved: solver.evaluate(placement, moved).evaluation.felt.low_db)
 
 
 def gate(drive: SteadyDrive, length_s: float, slew_per_s: float) -> Array:
@@ -55,18 +57,14 @@ BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)
 """Names of the baselines."""
 
 
-def solve_baseline(
-    solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], name: str, length_s: float
-) -> Click:
+def solve_baseline(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], name: str) -> Click:
     """A baseline scaled to the limits and the quiet level, and evaluated as any click.
 
     drives: the steady drives of the placement, one for each level.
     """
-    if name == ENERGY_CONTRAST:
-        waveform = energy_contrast(solver, placement, length_s)
-    else:
-        waveform = gated_drive(solver, placement, drives, length_s)
-    return solver.evaluate(placement, length_s, waveform, name)
+    is_energy = name == ENERGY_CONTRAST
+    waveform = energy_contrast(solver, placement) if is_energy else gated_drive(solver, placement, drives)
+    return solver.evaluate(placement, waveform)
 
 
 def _energy(course: Array) -> Array:

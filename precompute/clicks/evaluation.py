@@ -1,64 +1,93 @@
 """Evaluation of a waveform on sampled plants: levels under the fingers, their spread, and when they come."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import EVALUATION_RATE_HZ
+from engine.table.click import ClickFinger, LevelSpread
+from engine.touch import Placement
+from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
+from precompute.clicks.percentiles import ManyPlants, percentiles
 from precompute.clicks.responses import Responses
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
+PERCENTS = (5, 50, 95)
 _SILENT = 1e-15
-
-
-@dataclass(frozen=True)
-class Levels:
-    """Peak levels in dB above the detection threshold: of the nominal plant, and 5th, 50th and 95th percentile.
-
-    worst_db: of all plants, the weakest where felt, and the strongest where quiet.
-    """
-
-    nominal_db: float
-    low_db: float
-    middle_db: float
-    high_db: float
-    worst_db: float
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Levels and times of a waveform. felt: the weakest felt finger; quiet: the strongest quiet one, None without any.
 
-    Of the nominal plant: exceeds_s, when every felt finger has exceeded its threshold (None: one never does); peak_s,
-    when the last of them peaks; residual_db, the strongest felt finger from `residual_from_s` on.
+    Of the nominal plant: fingers, in the order of the placement; exceeds_s, for each level that the waveform may be
+    played at, when every felt finger has exceeded its threshold (None: one never does); peak_s, when the last of them
+    peaks; residual_db, the strongest felt finger from `residual_from_s` on.
     """
 
-    felt: Levels
-    quiet: Levels | None
-    exceeds_s: float | None
+    felt: LevelSpread
+    quiet: LevelSpread | None
+    fingers: tuple[ClickFinger, ...]
+    exceeds_s: Mapping[float, float | None]
     peak_s: float
     residual_from_s: float
     residual_db: float
 
 
 def evaluate_waveform(
-    waveform: Array, responses: Responses, felt: Sequence[int], quiet: Sequence[int], residual_from_s: float
+    waveform: Array,
+    responses: Responses,
+    placement: Placement,
+    weighting: Complex,
+    levels_db: Sequence[float],
+    residual_from_s: float,
+    many: ManyPlants,
 ) -> Evaluation:
-    """Evaluate base displacements (actuator, time); felt, quiet: indices of fingers. The first scenario is nominal."""
-    level_db = decibels(responses.peaks(waveform, [*felt, *quiet]))
-    nominal = np.abs(responses.first(1).under(felt).play(waveform)[0])
-    above = nominal > 1
+    """Evaluate base displacements (actuator, time) under the fingers of a placement; the first scenario is nominal.
+
+    weighting (line,): factor from acceleration to weighted acceleration. levels_db: for `exceeds_s`, rising. many:
+    plants like those of the responses but the first; the percentiles of the quiet fingers are over them.
+    """
+    felt, quiet = placement.felt, placement.quiet
+    course, peak = responses.played(waveform)
+    felt_db, quiet_db = _felt_levels(peak[:, felt].min(axis=1)), None
+    if quiet:
+        strongest = peak[:, quiet].max(axis=1)
+        low_db, middle_db, high_db = decibels(many.percentiles(course[1:, quiet], strongest[1:], PERCENTS)).tolist()
+        nominal_db, worst_db = (float(decibels(each)) for each in (strongest[0], strongest.max()))
+        quiet_db = LevelSpread(nominal_db, low_db, middle_db, high_db, worst_db)
+    acceleration, weighted = nominal_courses(responses.first(1), waveform, weighting)
+    above = weighted[felt]
     return Evaluation(
-        felt=_levels(level_db[:, : len(felt)].min(axis=1), np.min),
-        quiet=_levels(level_db[:, len(felt) :].max(axis=1), np.max) if quiet else None,
-        exceeds_s=float(above.argmax(axis=1).max() / EVALUATION_RATE_HZ) if above.any(axis=1).all() else None,
-        peak_s=float(nominal.argmax(axis=1).max() / EVALUATION_RATE_HZ),
+        felt=felt_db,
+        quiet=quiet_db,
+        fingers=fingers_of(acceleration, weighted),
+        exceeds_s={each_db: _exceeds_s(above, min(0.0, each_db - felt_db.low_db)) for each_db in levels_db},
+        peak_s=float(above.argmax(axis=1).max() / EVALUATION_RATE_HZ),
         residual_from_s=residual_from_s,
-        residual_db=float(decibels(nominal[:, round(residual_from_s * EVALUATION_RATE_HZ) :].max())),
+        residual_db=float(decibels(above[:, round(residual_from_s * EVALUATION_RATE_HZ) :].max())),
     )
+
+
+def nominal_courses(responses: Responses, waveform: Array, weighting: Complex) -> tuple[Array, Array]:
+    """Magnitudes (finger, time) at EVALUATION_RATE_HZ in one plant: acceleration, and weighted by the threshold.
+
+    Acceleration lacks what lies above the lines, from the corners of the waveform: under felt fingers 0.5 % of its
+    peak, under quiet ones up to 6 %.
+    """
+    lines, spectrum = responses.lines, responses.spectrum(waveform)[0]
+    acceleration = (spectrum / weighting).astype(np.complex64)
+    one, other = (np.abs(lines.course(each, EVALUATIONS_PER_SAMPLE)) for each in (acceleration, spectrum))
+    return one.astype(np.float64), other.astype(np.float64)
+
+
+def fingers_of(acceleration: Array, weighted: Array) -> tuple[ClickFinger, ...]:
+    """Greatest of magnitudes (finger, time), under each finger."""
+    levels_db = decibels(weighted.max(axis=1)).tolist()
+    return tuple(ClickFinger(*each) for each in zip(acceleration.max(axis=1).tolist(), levels_db, strict=True))
 
 
 def decibels(value: Array | float) -> Array:
@@ -67,6 +96,13 @@ def decibels(value: Array | float) -> Array:
     return level_db
 
 
-def _levels(level_db: Array, worst: Callable[[Array], np.float64]) -> Levels:
-    low, middle, high = np.percentile(level_db[1:], [5, 50, 95]).tolist()
-    return Levels(float(level_db[0]), low, middle, high, float(worst(level_db)))
+def _exceeds_s(weighted: Array, change_db: float) -> float | None:
+    above = weighted * 10 ** (change_db / 20) > 1
+    return float(above.argmax(axis=1).max() / EVALUATION_RATE_HZ) if above.any(axis=1).all() else None
+
+
+def _felt_levels(weakest: Array) -> LevelSpread:
+    """Of the weakest felt finger's peaks (plant,), the nominal plant first."""
+    level_db = decibels(weakest)
+    low, middle, high = percentiles(level_db[1:], PERCENTS).tolist()
+    return LevelSpread(float(level_db[0]), low, middle, high, float(level_db.min()))

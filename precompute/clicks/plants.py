@@ -9,9 +9,10 @@ the fingers differ. What does not depend on fingers is computed once for a devic
    or heavier, is a small eigenproblem in it. Its damping is diagonal but for one rank-one term for each actuator.
 2. The receptance between two places is a sum over modes,
    G0(p, q, s) = sum_m phi_pm phi_qm / (s^2 + (sigma + eta omega_m^2) s + omega_m^2).
+   Modes far above the band give a compliance that hardly depends on s: they are summed once, as one mode more.
 
 A placement then costs the sums over modes between its fingers and the actuators, and one rank-one update for each
-damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison): some 20 ms for two fingers and 1000 plants.
+damper and each finger z(s) = k + c s + m s^2 (Sherman and Morrison).
 Acceleration, the straight lines that the device draws between samples, and the threshold filter are one factor s; the
 transfer function of an actuator is another, for those that have one.
 
@@ -27,9 +28,9 @@ from numpy.typing import NDArray
 
 from base.compiled import njit
 from engine.device import Device, Threshold
-from precompute.model.assembly import assemble
+from precompute.model.assembly import Plant, assemble
 from precompute.model.damped_lines import DampedLines
-from precompute.model.modal import Basis, compute_basis
+from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
@@ -39,12 +40,12 @@ Single = NDArray[np.float32]
 Complex = NDArray[np.complex128]
 Complex32 = NDArray[np.complex64]
 
-_SPARE_MODES = 8
-"""Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars."""
+_STATIC_MODES = 12
+"""Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars: their compliance."""
 _CONVERGED = 1e-3
 """Change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB."""
 _MOST_MODES = 128
-_STEP_OF_MODES = 4
+_STEP_OF_MODES = 2
 _FILTER_OVERSAMPLING = 2
 """The threshold filter is designed at this multiple of the course's rate; its magnitude is right up to its Nyquist."""
 
@@ -52,20 +53,23 @@ _FILTER_OVERSAMPLING = 2
 class SampledPlants:
     """Transfer functions of all scenarios of one device, with fingers at any places.
 
-    `modes` is how many modes are kept: with them the transfer functions are converged to 0.01 dB of their greatest
-    value (see `count_modes`).
+    `modes` is how many modes move: with them the transfer functions are converged to 0.01 dB of their greatest value
+    (see `count_modes`).
     """
 
     def __init__(self, scenarios: Scenarios, lines: DampedLines, modes: int | None = None) -> None:
         self.scenarios, self.lines = scenarios, lines
         self.modes = modes or count_modes(scenarios.device, lines)
-        self._bases, self._turn, square_omega = _sampled_modes(scenarios, self.modes)
+        self._shapes_of, square_omega = _sampled_modes(scenarios, self.modes)
         bars = [calibrated.bar for calibrated in scenarios.calibrated]
         mass_damping = np.array([bar.mass_damping_per_s for bar in bars])
         stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
-        self._pole = np.empty((*square_omega.shape, 2, len(lines.s_per_s)), np.float32)
+        self._compliance = (1 / square_omega[:, self.modes :]).astype(np.float32)
+        square_omega = square_omega[:, : self.modes]
+        self._pole = np.empty((len(scenarios), self.modes + 1, 2, len(lines.s_per_s)), np.float32)
         own_damping = mass_damping[:, None] + stiffness_damping[:, None] * square_omega
         s_per_s = lines.s_per_s
+        self._pole[:, -1, 0], self._pole[:, -1, 1] = 1.0, 0.0  # of the static modes
         _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), square_omega, own_damping, self._pole)
         stiffness, damping, mass, full_scale_m, position_m = (
             np.array([[getattr(actuator, key) for actuator in each.actuators] for each in scenarios.calibrated])
@@ -82,7 +86,7 @@ class SampledPlants:
         self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
 
     def transfer(self, fingers: Fingers) -> Complex32:
-        """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar.
+        """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar of the first scenarios.
 
         From commands, as fractions of full scale, to the weighted acceleration under each finger: 1 is at the detection
         threshold.
@@ -93,7 +97,8 @@ class SampledPlants:
         impedance = np.stack([fingers.stiffness_n_per_m, fingers.damping_n_s_per_m, fingers.mass_kg], axis=2)
         _fill_transfer(
             self._pole,
-            np.concatenate([self._actuator, self._shapes(fingers.position_m)], axis=1),
+            self._compliance,
+            np.concatenate([self._actuator[:count], self._shapes(fingers.position_m)], axis=1),
             s,
             self._damper.astype(np.float32),
             impedance.astype(np.float32),
@@ -106,12 +111,16 @@ class SampledPlants:
         return out
 
     def _shapes(self, position_m: Array) -> Single:
-        """Mode shapes (scenario, place, mode) of the sampled bars at positions (scenario, place)."""
-        shape = np.empty((*position_m.shape, self._turn.shape[1]))
-        for basis, members in self._bases:
-            shape[members] = basis.at(position_m[members].ravel()).reshape(len(members), position_m.shape[1], -1)
-        turned: Single = (shape @ self._turn).astype(np.float32)
-        return turned
+        """Mode shapes (scenario, place, mode) of the first sampled bars at positions (scenario, place)."""
+        shape = np.empty((*position_m.shape, self._pole.shape[1] - 1 + self._compliance.shape[1]), np.float32)
+        for plant, every, nodal in self._shapes_of:
+            members = every[: np.searchsorted(every, len(shape))]
+            sampler = plant.sampler(position_m[members].ravel())
+            row = np.repeat(np.arange(len(members)), position_m.shape[1])
+            ends = nodal[row[:, None], 2 * sampler.element[:, None] + np.arange(4)]
+            weight = sampler.weight.astype(np.float32)
+            shape[members] = np.einsum("pkm,pk->pm", ends, weight).reshape(len(members), *shape.shape[1:])
+        return shape
 
 
 def count_modes(device: Device, lines: DampedLines) -> int:
@@ -120,7 +129,7 @@ def count_modes(device: Device, lines: DampedLines) -> int:
     It is found on the nominal bar with a finger in every zone.
     """
     nominal = sample_scenarios(device, 0, 0)
-    most = min(_MOST_MODES, assemble(device).size - _SPARE_MODES)
+    most = min(_MOST_MODES, assemble(device).size - _STATIC_MODES)
     plants = SampledPlants(nominal, lines, most)
     everywhere = nominal.place([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     converged = plants.transfer(everywhere)
@@ -138,44 +147,51 @@ def output_factor(lines: DampedLines, threshold: Threshold) -> Complex:
 
     A sample at full scale is a triangle of two sample periods: (sinh(x) / x)^2 with x = s T / 2.
     """
-    s, rate_hz = lines.s_per_s, _FILTER_OVERSAMPLING * lines.rate_hz
-    taps = threshold_filter(threshold, rate_hz)
-    weighting = np.exp(-np.outer(s, np.arange(len(taps)) / rate_hz)) @ taps
+    s = lines.s_per_s
     half = s / (2 * lines.rate_hz)
-    factor: Complex = s**2 * (np.sinh(half) / half) ** 2 * weighting
+    factor: Complex = s**2 * (np.sinh(half) / half) ** 2 * weighting(lines, threshold)
     return factor
 
 
-def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Basis, NDArray[np.int64]]], Array, Array]:
+def weighting(lines: DampedLines, threshold: Threshold) -> Complex:
+    """Factor (line,) from acceleration to weighted acceleration: the threshold filter."""
+    rate_hz = _FILTER_OVERSAMPLING * lines.rate_hz
+    taps = threshold_filter(threshold, rate_hz)
+    factor: Complex = np.exp(-np.outer(lines.s_per_s, np.arange(len(taps)) / rate_hz)) @ taps
+    return factor
+
+
+def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, NDArray[np.int64], Single]], Array]:
     """Modes of every sampled bar as combinations of the modes of a bar of the same dimensions.
 
-    Returns the bases, each with the indices of its scenarios; turn (scenario, basis mode, mode); square_omega
-    (scenario, mode), in (rad/s)^2.
+    Returns the plants of each dimensions, with the indices of their scenarios and the shapes (scenario, degree of
+    freedom, mode) of all modes; and square_omega (scenario, mode), in (rad/s)^2.
     """
     groups: dict[tuple[float, ...], list[int]] = {}
     for index, device in enumerate(scenarios.calibrated):
         places_m = (device.bar.length_m, *(actuator.position_m for actuator in device.actuators))
         groups.setdefault(places_m, []).append(index)
-    turn = np.empty((len(scenarios), modes + _SPARE_MODES, modes))
-    square_omega = np.empty((len(scenarios), modes))
-    bases = []
+    square_omega = np.empty((len(scenarios), modes + _STATIC_MODES))
+    shapes = []
     for members in groups.values():
         base = scenarios.calibrated[members[0]]
         plant = assemble(base)
-        basis = compute_basis(plant, modes + _SPARE_MODES)
+        basis = compute_basis(plant, modes + _STATIC_MODES)
         drive = basis.shape[plant.actuator_dof]
         own = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in base.actuators])
         bar_stiffness = np.diag(basis.square_omega) - (drive.T * own[:, 0]) @ drive
         bar_mass = np.eye(len(basis.square_omega)) - (drive.T * own[:, 1]) @ drive
-        for index in members:
+        nodal = np.empty((len(members), *basis.shape.shape), np.float32)
+        for row, index in enumerate(members):
             device = scenarios.device_of(index)
             added = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in device.actuators])
             stiffness = _bending_n_m2(device) / _bending_n_m2(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
             mass = _mass_kg_per_m(device) / _mass_kg_per_m(base) * bar_mass + (drive.T * added[:, 1]) @ drive
             square, vector = scipy.linalg.eigh(stiffness, mass, check_finite=False, driver="gvd")
-            square_omega[index], turn[index] = np.maximum(square[:modes], 0.0), vector[:, :modes]
-        bases.append((basis, np.array(members)))
-    return bases, turn, square_omega
+            square_omega[index] = np.maximum(square, 0.0)
+            np.matmul(basis.shape, vector, out=nodal[row], casting="same_kind")
+        shapes.append((plant, np.array(members), nodal))
+    return shapes, square_omega
 
 
 def _bending_n_m2(device: Device) -> float:
@@ -207,6 +223,7 @@ def _fill_poles(real: Array, imag: Array, square_omega: Array, damping: Array, p
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _fill_transfer(
     pole: Single,
+    compliance: Single,
     shape: Single,
     s: Complex32,
     damper: Single,
@@ -217,12 +234,13 @@ def _fill_transfer(
 ) -> None:
     """Transfer functions (scenario, finger, actuator, line), scenario by scenario.
 
-    shape (scenario, place, mode): the actuators first, then the fingers; damper (scenario, actuator); impedance
+    pole (scenario, mode, 2, line), the last one that of the static modes; compliance (scenario, static mode). shape
+    (scenario, place, mode): the actuators first, then the fingers; all modes. damper (scenario, actuator); impedance
     (scenario, finger, 3): stiffness, damping, mass; force (scenario, actuator, 2). Real and imaginary parts are
     separate arrays along the lines, so that the loops over lines become vector instructions.
     """
     scenarios, fingers, actuators, count = out.shape
-    places, modes = shape.shape[1:]
+    places, moving, modes = shape.shape[1], pole.shape[1] - 1, pole.shape[1]
     pairs = (places * (places + 1) // 2 + 1) // 2 * 2
     real, imag = s.real.copy(), s.imag.copy()
     factor_real, factor_imag = factor.real.copy(), factor.imag.copy()
@@ -232,8 +250,12 @@ def _fill_transfer(
         # Receptances of the bar with springs and masses: sums over modes, for all pairs of places as one product.
         for p in range(places):
             for q in range(p, places):
-                for m in range(modes):
+                static = np.float32(0.0)
+                for m in range(compliance.shape[1]):
+                    static += shape[i, p, moving + m] * shape[i, q, moving + m] * compliance[i, m]
+                for m in range(moving):
                     weight[_pair(p, q, places), m] = shape[i, p, m] * shape[i, q, m]
+                weight[_pair(p, q, places), moving] = static
         _fill_sums(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
         for j in range(actuators):
             _attach(g, j, actuators, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0), column, space)

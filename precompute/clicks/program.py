@@ -106,12 +106,11 @@ class Optimum:
 
 @dataclass(frozen=True)
 class Effort:
-    """What solving took: responses of sampled plants, programs, pivots of the simplex, and runs of HiGHS in its place.
+    """What solving took: programs, pivots of the simplex, and runs of HiGHS in its place.
 
     programs: aims for which weights were sought, each with several rounds of rows.
     """
 
-    plants: int = 0
     programs: int = 0
     pivots: int = 0
     fallbacks: int = 0
@@ -154,7 +153,7 @@ class Program:
     @property
     def effort(self) -> Effort:
         """What all programs solved so far have taken."""
-        return Effort(0, self._programs, self._pool.pivots, self._fallbacks)
+        return Effort(self._programs, self._pool.pivots, self._fallbacks)
 
     def set_limit(self, limit: float) -> None:
         """Change the limit of the watched courses."""

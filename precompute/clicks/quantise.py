@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, BasisSet, amplitude_steps, quantise_weights, weighted_sum
-from precompute.clicks.basis import SAMPLE_RATE_HZ
 
 Array = NDArray[np.float64]
 
@@ -27,14 +26,13 @@ class QuantisedWeights:
     waveform: Array
 
 
-def quantise(basis_set: BasisSet, weight: Array, amplitude: float, slew_per_s: float | None) -> QuantisedWeights:
-    """Round weights (function,); no sample passes the amplitude or, in full scales a second, the slew."""
+def quantise(basis_set: BasisSet, weight: Array, amplitude: float) -> QuantisedWeights:
+    """Round weights (function,); no sample passes the amplitude."""
     most_steps = amplitude_steps(amplitude)
-    slew_steps = np.inf if slew_per_s is None else SAMPLE_FULL_SCALE * slew_per_s / SAMPLE_RATE_HZ
     while True:
         words, fraction_bits = quantise_weights(weight)
         sums = weighted_sum(basis_set, words, fraction_bits, basis_set.number_of_actuators)
-        passed = max(np.abs(sums).max() / most_steps, np.abs(np.diff(sums, axis=0)).max() / slew_steps)
+        passed = np.abs(sums).max() / most_steps
         if passed <= 1:
             return QuantisedWeights(words, fraction_bits, sums.T / SAMPLE_FULL_SCALE)
         weight = weight * ((1 - _MARGIN) / passed)

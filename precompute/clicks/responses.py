@@ -38,33 +38,39 @@ class Responses:
         """The responses of the first scenarios."""
         return Responses(self.transfer[:scenarios], self.lines)
 
-    def of(self, scenarios: NDArray[np.int64]) -> "Responses":
-        """The responses of some scenarios."""
-        return Responses(self.transfer[scenarios], self.lines)
-
     def mean(self) -> "Responses":
         """The mean over the scenarios, as one scenario."""
         return Responses(self.transfer.mean(axis=0, keepdims=True), self.lines)
 
     def play(self, waveform: Array) -> Single:
         """Weighted acceleration (scenario, finger, time) at EVALUATION_RATE_HZ under displacements (actuator, time)."""
-        return self.lines.course(self._sum(self.lines.transform(waveform)), EVALUATIONS_PER_SAMPLE)
+        return self.lines.course(self.spectrum(waveform), EVALUATIONS_PER_SAMPLE)
 
     def play_samples(self, waveform: Array) -> Single:
         """Weighted acceleration at SAMPLE_RATE_HZ, at the samples of the waveform only."""
-        return self.lines.course(self._sum(self.lines.transform(waveform)))
+        return self.lines.course(self.spectrum(waveform))
 
     def peaks(self, waveform: Array, fingers: Sequence[int]) -> Array:
         """Greatest magnitudes (scenario, finger) of a waveform under some fingers, between samples too."""
-        drive, which = self.lines.transform(waveform), list(fingers)
+        return self.under(fingers).played(waveform)[1]
+
+    def played(self, waveform: Array) -> tuple[Single, Array]:
+        """Courses (scenario, finger, time) at half the sample rate, and their greatest magnitudes (scenario, finger).
+
+        Magnitudes are right between samples too; the courses serve to compare plants.
+        """
+        drive, lines = self.lines.transform(waveform), self.lines
         # One row for each finger of each scenario, some rows at a time to stay in the caches.
-        transfer = self.transfer[:, which].reshape(-1, *self.transfer.shape[2:])
+        transfer = self.transfer.reshape(-1, *self.transfer.shape[2:])
         peaks = np.empty(len(transfer), np.float32)
+        courses = np.empty((len(transfer), (lines.steps + 1) // 2), np.float32)
         for start in range(0, len(transfer), _AT_ONCE):
             part = slice(start, start + _AT_ONCE)
-            course = self.lines.period(_combine(transfer[part], drive))
-            _fill_peaks(course, self.lines.growth[: self.lines.steps], peaks[part])
-        return peaks.reshape(len(self.transfer), len(which)).astype(np.float64)
+            course = lines.period(combine(transfer[part], drive))
+            _fill_peaks(course, lines.growth[: lines.steps], peaks[part])
+            np.multiply(course[:, : lines.steps : 2], lines.growth[: lines.steps : 2], out=courses[part])
+        shape = self.transfer.shape[:2]
+        return courses.reshape(*shape, -1), peaks.reshape(shape).astype(np.float64)
 
     def play_each(self, tones: Tones) -> Array:
         """Weighted acceleration (scenario, finger, time, tone) of each tone alone, at EVALUATION_RATE_HZ."""
@@ -88,15 +94,16 @@ class Responses:
             [period[..., -before:] * ahead, period[..., : lines.steps] * lines.growth[: lines.steps]], axis=-1
         )
 
-    def _sum(self, drive: Complex32) -> Complex32:
-        """Lines (scenario, finger, line) of the response to all actuators together."""
-        transfer = self.transfer.reshape(-1, *self.transfer.shape[2:])
-        sums: Complex32 = _combine(transfer, drive)
-        return sums.reshape(*self.transfer.shape[:2], drive.shape[-1])
+    def spectrum(self, waveform: Array) -> Complex32:
+        """Lines (scenario, finger, line) of the weighted acceleration under displacements (actuator, time)."""
+        drive = self.lines.transform(waveform)
+        sums = combine(self.transfer.reshape(-1, *self.transfer.shape[2:]), drive)
+        lines: Complex32 = sums.reshape(*self.transfer.shape[:2], drive.shape[-1])
+        return lines
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-def _combine(transfer: Complex32, drive: Complex32) -> Complex32:
+def combine(transfer: Complex32, drive: Complex32) -> Complex32:
     """Sum over actuators of transfer (course, actuator, line) times drive (actuator, line)."""
     courses, actuators, lines = transfer.shape
     out = np.zeros((courses, lines), np.complex64)

@@ -8,9 +8,7 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch.placement import CLOSEST_M
 from engine.touch.places import Key, Places
-from precompute.clicks.columns import ClickTabulator
 from precompute.clicks.options import ClickOptions
-from precompute.clicks.program import Effort
 from precompute.clicks.solver import ClickSolver
 from precompute.parallel.pool import WorkerPool
 
@@ -19,7 +17,7 @@ MOST_TABULATED = 2
 _ROLES = ((0, 1), (1, 0), (1, 1))
 """Whether each of two fingers feels; one of them does."""
 _TOGETHER = 12
-"""Keys that a process solves in one piece, about: the roles of four pairs of places, which takes half a second."""
+"""Keys that a process solves in one piece, about: the roles of four pairs of places, which takes 0.1 s."""
 _ROUNDING_M = 1e-9
 
 
@@ -41,12 +39,12 @@ def tabulated_keys(places: Places, fingers: int) -> list[Key]:
 
 def tabulate_clicks(
     device: Device, options: ClickOptions, places: Places, keys: Sequence[Key], workers: int = 1
-) -> Iterator[tuple[ClickEntry, Effort]]:
-    """Table rows of the clicks with these keys and what each took, in any order.
+) -> Iterator[ClickEntry]:
+    """Table rows of the clicks with these keys, in any order.
 
     This process is one of the `workers` that solve them. Neighbouring keys are solved by one process, since the roles
     of one pair of places share their plants. The result does not depend on the number of processes. Raises WorkerError
-    if a process was killed, ProgramError if a linear program failed.
+    if a process was killed.
     """
     chunks = _chunks(keys)
     if not chunks:
@@ -65,11 +63,6 @@ def _chunks(keys: Sequence[Key]) -> list[list[Key]]:
     return chunks
 
 
-def _begin(device: Device, options: ClickOptions, places: Places) -> Callable[[Key], tuple[ClickEntry, Effort]]:
-    solver, tabulator = ClickSolver(device, options.at(places)), ClickTabulator(device, options.at(places))
-
-    def solve(key: Key) -> tuple[ClickEntry, Effort]:
-        click = solver.solve(places.placement(key))
-        return tabulator.tabulate(click), click.effort
-
-    return solve
+def _begin(device: Device, options: ClickOptions, places: Places) -> Callable[[Key], ClickEntry]:
+    solver = ClickSolver(device, options.at(places))
+    return lambda key: solver.solve_entry(places.placement(key))

@@ -17,25 +17,20 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class WatchedCourses:
-    """Time courses under fingers (course = scenario * fingers + finger) at every sample of the waveform.
-
-    start (course,): sample from which each course is watched.
-    """
+    """Time courses under fingers (course = scenario * fingers + finger) at every sample of the waveform."""
 
     responses: Responses
     tones: Tones
-    start: Integers
 
     @property
     def shape(self) -> tuple[int, int]:
         """Numbers of courses and of samples of each."""
-        return len(self.start), self.responses.lines.steps
+        scenarios, fingers = self.responses.transfer.shape[:2]
+        return scenarios * fingers, self.responses.lines.steps
 
     def play(self, weight: Array) -> Single:
-        """Magnitudes (course, sample) for weights (tone,); 0 where a course is not watched yet."""
+        """Magnitudes (course, sample) for weights (tone,)."""
         course: Single = np.abs(self.responses.play_samples(self.tones.waveform(weight))).reshape(self.shape)
-        if self.start.any():
-            course[np.arange(course.shape[1]) < self.start[:, None]] = 0.0
         return course
 
     def rows(self, numbers: Integers) -> Array:

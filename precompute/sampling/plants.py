@@ -23,6 +23,11 @@ class Fingers:
     damping_n_s_per_m: Array
     mass_kg: Array
 
+    def first(self, scenarios: int) -> "Fingers":
+        """The fingers of the first scenarios."""
+        columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
+        return Fingers(*(column[:scenarios] for column in columns))
+
     def of(self, scenario: int) -> list[tuple[float, Finger]]:
         """Position in metres and finger of one scenario, for each finger."""
         columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
@@ -37,7 +42,8 @@ class Scenarios:
     """Sampled bars and actuators of one device, the nominal ones first; `place` puts fingers on them.
 
     calibrated (scenario,): devices that the measurements of a calibration do not tell apart, the same one where there
-    was none. Factors beside it: bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator).
+    was none. Factors beside it: bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator). normal
+    (scenario, parameter): the standard normal deviates that these come from.
     """
 
     device: Device
@@ -47,6 +53,7 @@ class Scenarios:
     bar_mass: Array
     stiffness: Array
     mass: Array
+    normal: Array
 
     def __len__(self) -> int:
         """Number of scenarios, the nominal one included."""
@@ -67,6 +74,10 @@ class Scenarios:
             )
         )
         return replace(base, bar=bar, actuators=actuators)
+
+    def deviations(self, fingers: int) -> Array:
+        """What varies (scenario, parameter), standardised: bar, actuators, and that many fingers."""
+        return np.hstack([self.normal, _touch_deviations((len(self) - 1) // 2, fingers, self.seed)])
 
     def place(self, position_m: Sequence[float], tolerance_m: float | None = None) -> Fingers:
         """Sampled fingers about these positions, which rise along the bar; the nominal ones are exactly there.
@@ -91,8 +102,8 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     They lie within the spread of the device; what a calibration has fitted varies as that has left it. Every other
     sample is the mirror image of the one before, so that a mirrored bar gets mirrored clicks.
     """
-    spread, actuators, pairs = device.spread, len(device.actuators), (count + 1) // 2
-    drawn = ndtri(latin_hypercube(pairs, 2 + 2 * actuators, np.random.default_rng(seed)))
+    spread, pairs = device.spread, (count + 1) // 2
+    drawn = _normal_deviates(device, pairs, seed)
     normal = np.concatenate([np.zeros((1, drawn.shape[1])), _alternating(drawn, drawn)])
     guessed = ~_fitted(device)
     stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
@@ -105,7 +116,15 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
         bar_mass=heavy[:, 0],
         stiffness=stiff[:, 1:],
         mass=heavy[:, 1:],
+        normal=normal,
     )
+
+
+def sample_deviations(device: Device, count: int, fingers: int, seed: int) -> Array:
+    """`Scenarios.deviations` of `count` plants, which need not be made for it; without the nominal one."""
+    pairs = (count + 1) // 2
+    normal = np.repeat(_normal_deviates(device, pairs, seed), 2, axis=0)
+    return np.hstack([normal, _touch_deviations(pairs, fingers, seed)[1:]])
 
 
 def latin_hypercube(count: int, dimensions: int, random: np.random.Generator) -> Array:
@@ -119,6 +138,17 @@ def latin_hypercube(count: int, dimensions: int, random: np.random.Generator) ->
         random.shuffle(row)
     points: Array = (interval.T - within) / count
     return points
+
+
+def _normal_deviates(device: Device, pairs: int, seed: int) -> Array:
+    """Standard normal deviates (pair, parameter) of bar and actuators."""
+    deviates: Array = ndtri(latin_hypercube(pairs, 2 + 2 * len(device.actuators), np.random.default_rng(seed)))
+    return deviates
+
+
+def _touch_deviations(pairs: int, fingers: int, seed: int) -> Array:
+    """`_sample_touches` as rows (scenario, parameter)."""
+    return _sample_touches(pairs, fingers, seed).transpose(1, 0, 2).reshape(1 + 2 * pairs, -1)
 
 
 @lru_cache(maxsize=64)

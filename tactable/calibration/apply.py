@@ -1,11 +1,11 @@
-"""Apply a calibration to the table that a run plays: fit, build, verify and swap, with the clicks in a second swap.
+"""Apply a calibration to the table that a run plays: fit, build, verify and swap; clicks of two fingers in a second.
 
 Theory of operation. The table is looked at before anything is fitted, so that a table that cannot be rebuilt is
-refused at once. The table is then built for the calibrated device with the options of its first build; its clicks,
-which take minutes, stay as they were and are marked as outdated, so that a run changes over after seconds. `complete`
-remakes them. Before a table takes its place it may be played on the bar (`verify`): one whose promise the bar does not
-keep is doubtful, and the one before stays. Every step recognises its own finished work (the folder by what was asked
-for, the table by its fingerprints), so the same command continues after an interruption and does nothing twice.
+refused at once. The table is then built for the calibrated device with the options of its first build, but with the
+clicks of one finger alone, so that a run changes over after seconds: it solves the others as fingers ask for them.
+`complete` adds them. Before a table takes its place it may be played on the bar (`verify`): one whose promise the bar
+does not keep is doubtful, and the one before stays. Every step recognises its own finished work (the folder by what was
+asked for, the table by its fingerprints), so the same command continues after an interruption and does nothing twice.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.incremental import BuildOptions, is_compatible, is_current, outdated_parts
+from precompute.builder.incremental import BuildOptions, is_compatible, is_current
 from precompute.parallel.pool import available_cores
 from tactable.calibration.job import CalibrationJob
 from tactable.calibration.step_times import Progress, StepTimes
@@ -46,6 +46,7 @@ class TableTarget:
                 asked = f"{device.name!r} with its zones, actuators and limits"
                 raise TableError(f"{path}: is of {table.device.name!r}, not of {asked}; name the table of this bar")
             self._options = replace(BuildOptions.of(table), code_fingerprint=code_fingerprint())
+        self._first = replace(self._options, clicks_up_to=min(1, self._options.clicks_up_to))
         if self._options.responses_sha256:
             raise TableError(
                 f"{path}: was built from measured responses, which a calibration does not change; measure them again "
@@ -53,27 +54,27 @@ class TableTarget:
             )
 
     def is_in_place(self, device: Device) -> bool:
-        """Whether the table is the one of `device` already, its outdated parts aside."""
+        """Whether the table is the one of `device` already, if only with the clicks of one finger."""
+        with Table.open(self.path, verify=False) as table:
+            return any(is_current(table, device, options) for options in (self._options, self._first))
+
+    def is_complete(self, device: Device) -> bool:
+        """Whether the table has all clicks of `device`."""
         with Table.open(self.path, verify=False) as table:
             return is_current(table, device, self._options)
 
     def put_in_place(self, device: Device, progress: Progress, verify: Verify | None = None) -> None:
-        """Build the table for `device` as it was built before; its clicks stay as they were.
+        """Build the table for `device` as it was built before, with the clicks of one finger alone.
 
         Raises TableError, PromiseError for a table that `verify` refuses.
         """
-        self._build(device, progress, verify, clicks_later=True)
+        self._build(device, self._first, progress, verify)
 
     def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
-        """Remake the outdated parts; the seconds that it took. Raises as `put_in_place`."""
+        """Add the clicks of two fingers; the seconds that it took. Raises as `put_in_place`."""
         times = StepTimes(progress, "clicks")
-        self._build(device, times.tell_step, verify, clicks_later=False)
+        self._build(device, self._options, times.tell_step, verify, completes=True)
         return times.total_s
-
-    def outdated(self) -> str:
-        """Names of the parts that were made for the previous bar, such as "clicks"; empty where all are current."""
-        with Table.open(self.path, verify=False) as table:
-            return " and ".join(outdated_parts(table))
 
     def diff(self) -> TableDiff | None:
         """Compare the table with the previous one; None where that is not kept."""
@@ -83,7 +84,15 @@ class TableTarget:
         with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
             return compare_tables(own, other)
 
-    def _build(self, device: Device, progress: Progress, verify: Verify | None, *, clicks_later: bool) -> None:
+    def _build(
+        self,
+        device: Device,
+        options: BuildOptions,
+        progress: Progress,
+        verify: Verify | None,
+        *,
+        completes: bool = False,
+    ) -> None:
         def accept(written: Path) -> None:
             if verify is not None:
                 progress("verify on the bar", 0.98)
@@ -93,11 +102,10 @@ class TableTarget:
         build_table(
             device,
             self.path,
-            clicks_up_to=self._options.clicks_up_to,
-            click_options=self._options.click_options,
+            clicks_up_to=options.clicks_up_to,
+            click_options=options.click_options,
             workers=available_cores(),
-            clicks_later=clicks_later,
-            completes=not clicks_later,
+            completes=completes,
             progress=progress,
             accept=accept,
         )

@@ -49,12 +49,15 @@ def print_applied(out: Console, table: Path, applied: "Applied") -> None:
         _say(out, f"  {times_text(applied.seconds)}")
 
 
-def print_clicks(out: Console, table: Path, outdated: str, clicks_s: float | None) -> None:
-    """Print what became of the outdated parts; `clicks_s` is the time it took to remake them, None: they were not."""
+def print_clicks(out: Console, table: Path, is_complete: bool, clicks_s: float | None) -> None:
+    """Print what became of the clicks of two fingers; `clicks_s`: the time that it took to add them, None: it did not.
+
+    is_complete: they were there before.
+    """
     if clicks_s is not None:
-        _say(out, f"{table}: {outdated} remade in {clicks_s:.0f} s and put in place in a second change")
-    elif outdated:
-        _say(out, f"{table}: its {outdated} are still those of the previous bar; without --no-clicks they are remade")
+        _say(out, f"{table}: clicks of two fingers added in {clicks_s:.0f} s and put in place in a second change")
+    elif not is_complete:
+        _say(out, f"{table}: has the clicks of one finger; a run solves the others, without --no-clicks they are added")
     _say(out, f"back to the previous table: tactable rollback {table}")
 
 

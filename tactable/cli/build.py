@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from base.errors import TactableError
-from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
@@ -45,13 +44,6 @@ def build(
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = "3 mm",
     threshold: ThresholdCurve = None,
-    coarse: Annotated[
-        bool,
-        typer.Option(
-            "--coarse",
-            help="Stop at the table with coarse clicks, which else comes before the complete one.",
-        ),
-    ] = False,
     workers: Workers = None,
     reuse: Annotated[
         bool, typer.Option(help="Take from the table that is there whatever the device's changes do not affect.")
@@ -67,16 +59,16 @@ def build(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Build the table of a device; an interrupted build continues.
+    """Build the table of a device.
 
     A table that is there is replaced when the new one is whole; `tactable rollback` puts it back. Where it has no
-    clicks of this device, a table with coarse clicks comes first, after half a minute, and a run may play it at once.
+    clicks of this device, a table with those of one finger comes first, after seconds: a run may play it at once, and
+    solves the others.
     """
     wanted = WantedTable(
         output=output,
         clicks_up_to=clicks_up_to,
         pitch_m=read_pitch(pitch),
-        is_coarse=coarse,
         workers=workers,
         reuses=reuse,
         responses=responses,
@@ -98,7 +90,6 @@ class WantedTable:
     output: Path | None
     clicks_up_to: int | None
     pitch_m: float
-    is_coarse: bool
     workers: int | None
     reuses: bool
     responses: Path | None
@@ -108,7 +99,7 @@ class WantedTable:
 
     def build(self, device: Device) -> None:
         """Build the table of a device and print what it holds."""
-        from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
+        from precompute.builder.build import EARLY_IN_PLACE, build_table
         from precompute.clicks import ClickOptions
         from precompute.clicks.tabulated import MOST_TABULATED
         from precompute.measurements.responses import read_responses
@@ -122,8 +113,8 @@ class WantedTable:
 
             def progress(step: str, fraction: float) -> None:
                 show(step, fraction)
-                if step == COARSE_IN_PLACE and not self.as_json:
-                    remark(f"{path}: usable, with coarse clicks; the fine ones follow")
+                if step == EARLY_IN_PLACE and not self.as_json:
+                    remark(f"{path}: usable, with the clicks of one finger; those of two follow")
 
             cost = build_table(
                 device,
@@ -131,7 +122,7 @@ class WantedTable:
                 created=datetime.now(UTC).isoformat(timespec="seconds"),
                 clicks_up_to=fingers if self.clicks_up_to is None else self.clicks_up_to,
                 click_options=ClickOptions(pitch_m=self.pitch_m),
-                coarse=Coarse.ONLY if self.is_coarse else Coarse.FIRST,
+                early=True,
                 workers=self.workers or available_cores(),
                 reuse=self.reuses,
                 responses=responses,
@@ -171,15 +162,10 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "best_rows": len(table.best_rows),
             "clicks": len(table.clicks),
             "click_pitch_m": table.places.pitch_m,
-            "clicks_are_coarse": table.is_coarse,
             "bytes": path.stat().st_size,
             "source": str(table.attributes["source"]),
             "processor_s": cost.processor_s,
-            "solved": {
-                "coarse_clicks": cost.coarse_clicks,
-                "clicks": cost.clicks,
-                **to_plain(cost.effort),
-            },
+            "clicks_solved": cost.clicks,
             "estimates": len(device.estimated_values),
             "model": model_figures(table),
             **({} if responses is None else interpolation_errors_of(table)),
@@ -200,15 +186,12 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
 def _clicks_text(summary: Mapping[str, Any]) -> str:
     if not summary["clicks"]:
         return "clicks"
-    coarse = "coarse clicks" if summary["clicks_are_coarse"] else "clicks"
-    return f"{coarse} at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
+    return f"clicks at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
 
 
 def _cost_text(cost: "BuildCost") -> str:
     times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
-    effort = cost.effort
-    clicks = f"{cost.clicks + cost.coarse_clicks} clicks from {effort.plants} plants, {effort.programs} programs"
-    return f"processor time: {times}; solved {clicks}, {effort.pivots} pivots, {effort.fallbacks} fallbacks"
+    return f"processor time: {times}; {cost.clicks} clicks solved"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

@@ -219,26 +219,26 @@ def _apply(
         print_applied(OUT, table, applied)
     if not applied.is_refused:
         target, diff = applied.target, applied.target.diff()
-        outdated, clicks_s = target.outdated(), None
+        is_complete, clicks_s = target.is_complete(applied.device), None
         if diff is not None and not as_json:
             print_short_diff(OUT, diff)
             say(f"complete comparison: tactable diff {previous_of(table)} {table}")
-        if outdated and with_clicks:
+        if with_clicks and not is_complete:
             with shown_progress(as_json) as progress:
                 try:
                     clicks_s = target.complete(applied.device, progress, verify)
                 except PromiseError as refused:
-                    doubt = f"clicks: {refused}; the table has the new drives and the clicks of before"
+                    doubt = f"clicks: {refused}; the table has the clicks of one finger, and a run solves the others"
                     applied.doubts.append(doubt)
         if applied.doubts and not as_json and not despite_doubts:
             say(f"DOUBTFUL: {applied.doubts[-1]}")
         if not as_json:
-            print_clicks(OUT, table, outdated, clicks_s)
+            print_clicks(OUT, table, is_complete, clicks_s)
         document["applied"] |= {
             "in_place_after_s": applied.in_place_after_s,
             "seconds": applied.seconds,
             "clicks_s": clicks_s,
-            "outdated": "" if with_clicks else outdated,
+            "has_all_clicks": is_complete or clicks_s is not None,
             "diff": None if diff is None else short_diff_json(diff),
         }
     if as_json:

@@ -301,7 +301,6 @@ def run_json(live: Live, source: Source, duration_ns: int) -> dict[str, Any]:
         "full_scale_factors": list(live.fit.scales),
         "set_frames_on_the_wire": live.frames_sent,
         "not_achieved": live.renderer.not_achieved,
-        "provisional": counters.provisional,
         "clicks_solved": counters.learned,
         "joined_fingers": counters.joined,
         "fingers_left_out": counters.left_out,
@@ -323,7 +322,6 @@ def _print_summary(summary: dict[str, Any]) -> None:
     rare = (
         "commands_mispredicted",
         "not_achieved",
-        "provisional",
         "clicks_solved",
         "joined_fingers",
         "fingers_left_out",

@@ -82,7 +82,6 @@ class Events:
             "level_db": None if level_db is None or math.isinf(level_db) else level_db,
             "threshold": self.table.device.threshold.title,
             "is_full_scale": level_db is not None and math.isinf(level_db),
-            "is_provisional": record.is_provisional,
             "sequence": record.drive_sequence,
             "fingers": [],
         }

@@ -52,7 +52,7 @@ def _figures_of(table: Table, record: Record, board: Board | None) -> dict[str, 
         return None
     if record.drive:
         return None if board is None else _of_drive(table, record.drive, board, placement, level_db)
-    click = table.click_at(placement, level_db) if record.is_click and not record.is_provisional else None
+    click = table.click_at(placement, level_db) if record.is_click else None
     return None if click is None else _of_click(click)
 
 

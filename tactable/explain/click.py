@@ -20,7 +20,7 @@ from engine.table import ClickEntry, Table
 from engine.table.click import LevelSpread, played_at
 from engine.touch import Placement
 from precompute.clicks import ClickOptions
-from precompute.clicks.evaluation import Levels, decibels
+from precompute.clicks.evaluation import decibels
 from tactable.explain.click_course import played_displacement
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
@@ -79,7 +79,7 @@ def explain_click(source: ClickSource, placement: Placement, level_db: float, *,
 
 def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) -> Array:
     """Levels (finger, 4) as Explained has them."""
-    fresh = source.solver.plants_of(placement.position_m).evaluated
+    fresh = source.solver.plants_of(placement.position_m).judged
     peak_db = decibels(fresh.peaks(played_displacement(click).T, range(len(placement.position_m))))
     return np.column_stack([peak_db[0], *np.percentile(peak_db[1:], (5, 50, 95), axis=0)])
 
@@ -89,7 +89,7 @@ _DURATION_NOTE = (
     " may need more than 0 dB; 30 ms is the border of one pulse and vibration (docs/theory.md, Time and clicks)"
 )
 _OWN = (
-    *("wanted_level_db", "achieved", "amplitude", "length_s", "sample_rate_hz", "level_db", "peak_s", "objective"),
+    *("wanted_level_db", "achieved", "amplitude", "length_s", "sample_rate_hz", "level_db", "peak_s"),
     *("residual_from_s", "residual_db"),
 )
 
@@ -111,8 +111,6 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "felt_db": spread_json(click.felt),
             "quiet_db": spread_json(click.quiet),
             "exceeds_s": click.exceeds_at_s(),
-            "upper_bound_db": click.bound_db,
-            "optimality_gap_db": click.gap_db,
             "table": explained.tabulated and _tabulated_json(table, explained.placement, explained.tabulated),
             "softer": [
                 {
@@ -188,14 +186,10 @@ def _prediction_lines(explained: Explained, above: str) -> list[str]:
         loud += f", strongest quiet finger {click.quiet.high_db:z.1f} dB at most"
     if not click.achieved:
         loud += " - NOT ACHIEVED, the best possible"
-    bound = "no bound is known"
-    if math.isfinite(click.bound_db):
-        bound = f"upper bound for its tones {click.bound_db:z.2f} dB (gap {click.gap_db:.2f} dB)"
     return [
         loud,
         f"threshold passed: {_passed_words(click)}; last peak at {1e3 * click.peak_s:.1f} ms; "
         f"from {1e3 * click.residual_from_s:g} ms felt fingers stay below {click.residual_db:z.1f} dB (nominal plant)",
-        f"maximised: {click.objective}; in the mean of the plants it is optimised over, {bound}",
         f"played at {100 * click.amplitude:.1f} % of its waveform",
     ]
 
@@ -257,14 +251,14 @@ def _rival_grid(explained: Explained, above: str) -> Grid:
     for rival in explained.rivals:
         evaluation = rival.click.evaluation
         grid.add_row(
-            rival.name, *_rival_figures(evaluation.felt, evaluation.quiet, evaluation.exceeds_s), rival.lost_by
+            rival.name,
+            *_rival_figures(evaluation.felt, evaluation.quiet, evaluation.exceeds_s[math.inf]),
+            rival.lost_by,
         )
     return grid
 
 
-def _rival_figures(
-    felt: LevelSpread | Levels, quiet: LevelSpread | Levels | None, passed_s: float | None
-) -> tuple[str, ...]:
+def _rival_figures(felt: LevelSpread, quiet: LevelSpread | None, passed_s: float | None) -> tuple[str, ...]:
     return (
         f"{felt.low_db:z.1f}",
         f"{felt.middle_db:z.1f}",
@@ -275,21 +269,17 @@ def _rival_figures(
 
 def option_words(options: ClickOptions, spread: Spread) -> str:
     """What clicks were made with, in words: limits, plants and their spreads."""
-    lengths = ", ".join(f"{1e3 * length_s:g}" for length_s in options.lengths_s)
-    wanted = "as strong as can be" if options.wanted_db is None else f"no stronger than {options.wanted_db:g} dB"
-    brake = "no brake" if options.brake_s is None else f"braked by {1e3 * options.brake_s:g} ms"
-    slew = "no slew limit" if options.slew_per_s is None else f"slew up to {options.slew_per_s:g} full scales a second"
     within_m = spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
     return (
-        f"{lengths} ms, {wanted}, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, {brake}, "
-        f"{slew}, tones {1 / options.crowding:g}/length apart; optimised over {options.scenarios} plants, "
-        f"trimmed on {options.trimmed}, evaluated on {options.judged} others (seed {options.seed}); standard "
+        f"{1e3 * options.length_s:g} ms, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, "
+        f"tones {1 / options.crowding:g}/length apart; solved with {options.pool} plants, evaluated on "
+        f"{options.judged} others (seed {options.seed}); standard "
         f"deviations of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
         f"{100 * spread.finger:g} % and {1e3 * within_m:g} mm"
     )
 
 
-def spread_json(spread: LevelSpread | Levels | None) -> dict[str, float] | None:
+def spread_json(spread: LevelSpread | None) -> dict[str, float] | None:
     """Levels in dB by name: nominal, and percentiles over the sampled plants."""
     if spread is None:
         return None
@@ -303,6 +293,6 @@ def _rival_json(rival: Rival) -> dict[str, Any]:
         "lost_by": rival.lost_by,
         "felt_db": spread_json(evaluation.felt),
         "quiet_db": spread_json(evaluation.quiet),
-        "exceeds_s": evaluation.exceeds_s,
+        "exceeds_s": evaluation.exceeds_s[math.inf],
         "residual_db": evaluation.residual_db,
     }

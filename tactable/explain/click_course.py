@@ -50,7 +50,7 @@ class Course:
 def compute_course(source: ClickSource, click: ClickEntry, placement: Placement) -> Course:
     """Compute the time course of a click of the source's device under the fingers of a placement."""
     wave = played_displacement(click).T
-    responses = source.solver.plants_of(placement.position_m).evaluated
+    responses = source.solver.plants_of(placement.position_m).judged
     drawn = interpolated(wave)
     displacement = np.zeros((len(drawn), responses.steps))
     displacement[:, : drawn.shape[1]] = drawn

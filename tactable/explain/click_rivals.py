@@ -21,7 +21,7 @@ class Rival:
 
 def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
     """Evaluate every baseline against a click at full strength that the source solved."""
-    rivals = {name: source.solve_baseline(click.placement, name, click.length_s) for name in BASELINES}
+    rivals = {name: source.solve_baseline(click.placement, name) for name in BASELINES}
     return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
 
 

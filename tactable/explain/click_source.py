@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from engine.steady.cases import TOLERANCE_M
 from engine.table import ClickEntry, Table, TableError
-from engine.table.click import ClickFinger, played_at
+from engine.table.click import ClickFinger
 from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
-from precompute.clicks.columns import ClickTabulator
+from precompute.clicks.nominal import NominalFingers
 from precompute.clicks.of_table import read_click_options
 
 if TYPE_CHECKING:  # its kernels are compiled when it is imported
@@ -26,9 +26,7 @@ class ClickSource:
 
     def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M) -> None:
         self.table = table
-        self.table_options = read_click_options(table)
-        """Options of the table's clicks; the defaults where it has no clicks."""
-        self.options = replace(self.table_options, tolerance_m=tolerance_m)
+        self.options = replace(read_click_options(table), tolerance_m=tolerance_m)
         """Options of the clicks that are solved now."""
 
     @cached_property
@@ -37,9 +35,8 @@ class ClickSource:
         return ClickSolver(self.table.device, self.options)
 
     @cached_property
-    def _tabulator(self) -> ClickTabulator:
-        modes = self.table.attributes.get("modes")  # counting them takes compiled kernels
-        return ClickTabulator(self.table.device, self.options, None if modes is None else int(modes.item()))
+    def _nominal(self) -> NominalFingers:
+        return NominalFingers(self.table.device, self.options)
 
     @cached_property
     def _steady(self) -> "SteadySolver":
@@ -62,25 +59,14 @@ class ClickSource:
         """The click made for these positions, at full strength. Raises TableError where no finger is felt."""
         if not placement.felt:
             raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
-        return played_at(self._tabulator.tabulate(self.solver.solve(placement)), inf)
-
-    def click_at_places(self, placement: Placement) -> ClickEntry:
-        """The click that a run plays for these fingers, at full strength: of their places, solved if need be."""
-        own = self.table.click_at(placement, inf)
-        if own is not None:
-            return own
-        places = self.table.places
-        at_places = places.placement(places.key(placement))
-        options = self.table_options.at(places)
-        solved = ClickSolver(self.table.device, options).solve(at_places)
-        return played_at(ClickTabulator(self.table.device, options).tabulate(solved), inf)
+        return self.solver.solve_entry(placement)
 
     def fingers_of(self, click: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
         """What standard fingers at these positions get of a click, in the nominal plant."""
-        return self._tabulator.fingers_of(click, placement)
+        return self._nominal.under(click, placement.position_m)
 
-    def solve_baseline(self, placement: Placement, name: str, length_s: float) -> Click:
-        """A baseline of that length, evaluated as the clicks are."""
+    def solve_baseline(self, placement: Placement, name: str) -> Click:
+        """A baseline, evaluated as the clicks are."""
         levels_db = (*self.table.device.levels_db, inf)
         drives = [self._steady.solve(placement.position_m, placement.is_felt, level_db) for level_db in levels_db]
-        return solve_baseline(self.solver, placement, drives, name, length_s)
+        return solve_baseline(self.solver, placement, drives, name)

@@ -15,7 +15,6 @@ from threadpoolctl import threadpool_limits
 from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.incremental import outdated_parts
 from precompute.measurements import Kind, MeasurementError
 from precompute.measurements.file import check_ending, write_measurements
 from precompute.measurements.simulate import even_places
@@ -75,12 +74,10 @@ class Circle:
         return sum(reading.is_spoiled for reading in readings), len(readings)
 
     def verify(self, written: Path) -> str:
-        """Play a table's drives, and its clicks unless they are outdated; the doubt that remains, empty for none."""
+        """Play a table's drives and clicks; the doubt that remains, empty for none."""
         asked = Anywhere(placements=PLACEMENTS, seed=self.options.seed + 1)
         with Table.open(written, verify=False) as table, threadpool_limits(1, "blas"):
             played = plan_played(table, random_placements(table.device, asked), LEVEL_DB)
-            if outdated_parts(table):
-                played = tuple(each for each in played if each.click is None)
             places_m = fixed_places(table.device, self.options.sensor, even_places(table.device, PLACES).tolist())
             options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
             points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)

@@ -33,7 +33,6 @@ class Command:
     at_us: float
     wanted_db: float
     drive: Drive
-    is_provisional: bool
     channels: tuple[ChannelPicture, ...]
     promised_db: Sequence[float | None]
     length_s: float
@@ -66,7 +65,7 @@ class CommandReader:
     def __init__(self, table: Table, frequency_resolution_hz: float, *, halvings: int = 0) -> None:
         self._table, self._resolution_hz = table, frequency_resolution_hz
         self.solved = list[Placement]()
-        """The placements, at places of the table, whose clicks it does not hold and that were played."""
+        """The placements whose clicks the table does not hold and that were played."""
         self._promises, self._count, self._halvings = Promises(table), 0, halvings
         self._promises.prepare()
         self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)
@@ -88,7 +87,6 @@ class CommandReader:
             at_us=at_us,
             wanted_db=level_db,
             drive=Drive.CLICK if is_click else Drive.STEADY,
-            is_provisional=record.is_provisional,
             channels=channels,
             promised_db=promised_db,
             length_s=length_s,
@@ -109,10 +107,8 @@ class CommandReader:
         return (ChannelPicture(0.0, click.amplitude, 0.0),) * actuators, promise.level_db.tolist(), click.length_s
 
     def _note_solved(self, placement: Placement) -> None:
-        places = self._table.places
-        at_places = places.placement(places.key(placement))
-        if at_places not in self.solved:
-            self.solved.append(at_places)
+        if placement not in self.solved:
+            self.solved.append(placement)
 
     def _drive(self, record: Record, placement: Placement, _: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]

@@ -37,7 +37,7 @@ from tactable.page.tables import Builder, order_for
 from tactable.page.view import View
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
-from tactable.rig.ready import cached_table, compare_with_shipped, is_outdated, open_cached
+from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
 from tactable.shipped import find_device
 
 SHORTEST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.25, 5.0  # one crash is made good at once; one that repeats costs little
@@ -139,7 +139,7 @@ class DemoBackend:
             "plays": None if self._plays is None else self._plays[0].as_json(),
             "is_shipped": table is not None and table.is_shipped,
             "is_outdated": self._is_outdated,
-            "is_coarse": table is not None and "clicks_are_coarse" in table.attributes,
+            "is_early": table is not None and table.path == early_path(cached_table(table.device, self._cache)),
             "has_kernels": self._plays is not None and self._plays[1],
             "compared": self._compared,
             "what_if": self._what_if(),
@@ -364,7 +364,7 @@ class DemoBackend:
         self.scene_number += 1
 
     async def _compare(self, device: Device, before: Table | None, table: Table) -> None:
-        """Compare a table with coarse clicks that was built here with the shipped one, once it took its place."""
+        """Compare a table with few places that was built here with the shipped one, once it took its place."""
         if before is None or not before.is_shipped or before.fingerprint != table.fingerprint or table.is_shipped:
             return
         found = await asyncio.to_thread(compare_with_shipped, before, table)

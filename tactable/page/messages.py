@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 5  # raise it with any change of these bytes: an old page is told to load again
+VERSION = 6  # raise it with any change of these bytes: an old page is told to load again
 MOST_TOUCHES = 64  # the events of ten fingers in six pictures
 MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
@@ -160,9 +160,9 @@ class PaperPicture:
 class Picture:
     """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
 
-    fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns,
-    u32 latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_provisional, 8 is_late, 16 has a paper bar,
-    32 is_mixed), then u8 of fingers, made fingers, channels and levels.
+    fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns, u32
+    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper bar, 16 is_mixed), then u8 of
+    fingers, made fingers, channels and levels.
     finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
     made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
     0.01 dB (-32768: none).
@@ -188,8 +188,6 @@ class Picture:
     """The fingers are in the plant."""
     is_playing: bool
     """The command still drives."""
-    is_provisional: bool
-    """The command is a steady drive in place of a click that was not solved in time."""
     is_late: bool
     """The machine stalled during the command, or the firmware never had it in time: what it did is not judged."""
     fingers: tuple[FingerPicture, ...]
@@ -240,7 +238,7 @@ def encode_picture(picture: Picture) -> bytes:
 
 def _flags(picture: Picture) -> int:
     late, second = picture.is_late, picture.paper is not None
-    bits = (picture.is_loaded, picture.is_playing, picture.is_provisional, late, second, picture.is_mixed)
+    bits = (picture.is_loaded, picture.is_playing, late, second, picture.is_mixed)
     return sum(is_set << bit for bit, is_set in enumerate(bits))
 
 

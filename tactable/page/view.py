@@ -144,7 +144,6 @@ class View:
             drive=Drive.SILENCE if command is None else command.drive,
             is_loaded=self._is_loaded,
             is_playing=command is not None and now_us < command.ended_us,
-            is_provisional=command is not None and command.is_provisional,
             is_late=command is not None and self._is_late(command),
             is_mixed=command is not None and command.is_mixed,
             fingers=tuple(self._finger(touch) for touch in self._touches),

@@ -25,13 +25,14 @@ from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import DriveEvent
-from precompute.builder.build import Coarse, Progress, build_table
+from precompute.builder.build import Progress, build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.parallel.pool import available_cores
 from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.first_table import EARLY_OPTIONS
 from tactable.rig.promises import Promises
 from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
@@ -72,9 +73,9 @@ class DemoReport:
 
 
 def table_for(device: Device, path: Path, progress: Progress) -> Table:
-    """The table of `device` at `path`, or the early one beside it, which is built with coarse clicks if need be.
+    """The table of `device` at `path`, or the early one beside it, which is built with clicks at few places if need be.
 
-    Such a table is there after half a minute of processor time; the page of the demo builds the fine one.
+    Such a table is there after seconds of processor time; the page of the demo builds the fine one.
     """
     found = open_cached(device, path)
     if found is not None and found.clicks and not found.is_shipped:
@@ -86,9 +87,9 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 
 
 def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
-    """The table of `device` at `path`, built there with coarse clicks where there is none or it is outdated."""
+    """The table of `device` at `path`, built there with clicks at few places where there is none or it is outdated."""
     if is_outdated or not path.exists():
-        build_table(device, path, coarse=Coarse.ONLY, workers=available_cores(), progress=progress)
+        build_table(device, path, click_options=EARLY_OPTIONS, workers=available_cores(), progress=progress)
     return Table.open(path, device=device, verify=False)
 
 
@@ -216,7 +217,6 @@ def demo_json(report: DemoReport) -> dict[str, Any]:
             "set_frames_on_the_wire": run.frames_sent,
             "reconnects": run.counters.reconnects,
             "report_to_command": latency,
-            "provisional_commands": sum(change.is_provisional for change in run.trace),
             "states": [_drive_json(report.device, drive) for drive in report.drives],
             "steady_drives_applied": report.drives_applied,
             "clicks": [_click_json(report.device, click) for click in report.clicks],

@@ -32,8 +32,6 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     if latency := run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN):
         figures = f"median {latency.p50_ns / 1e6:.2f} ms, greatest {latency.max_ns / 1e6:.2f} ms of {latency.count}"
         out.print(f"latency   report due to command written: {figures} (a pseudo-terminal; see README)")
-    if provisional := sum(change.is_provisional for change in run.trace):
-        out.print(f"          {provisional} answered by a steady drive in time, their click not being solved yet")
     if report.drives:
         out.print(_drives(report))
     if report.clicks:

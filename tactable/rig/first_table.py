@@ -25,10 +25,13 @@ from engine.table.clicks import Clicks
 from engine.table.file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
+from precompute.clicks.options import ClickOptions
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances
 
+EARLY_OPTIONS = ClickOptions(pitch_m=16e-3)
+"""Clicks of tables that are there before the fine ones: few places, so that hundreds of clicks are all."""
 IS_FIRST = "is_first"
 """Attribute of a table of receptances alone."""
 MODES = 24
@@ -46,13 +49,11 @@ def open_first_table(device: Device, path: Path, *, has_rows: bool = False) -> T
 
 def solve_first_click(device: Device) -> Clicks:
     """The click of one finger in the middle; where its kernels are not compiled yet, they are."""
-    from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
-    from precompute.clicks.columns import ClickTabulator
+    from precompute.clicks import ClickSolver
 
-    places = Places.every(device.bar.length_m, DEFAULT_OPTIONS.coarse.pitch_m)
-    options = DEFAULT_OPTIONS.coarse.at(places).quick
-    click = ClickSolver(device, options).solve(places.placement((2 * (places.count // 2) + 1,)))
-    return Clicks.of(places, [ClickTabulator(device, options).tabulate(click)])
+    places = Places.every(device.bar.length_m, EARLY_OPTIONS.pitch_m)
+    middle = places.placement((2 * (places.count // 2) + 1,))
+    return Clicks.of(places, [ClickSolver(device, EARLY_OPTIONS.at(places)).solve_entry(middle)])
 
 
 def is_first(table: Table) -> bool:
@@ -80,7 +81,6 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "code_fingerprint": "",  # it goes with the run
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
-                "clicks_are_coarse": 1,
                 IS_FIRST: 1,
                 "modes": MODES,
                 **_click_attributes(clicks, receptances.pitch_m),
@@ -103,10 +103,8 @@ def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:
     """How the clicks are solved that a run asks for; without a click `pitch_m` is that of the places."""
     if clicks is None:
         return {"click_pitch_m": pitch_m, "click_tolerance_m": pitch_m / 2}
-    from precompute.clicks import DEFAULT_OPTIONS  # whoever solved a click has imported it
-
     return {
         "click_pitch_m": clicks.places.pitch_m,
         "click_tolerance_m": clicks.tolerance_m,
-        "click_options": json.dumps(asdict(DEFAULT_OPTIONS.coarse)),
+        "click_options": json.dumps(asdict(EARLY_OPTIONS)),
     }

@@ -132,7 +132,7 @@ class Promises:
 
     def of_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise]:
         """The same, solved for the places where the table has none; that takes up to a second."""
-        click = played_at(self._source.click_at_places(placement), level_db)
+        click = played_at(self._source.click_of(placement), level_db)
         return click, self._promise_of(click, placement)
 
     def of_solved_click(self, placement: Placement, solved: SolvedClick) -> tuple[ClickEntry, Promise]:

@@ -1,10 +1,9 @@
 """Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
 
-A shipped table holds the best rows and coarse clicks of a shipped device, compressed. Responses, receptances and sweeps
-are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's modes
-when such a table is unpacked. The page
-builds the table on the user's machine meanwhile, compares the clicks with the shipped ones one by one, and changes
-over.
+A shipped table holds the best rows of a shipped device and clicks at few places, compressed. Responses, receptances and
+sweeps are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's
+modes when such a table is unpacked. The page builds the table on the user's machine meanwhile, compares the clicks with
+the shipped ones one by one, and changes over.
 
 It is played only where its device fingerprint is that of the device. The fingerprint of its code may be an older one:
 every promise on the page is computed anew from the waveform, by this code, and so is the motion of the bar, and limits
@@ -33,7 +32,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances
-from tactable.rig.first_table import MODES
+from tactable.rig.first_table import EARLY_OPTIONS, MODES
 from tactable.shipped import find_device, ready_folder, shipped_names
 
 _GROUPS = ("best_rows", "clicks")
@@ -46,7 +45,7 @@ def cached_table(device: Device, folder: Path) -> Path:
 
 
 def early_path(path: Path) -> Path:
-    """Path of a table while its clicks are coarse."""
+    """Path of a table while it has the clicks of few places."""
     return path.with_name(f"{path.stem}-early{path.suffix}")
 
 
@@ -152,7 +151,6 @@ def pack(built: Table, path: Path) -> None:
 def main(names: list[str]) -> None:
     """Make the shipped tables of these devices again, by default of all."""
     from precompute.builder.build import build_table
-    from precompute.clicks import DEFAULT_OPTIONS
     from precompute.parallel.pool import available_cores
 
     ready_folder().mkdir(exist_ok=True)
@@ -160,7 +158,7 @@ def main(names: list[str]) -> None:
         device = find_device(name)
         with work_folder("pack") as folder:
             path = folder / "built.nc"
-            build_table(device, path, click_options=DEFAULT_OPTIONS.coarse, workers=available_cores())
+            build_table(device, path, click_options=EARLY_OPTIONS, workers=available_cores())
             with Table.open(path, device=device) as built:
                 pack(built, packed_path(name))
         sys.stdout.write(f"{packed_path(name)}: {packed_path(name).stat().st_size / 1e6:.2f} MB\n")

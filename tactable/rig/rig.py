@@ -155,14 +155,14 @@ class Wanted(NamedTuple):
     placement: Placement
     level_db: float
     is_click: bool
-    """A click that the table did not hold in time is answered by a steady drive; then this is False."""
+    """A click that nobody solves is answered by a steady drive; then this is False."""
 
 
 def wanted_of(change: CommandRecord) -> Wanted | None:
     """The wanted drive or click of a change; None where no finger is to feel."""
     if change.level_db is None or change.placement is None:
         return None
-    return Wanted(change.placement, change.level_db, change.is_click and not change.is_provisional)
+    return Wanted(change.placement, change.level_db, change.is_click and not change.drive)
 
 
 def first_applied(run: LiveRun) -> dict[Wanted, DriveEvent]:

@@ -1,10 +1,9 @@
 """Solves clicks that no table holds, in a child process beside a running loop.
 
-A click of three fingers takes some 0.1 s, which the loop must not spend, and a grid of places for three fingers would
-be too coarse to be felt. So the loop asks the child for the places that are touched and goes on. The child solves the
-newest question first: an older touch was answered with the best that was known by then, and its click is only
-remembered. A table that was replaced meanwhile is opened again; a question for a device that the file does not hold is
-dropped. If the child dies, the run goes on without it.
+A click takes some milliseconds, which the loop must not spend, and a grid of places for three fingers would be too
+coarse to be felt. So the loop asks the child for the fingers where they are and goes on. The child solves the newest
+question and drops the older ones, whose touches wait no more. A table that was replaced meanwhile is opened again; a
+question for a device that the file does not hold is dropped. If the child dies, the run goes on without it.
 """
 
 import base64
@@ -25,8 +24,6 @@ from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis
 
-MOST_WAITING = 16
-"""Questions that the child keeps; the oldest is dropped."""
 _READ_BYTES = 1 << 16
 _NAME = "the solver of clicks"
 
@@ -39,7 +36,9 @@ class ClickProcess:
         self._descriptor = self._child.fileno()
         os.set_blocking(self._descriptor, False)
         self.process_id = self._child.process_id
-        self._is_there, self._received = True, bytearray()
+        self.is_there = True
+        """Whether questions are still answered."""
+        self._received = bytearray()
         self._answers = Answers()
 
     def __enter__(self) -> "ClickProcess":
@@ -56,7 +55,7 @@ class ClickProcess:
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
-        if self._is_there:
+        if self.is_there:
             with contextlib.suppress(BlockingIOError):
                 self._child.write(question_of(placement, device))
 
@@ -86,7 +85,7 @@ class ClickProcess:
     def _end(self) -> None:
         """Replace the socket of a child that died by a silent one, so that the run goes on."""
         _say("clicks of more fingers than the table holds are no longer solved: the solving process has ended")
-        self._is_there = False
+        self.is_there = False
         silent, self._kept_open = os.pipe()
         os.dup2(silent, self._descriptor)
         os.close(silent)
@@ -128,21 +127,19 @@ class Asker(Protocol):
 
 
 class Solver:
-    """Clicks for the places of one table."""
+    """Clicks for the device of one table."""
 
     def __init__(self, path: Path) -> None:
         from precompute.clicks import ClickSolver
-        from precompute.clicks.columns import ClickTabulator
         from precompute.clicks.of_table import read_click_options
 
         with Table.open(path, verify=False) as table:
-            self.device, options = table.device, read_click_options(table).at(table.places).quick
+            self.device, options = table.device, read_click_options(table).at_fingers
         self.solver: ClickSolver = ClickSolver(self.device, options)
-        self.tabulator: ClickTabulator = ClickTabulator(self.device, options)
 
     def solve(self, placement: Placement) -> ClickEntry:
-        """The click of a placement, as the table would hold it."""
-        return self.tabulator.tabulate(self.solver.solve(placement))
+        """The click of fingers where they are."""
+        return self.solver.solve_entry(placement)
 
 
 class Service:
@@ -151,7 +148,6 @@ class Service:
     def __init__(self, path: Path, parent: Asker) -> None:
         self._path, self._parent = path, parent
         self._solver: Solver | None = None
-        self._waiting = list[dict[str, Any]]()
         self._told = set[int]()
 
     def run(self) -> None:
@@ -159,13 +155,13 @@ class Service:
         self._open()
         if self._solver is not None:  # its kernels are loaded, or compiled, before the first question
             self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))
-        while True:
-            while not self._waiting or self._parent.has_spoken():
-                question = self._parent.read()
-                if question is None:
+        while (question := self._parent.read()) is not None:
+            while self._parent.has_spoken():
+                newer = self._parent.read()
+                if newer is None:
                     return
-                self._waiting = [*self._waiting[1 - MOST_WAITING :], question]
-            self._answer(self._waiting.pop())
+                question = newer
+            self._answer(question)
 
     def _open(self) -> None:
         try:

@@ -22,7 +22,6 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.fast.session import FastLink, FastSession
@@ -56,8 +55,6 @@ class LiveOptions:
     """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
     click_ns: int | None = None
     """How long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks."""
-    answer_within_ns: int = ANSWER_WITHIN_NS
-    """How long a touch waits for its click where that is solved beside the run."""
 
 
 def fast_library() -> ctypes.CDLL | None:
@@ -114,7 +111,6 @@ class Live:
         click_ns = rendering.click_length_ns
         pipeline = open_pipeline(source, table.device, effects, self.renderer, clock.now_ns, click_ns)
         self._pipeline = pipeline
-        pipeline.answerer.answer_within_ns = options.answer_within_ns
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)
         observer = Observers(self.timing, observer)

@@ -1,4 +1,4 @@
-"""Child process that compiles kernels for the page, then builds its table: coarse clicks first, then fine ones.
+"""Child process that compiles kernels for the page, then builds its tables: one with few places first.
 
 Kernels of clicks come first. A device without any table gets its first click with them, and the page solves the others
 as fingers ask for them. Then come those of steady drives, and those of builds.
@@ -16,7 +16,7 @@ from typing import Any
 
 from base.child import Parent
 from base.files import rename_durably
-from tactable.rig.first_table import write_first_table
+from tactable.rig.first_table import EARLY_OPTIONS, write_first_table
 from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
@@ -54,15 +54,18 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is not None and found.path == order.path:
         parent.say({"usable": str(order.path)})
         return
-    from precompute.builder.build import COARSE_IN_PLACE, Coarse, build_table
+    from precompute.builder.build import build_table
     from precompute.parallel.pool import available_cores
 
     def progress(step: str, fraction: float) -> None:
-        parent.say({"usable": str(early)} if step == COARSE_IN_PLACE else {"step": step, "fraction": fraction})
+        parent.say({"step": step, "fraction": fraction})
 
     order.path.parent.mkdir(parents=True, exist_ok=True)
     with _sigterm_as_interrupt():
-        build_table(device, early, coarse=Coarse.FIRST, workers=available_cores(), progress=progress)
+        workers = available_cores()
+        build_table(device, early, click_options=EARLY_OPTIONS, workers=workers, progress=progress)
+        parent.say({"usable": str(early)})
+        build_table(device, early, completes=True, workers=workers, progress=progress)
     rename_durably(early, order.path)
     parent.say({"usable": str(order.path)})
 

@@ -12,7 +12,6 @@ from typing import Any
 from base.child import Parent
 from engine.effects import Drives
 from engine.loop import RingWriter, SystemClock
-from engine.loop.answerer import ANSWER_WITHIN_NS
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
@@ -27,8 +26,6 @@ from tactable.shipped import named_effects
 
 IN_PLACE_NS = 800_000_000
 """Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
-SOLVED_WITHIN_NS = 300_000_000
-"""How long a touch waits for its click where a first table plays, whose clicks are solved as they are asked for."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,6 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
             bit_rate_hz=PTY_BIT_RATE_HZ,
             has_kernels=order.has_kernels,
             click_ns=IN_PLACE_NS if order.is_first else None,
-            answer_within_ns=SOLVED_WITHIN_NS if order.is_first else ANSWER_WITHIN_NS,
         )
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)

@@ -168,8 +168,8 @@ export class Panel {
         const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
       } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
-      else if (!scene.is_coarse) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
-      else if (building.step === "clicks") parts.push(`Building finer clicks: ${what}; until they are there, coarse ones play`);
+      else if (scene.is_early) parts.push(`Building clicks at more places: ${what}; until they are there, those of few places play`);
+      else if (scene.clicks) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
     } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);

@@ -53,10 +53,9 @@ export function decodePicture(view, picture, paper) {
   const flags = view.getUint8(at++);
   picture.isLoaded = Boolean(flags & 1);
   picture.isPlaying = Boolean(flags & 2);
-  picture.isProvisional = Boolean(flags & 4);
-  picture.isLate = Boolean(flags & 8);
-  picture.hasPaper = Boolean(flags & 16);
-  picture.isMixed = Boolean(flags & 32);
+  picture.isLate = Boolean(flags & 4);
+  picture.hasPaper = Boolean(flags & 8);
+  picture.isMixed = Boolean(flags & 16);
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
