@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from tactable.research.bar import modes as modes
     from tactable.research.bar import placement as placement
     from tactable.research.bar import response as response
+    from tactable.research.solve import solve_click as solve_click
+    from tactable.research.solve import solve_drive as solve_drive
     from tactable.research.table import Table as Table
     from tactable.shipped import find_device as find_device
 
@@ -60,6 +62,8 @@ _HOMES = {
     "read_measurements": "precompute.measurements.file",
     "response": "tactable.research.bar",
     "sample_devices": "precompute.sampling.devices",
+    "solve_click": "tactable.research.solve",
+    "solve_drive": "tactable.research.solve",
 }
 __all__ = [
     "ChannelDrive",
@@ -86,6 +90,8 @@ __all__ = [
     "read_measurements",
     "response",
     "sample_devices",
+    "solve_click",
+    "solve_drive",
 ]
 
 

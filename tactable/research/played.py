@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
@@ -46,18 +47,6 @@ class _Asked(ABC):
         rows = "".join(f"<tr><td>{escape(k)}</td><td>{escape(v)}</td></tr>" for k, v in self._summary())
         return f"<b>{type(self).__name__}</b> {escape(self._words())}<table>{rows}</table>"
 
-    def _fingers(self) -> dict[str, Any]:
-        """Coordinates of the fingers that were asked for."""
-        return {
-            "position": ("finger", list(self.asked.position_m), {"units": "m"}),
-            "is_felt": ("finger", list(self.asked.is_felt)),
-        }
-
-    def _origin(self) -> dict[str, str]:
-        from tactable.research.bar import origin_of
-
-        return {**origin_of(self.table.device), "threshold": self.table.device.threshold.title}
-
 
 @dataclass(frozen=True, repr=False)
 class Drive(_Asked, SteadyDrive):
@@ -72,21 +61,7 @@ class Drive(_Asked, SteadyDrive):
 
     def to_xarray(self) -> "xarray.Dataset":
         """Frequency, amplitude and phase (actuator), level (finger), and sampled_level (case, finger) in dB."""
-        import xarray
-
-        names = [actuator.name for actuator in self.table.device.actuators]
-        level = {"units": "dB", "long_name": f"{self.table.device.threshold.above}, standard finger"}
-        return xarray.Dataset(
-            {
-                "frequency": ("actuator", list(self.frequencies_hz), {"units": "Hz"}),
-                "amplitude": ("actuator", list(self.amplitudes), {"units": "1", "long_name": "of full scale"}),
-                "phase": ("actuator", list(self.phases_rad), {"units": "rad"}),
-                "level": ("finger", self.level_db, level),
-                "sampled_level": (("case", "finger"), self.sampled_level_db, {"units": "dB"}),
-            },
-            {"actuator": names, **self._fingers()},
-            {**self._origin(), "wanted_level_db": self.wanted_level_db, "achieved": int(self.achieved)},
-        )
+        return drive_dataset(self.table.device, self, self.asked)
 
     def _words(self) -> str:
         from tactable.explain.words import placement_text
@@ -122,27 +97,7 @@ class Click(_Asked, ClickEntry):
         The levels are promised for fingers within the table's tolerance of its places. quiet_level is NaN where
         nothing is quiet.
         """
-        import xarray
-
-        from tactable.explain.click_course import played_displacement
-
-        rate_hz, waveform = self.sample_rate_hz, played_displacement(self)
-        felt, quiet = ([np.nan] * 5 if each is None else _levels(each) for each in (self.felt, self.quiet))
-        return xarray.Dataset(
-            {
-                "waveform": (("time", "actuator"), waveform, {"units": "1", "long_name": "fraction of full scale"}),
-                "felt_level": ("spread", felt, {"units": "dB", "long_name": "weakest felt finger"}),
-                "quiet_level": ("spread", quiet, {"units": "dB", "long_name": "strongest quiet finger"}),
-            },
-            {
-                "time": ("time", np.arange(len(waveform)) / rate_hz, {"units": "s"}),
-                "actuator": [actuator.name for actuator in self.table.device.actuators],
-                "spread": list(_SPREAD),
-                **self._fingers(),
-                "place": ("finger", list(self.placement.position_m), {"units": "m", "long_name": "made for"}),
-            },
-            {**self._origin(), "tolerance_m": self.tolerance_m, "achieved": int(self.achieved)},
-        )
+        return click_dataset(self.table.device, self, self.asked)
 
     def _words(self) -> str:
         from tactable.explain.words import placement_text
@@ -157,6 +112,64 @@ class Click(_Asked, ClickEntry):
             ("felt", f"{self.felt.low_db:.1f} dB (5 %){'' if self.achieved else ', NOT ACHIEVED'}"),
         ]
         return rows + ([] if self.quiet is None else [("quiet", f"{self.quiet.high_db:.1f} dB (95 %)")])
+
+
+def click_dataset(device: Device, click: ClickEntry, asked: Placement) -> "xarray.Dataset":
+    """The waveform (time, actuator) of a click as played, and its promises; asked: the fingers."""
+    import xarray
+
+    from tactable.explain.click_course import played_displacement
+
+    rate_hz, waveform = click.sample_rate_hz, played_displacement(click)
+    felt, quiet = ([np.nan] * 5 if each is None else _levels(each) for each in (click.felt, click.quiet))
+    return xarray.Dataset(
+        {
+            "waveform": (("time", "actuator"), waveform, {"units": "1", "long_name": "fraction of full scale"}),
+            "felt_level": ("spread", felt, {"units": "dB", "long_name": "weakest felt finger"}),
+            "quiet_level": ("spread", quiet, {"units": "dB", "long_name": "strongest quiet finger"}),
+        },
+        {
+            "time": ("time", np.arange(len(waveform)) / rate_hz, {"units": "s"}),
+            "actuator": [actuator.name for actuator in device.actuators],
+            "spread": list(_SPREAD),
+            **_fingers(asked),
+            "place": ("finger", list(click.placement.position_m), {"units": "m", "long_name": "made for"}),
+        },
+        {**_origin(device), "tolerance_m": click.tolerance_m, "achieved": int(click.achieved)},
+    )
+
+
+def drive_dataset(device: Device, drive: SteadyDrive, asked: Placement) -> "xarray.Dataset":
+    """Frequency, amplitude and phase of every actuator, and the levels; asked: the fingers."""
+    import xarray
+
+    names = [actuator.name for actuator in device.actuators]
+    level = {"units": "dB", "long_name": f"{device.threshold.above}, standard finger"}
+    return xarray.Dataset(
+        {
+            "frequency": ("actuator", list(drive.frequencies_hz), {"units": "Hz"}),
+            "amplitude": ("actuator", list(drive.amplitudes), {"units": "1", "long_name": "of full scale"}),
+            "phase": ("actuator", list(drive.phases_rad), {"units": "rad"}),
+            "level": ("finger", drive.level_db, level),
+            "sampled_level": (("case", "finger"), drive.sampled_level_db, {"units": "dB"}),
+        },
+        {"actuator": names, **_fingers(asked)},
+        {**_origin(device), "wanted_level_db": drive.wanted_level_db, "achieved": int(drive.achieved)},
+    )
+
+
+def _fingers(asked: Placement) -> dict[str, Any]:
+    """Coordinates of the fingers that were asked for."""
+    return {
+        "position": ("finger", list(asked.position_m), {"units": "m"}),
+        "is_felt": ("finger", list(asked.is_felt)),
+    }
+
+
+def _origin(device: Device) -> dict[str, str]:
+    from tactable.research.bar import origin_of
+
+    return {**origin_of(device), "threshold": device.threshold.title}
 
 
 def _levels(spread: Any) -> list[float]:
