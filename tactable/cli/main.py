@@ -48,7 +48,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "effects": Entry("", "Read effect files of other makers, and write them."),
         },
         "Build": {
-            "build": Entry("build:build", "Build the table of a device; an interrupted build continues."),
+            "build": Entry("build:build", "Build the table of a device."),
             "rollback": Entry("build:rollback", "Put the previous table back; a second rollback undoes the first."),
             "fleet": Entry("fleet:fleet", "Calibrate, build and verify many devices; an interrupted run continues."),
         },
@@ -82,8 +82,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     },
     "plot": {
         "Pictures of a table": {
-            "state": Entry("plot:state", "Draw the acceleration along the bar under some fingers."),
-            "rise": Entry("plot:rise", "Draw the time course of a drive from rest under some fingers."),
+            "state": Entry("plot:state", "Draw a drive under some fingers: along the bar, or over time."),
             "factor": Entry("plot:factor", "Draw the localized factor over the frequencies of two actuators."),
             "click": Entry("plot:click", "Draw one click: its waveform and what each finger feels."),
         },
@@ -110,6 +109,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "bench": {
         "Benchmarks": {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
+            "clicks": Entry("bench:clicks", "Time clicks as a run solves them, beside a linear program."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),

@@ -113,31 +113,22 @@ def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "Play
 
 @picture_command
 def state(
-    table_path: TableArgument, felt: FeltFingers, quiet: QuietFingers = "", level: Level = _DEFAULT_LEVEL
+    table_path: TableArgument,
+    felt: FeltFingers,
+    quiet: QuietFingers = "",
+    level: Level = _DEFAULT_LEVEL,
+    over_time: Annotated[bool, typer.Option("--over-time", help="Draw how it builds up from rest.")] = False,
 ) -> Picture:
-    """Draw the acceleration along the bar under some fingers.
+    """Draw a drive under some fingers: along the bar, or over time.
 
     The figure shows the drive that a run solves for these fingers, under the fingers that it may meet, against the
-    detection threshold.
-    """
-    with _opened_table(table_path) as table:
-        from tactable.figures.state import plot_state
-
-        return plot_state(_played_drive(table, felt, quiet, read_level(level)))
-
-
-@picture_command
-def rise(
-    table_path: TableArgument, felt: FeltFingers, quiet: QuietFingers = "", level: Level = _DEFAULT_LEVEL
-) -> Picture:
-    """Draw the time course of a drive from rest under some fingers.
-
-    The rise time lasts until every felt finger has 90 % of its predicted vibration.
+    detection threshold. The rise time lasts until every felt finger has 90 % of its predicted vibration.
     """
     with _opened_table(table_path) as table:
         from tactable.figures.course import plot_course
+        from tactable.figures.state import plot_state
 
-        return plot_course(_played_drive(table, felt, quiet, read_level(level)))
+        return (plot_course if over_time else plot_state)(_played_drive(table, felt, quiet, read_level(level)))
 
 
 @picture_command

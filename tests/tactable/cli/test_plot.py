@@ -15,8 +15,8 @@ CLICK = ("click", "bar.nc", "--felt", "I", "--quiet", "III")
 PICTURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
     "state-at-positions": ("state", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm,160mm"),
-    "rise": ("rise", "bar.nc", "--felt", "I", "--quiet", "III"),
-    "rise-at-positions": ("rise", "bar.nc", "--felt", "35 mm"),
+    "rise": ("state", "bar.nc", "--felt", "I", "--quiet", "III", "--over-time"),
+    "rise-at-positions": ("state", "bar.nc", "--felt", "35 mm", "--over-time"),
     "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.5"),
     "click": CLICK,
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),

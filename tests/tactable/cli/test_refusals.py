@@ -79,7 +79,7 @@ REFUSED = [
     ("plot state bar.nc --felt I -o state", "state", ".png, .svg, .pdf"),
     ("plot state bar.nc --felt I -o bar.nc", "bar.nc", ".csv"),
     ("plot state bar.nc --felt I -o nowhere/state.png", "nowhere", "no such folder"),
-    ("plot rise bar.nc --felt I --level nan", "--level 'nan'"),
+    ("plot state bar.nc --felt I --over-time --level nan", "--level 'nan'"),
     ("plot factor bar.nc --zones ,", "--zones names no zone"),
     ("plot factor bar.nc --zones I --amplitudes 1,high", "--amplitudes '1,high'"),
     ("plot factor bar.nc --zones I --amplitudes 1,0.3", "'1,0.3'", "0, 0.5, 1"),
