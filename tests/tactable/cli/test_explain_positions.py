@@ -129,8 +129,11 @@ def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path, 
     assert said["fingers"][0]["position_m"] == pytest.approx((zone.start_m + zone.stop_m) / 2)
 
 
-def test_a_click_of_a_zone_tells_its_waveform_too(run: Any) -> None:
-    said = json.loads(
-        run("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--click", "--no-alternatives", "--json")[1]
-    )
+def test_a_click_of_a_zone_tells_its_waveform_its_places_and_the_other_ways(run: Any) -> None:
+    words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--click", "--level", "full")
+    said = json.loads(run(*words, "--json")[1])
     assert len(said["waveform"]) == 2 and said["sample_rate_hz"] == 4000 and "Oh and Choi" in said["threshold"]
+    assert said["table"]["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
+    assert len(said["alternatives"]) == 2
+    _, page, _ = run(*words[:-2], "--no-alternatives")
+    assert "a click of 20 ms, solved for these positions, 20 dB wanted" in page

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from base.errors import TactableError
 from tactable.cli.main import app
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 
@@ -51,24 +50,3 @@ def test_again_it_keeps_what_is_done_and_json_says_so(folder: Path) -> None:
     status, out = fleet(folder / "bars", "-o", folder / "out", "--clicks-up-to", "0", "--json")
     assert status == 3
     assert [unit["status"] for unit in json.loads(out)["units"]] == ["failed", "kept", "kept"]
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (("nowhere", "-o", "out"), "nowhere"),
-        (("bars", "-o", "bars"), "choose another folder"),
-        (("bars", "-o", "out", "--loss", "l2"), "'l2'"),
-        (("bars", "-o", "out", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
-        (("bars", "-o", "out", "--sensor-mass", "2"), "--sensor-mass"),
-    ],
-)
-def test_what_cannot_be_run_is_refused_before_anything_is_done(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], part: str
-) -> None:
-    monkeypatch.chdir(folder)
-    before = sorted(folder.rglob("*"))
-    done = CliRunner().invoke(app, ["fleet", *words])
-    assert isinstance(done.exception, TactableError | OSError)
-    assert part in str(done.exception)
-    assert sorted(folder.rglob("*")) == before

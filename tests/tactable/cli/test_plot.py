@@ -22,8 +22,8 @@ PICTURES = {
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),
     "measured": ("response", "reference-a", "--measured", str(MEASURED)),
     "zones": ("zones", "reference-a", "--drives", "60,90", "--change", "bar.mass_damping=0 1/s"),
-    "optimum": ("optimum", "reference-a", "--zones", "I,III,V"),
-    "reach": ("reach", "reference-d"),
+    "optimum": ("optimum", "bar.toml", "--zones", "I,III"),
+    "reach": ("reach", "bar.toml"),
 }
 
 

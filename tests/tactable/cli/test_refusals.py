@@ -8,6 +8,7 @@ import pytest
 
 from tactable.shipped import device_folder
 from tests.precompute.builder.test_build import ONE_LEVEL, SMALL
+from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.tactable.cli.in_process import run_here
 
 NEW = "new my-bar --length 300mm --thickness '1 mm' --actuators '40mm,87 %' -o new.toml"
@@ -69,6 +70,11 @@ REFUSED = [
             ("-5 mm", "", "a finger at -5 mm"),
         ]
     ],
+    ("fleet nowhere -o out", "nowhere"),
+    ("fleet bars -o bars", "choose another folder"),
+    ("fleet bars -o out --loss l2", "'l2'"),
+    ("fleet bars -o out --workers 2 --scheduler tcp://127.0.0.1:1", "--scheduler"),
+    ("fleet bars -o out --sensor-mass 2", "--sensor-mass"),
     ("replay bar.toml", "bar.toml"),
     ("demo --recording missing.hid", "missing.hid"),
     ("plot state missing.nc --felt I", "missing.nc", "tactable build"),
@@ -87,6 +93,7 @@ REFUSED = [
     ("plot factor bar.nc --zones I --amplitudes 0,0", "nothing moves"),
     ("plot factor bar.nc --zones I --pair up,down", "'up,down'", "left,right"),
     ("plot factor bar.nc --zones I --fingers IX", "'IX'", "I, II, III"),
+    ("plot response no-such-bar --drives 1,2", "no-such-bar", "reference-a"),
     ("plot response reference-a", "--drives", "--measured FILE"),
     ("plot response reference-a --drives 1,2 --measured x.csv", "--drives", "which has its own"),
     ("plot response reference-a --drives 150", "--drives '150'", "left,right"),
@@ -100,7 +107,10 @@ REFUSED = [
     ("plot reach reference-a -o a.png -o b.svg", "a.png and b.svg", "give one of each"),
     ("export bar.nc swep -o a.csv", "'swep'", "best_rows"),
     ("export bar.nc sweep -o a.xls", "a.xls", ".nc, .csv, .mat"),
+    ("plot click missing.nc --felt I", "missing.nc", "tactable build"),
     ("plot click bar.nc --felt VI", "'VI'", "I, II, III"),
+    ("plot click bar.nc --felt ,", "--felt names no zone"),
+    ("plot click bar.nc --felt I -o click.gif", "click.gif", ".png, .svg, .pdf"),
     ("plot click bar.nc --felt I --quiet I", "closer than 8 mm", "give one of them"),
     ("plot click bar.nc --felt I --level nan", "--level 'nan'"),
     ("plot click bar.nc --felt I --sound click.mp3", "click.mp3", ".wav"),
@@ -169,16 +179,17 @@ def folder(click_table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(device_folder().parent / "measurements" / "reference-a-drifted.csv", folder / "m.csv")
     (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
     (folder / "one.toml").write_text(ONE_LEVEL.replace("count = 3", "count = 1"), encoding="utf-8")
+    write_unit(folder / "bars" / "one", small_text())
     return folder
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=[case[0] for case in REFUSED])
 def test_a_refusal_is_one_line_that_names_the_thing_and_the_remedy(folder: Path, case: tuple[str, ...]) -> None:
     words, *parts = case
-    before = {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+    before = {path.name: path.stat().st_mtime_ns for path in folder.rglob("*")}
     done = run_here(folder, *shlex.split(words))
     assert (done.returncode, done.stdout) == (1, "")
     *said, line = done.stderr.splitlines()
     assert line.startswith("tactable: ") and all("SIMULATED" in each for each in said), done.stderr
     assert all(part in line for part in parts), line
-    assert {path.name: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+    assert {path.name: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
