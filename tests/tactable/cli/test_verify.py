@@ -1,6 +1,8 @@
 """The command `verify` on a simulated bench: a bar that the table describes keeps the promise, another does not."""
 
 import json
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +11,19 @@ import pytest
 from engine.table import Table
 from engine.table.best_rows import write_best_rows
 from engine.table.file import TableWriter
+from tactable.measure import verify
 from tests.engine.made_rows import rows_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def bars_once() -> Iterator[None]:
+    """The bars that a table holds for possible are the same each time that it is verified."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verify, "PossibleBars", cache(verify.PossibleBars))
+        yield
 
 
 def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[str, Any]:
