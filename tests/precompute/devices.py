@@ -50,10 +50,10 @@ def other_bars() -> dict[str, Device]:
     """Reference-a as bars of other materials and sizes, read from a description, by name."""
     return {
         "acrylic 500 x 0.8 mm": other_bar(("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3")),
-        "acrylic 500 x 0.8 mm to 600 Hz": other_bar(("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3"), stop="600 Hz"),
         "acrylic 250 x 2 mm": other_bar(("250 mm", "2 mm", "3.2 GPa", "1190 kg/m^3")),
         "steel 280 x 3 mm": other_bar(("280 mm", "3 mm", "200 GPa", "7850 kg/m^3")),
         "steel 100 x 3 mm": other_bar(("100 mm", "3 mm", "200 GPa", "7850 kg/m^3")),
+        "acrylic 500 x 0.8 mm to 600 Hz": other_bar(("500 mm", "0.8 mm", "3.2 GPa", "1190 kg/m^3"), stop="600 Hz"),
     }
 
 

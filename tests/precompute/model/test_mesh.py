@@ -10,11 +10,12 @@ from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.response import solve_response
 from tests.precompute.devices import other_bars, shipped, with_bar
+from tests.quick import first_quick
 
 Array = NDArray[np.float64]
 MODES = 60
 DEVICES = {name: shipped(name) for name in ("reference-a", "reference-d", "reference-t")} | other_bars()
-any_device = pytest.mark.parametrize("device", DEVICES.values(), ids=DEVICES)
+any_device = pytest.mark.parametrize("device", first_quick(DEVICES.values(), len(DEVICES) - 1), ids=DEVICES)
 
 
 def refined(device: Device, times: int) -> Plant:

@@ -9,6 +9,7 @@ import pytest
 
 from tactable.control.requests import MOST_BYTES, ControlError, Request, decode_line, read_request
 from tactable.shipped import find_device, named_effects
+from tests.quick import first_quick
 from tests.tactable.control.messages import HELLO, VALID, edited
 
 ROOT = Path(__file__).parents[3]
@@ -40,9 +41,10 @@ def test_the_schema_has_every_message_and_each_of_its_keys_is_read() -> None:
         assert seen | {"id"} == set(part["properties"]), kind
 
 
-def test_what_the_schema_refuses_the_reader_refuses() -> None:
-    random_, read_ones, refused = random.Random(11), 0, 0
-    for _ in range(6000):
+@pytest.mark.parametrize("seed", first_quick([11, 12, 13]))
+def test_what_the_schema_refuses_the_reader_refuses(seed: int) -> None:
+    random_, read_ones, refused = random.Random(seed), 0, 0
+    for _ in range(2000):
         message = edited(random_)
         try:
             number, values = decode_line(json.dumps(message).encode())
@@ -54,7 +56,7 @@ def test_what_the_schema_refuses_the_reader_refuses() -> None:
         read_ones += 1
         # A key with null for an id counts as no id.
         MESSAGE.validate({key: value for key, value in message.items() if key != "id" or number is not None})
-    assert read_ones > 1000 and refused > 1000
+    assert read_ones > 333 and refused > 333
 
 
 # (a valid message of this kind with other keys, what the refusal says)

@@ -14,6 +14,7 @@ from engine.effects import SceneSettings
 from tactable.control.requests import DEFAULT_LEASE_S, LONGEST_LEASE_S
 from tactable.control.server import MOST_PROGRAMS, MOST_UNREAD_BYTES, ControlServer
 from tactable.shipped import find_device
+from tests.quick import first_quick
 from tests.tactable.control.messages import HELLO, VALID, hostile_line
 from tests.tactable.control.virtual import FINGERS, Program, VirtualSlot, run_virtual, server_of, settle
 
@@ -82,26 +83,27 @@ def test_a_program_that_has_hung_up_is_told_nothing_more(messages: list[dict[str
     run(act)
 
 
-def test_hostile_messages_get_nothing_but_answers() -> None:
+@pytest.mark.parametrize("seed", first_quick([3, 4, 5]))
+def test_hostile_messages_get_nothing_but_answers(seed: int) -> None:
     async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        random_ = random.Random(3)
-        lines = [hostile_line(random_) for _ in range(3000)]
+        random_ = random.Random(seed)
+        lines = [hostile_line(random_) for _ in range(1000)]
         line = Line()
         await server.converse(lines_of(HELLO, *lines), line)
-        assert len(line.said) == 3001
+        assert len(line.said) == 1001
         assert all("answer" in each for each in line.said)
-        assert len(loop.steps) > 100
+        assert len(loop.steps) > 33
 
     run(act)
 
 
 def test_programs_at_once_never_put_two_steps_into_the_slot() -> None:
     async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        asked = [HELLO, *[VALID[1], {"type": "trigger", "effect": "tick", "finger": 3}] * 50]
+        asked = [HELLO, *[VALID[1], {"type": "trigger", "effect": "tick", "finger": 3}] * 15]
         lines = [Line() for _ in range(MOST_PROGRAMS)]
         await asyncio.gather(*[server.converse(lines_of(*asked), line) for line in lines])
-        assert [len(line.said) for line in lines] == [101] * MOST_PROGRAMS
-        assert sum(step.trigger is not None for step in loop.steps) == MOST_PROGRAMS * 50
+        assert [len(line.said) for line in lines] == [31] * MOST_PROGRAMS
+        assert sum(step.trigger is not None for step in loop.steps) == MOST_PROGRAMS * 15
         assert {step.gone_owner for step in loop.steps} == {None, *range(1, MOST_PROGRAMS + 1)}
 
     run(act)
@@ -178,7 +180,7 @@ def test_a_finger_that_is_not_there_is_named_with_those_that_are() -> None:
 @pytest.mark.parametrize("reads", [True, False])
 def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(reads: bool) -> None:
     async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        line = Line(reads=reads)
+        line = Program(reads=reads)
         talk = lines_of(HELLO, {"type": "subscribe", "to": ["touches"]}, forever=True)
         talking = asyncio.create_task(server.converse(talk, line))
         await settle()
