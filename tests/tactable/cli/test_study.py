@@ -8,7 +8,7 @@ from engine.device import Device
 from tactable.shipped import find_device
 from tests.tactable.cli.in_process import run_here, summary_of
 
-_CHANGES = {"count = 5": "count = 2", 'step = "1 Hz"': 'step = "4 Hz"'}
+_CHANGES = {"count = 5": "count = 2", 'step = "1 Hz"': 'step = "8 Hz"'}
 
 
 @pytest.fixture
