@@ -7,7 +7,6 @@ quadrature of the field, peaks from looking at many places.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -83,15 +82,6 @@ class DenseModel:
             here = np.flatnonzero(element == e)
             shapes = hermite(self.node_m[e + 1] - self.node_m[e])
             out[here, 2 * e : 2 * e + 4] = np.column_stack([shape(place_m[here] - self.node_m[e]) for shape in shapes])
-        return out
-
-    def square_integral(self, start_m: float, stop_m: float) -> Array:
-        """Matrix (degree of freedom, degree of freedom) of the integral of the deflection squared between two nodes."""
-        out = np.zeros_like(self.M)
-        for e, (left_m, right_m) in enumerate(pairwise(self.node_m)):
-            if start_m < (left_m + right_m) / 2 < stop_m:
-                length_m, part = right_m - left_m, slice(2 * e, 2 * e + 4)
-                out[part, part] += integral(hermite(length_m), length_m, derivative=0)
         return out
 
     def unit_field(self, frequency_hz: Array) -> Complex:

@@ -13,7 +13,6 @@ from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
 from tests.precompute.devices import damped_as_assembly, shipped
 
-Array = NDArray[np.float64]
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.signal
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.clicks.basis import lines_for
@@ -23,7 +22,6 @@ from precompute.sampling.plants import sample_scenarios
 from tests.engine.device.test_transfer import coupled, lag, points_of
 from tests.precompute.devices import shipped
 
-Array = NDArray[np.float64]
 BARE = shipped("reference-a")
 PLACES_M = np.array([0.05, 0.14, 0.23])
 RATE_HZ = 48_000.0

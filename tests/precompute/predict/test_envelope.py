@@ -11,7 +11,6 @@ from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import compute_rise_model
 from tests.precompute.devices import shipped
 
-STEP_S = 1e-4
 DEVICE = shipped("reference-a")
 BASIS = compute_basis(assemble(DEVICE))
 FINGERS = [(0.03, DEVICE.finger), (0.2, DEVICE.finger)]

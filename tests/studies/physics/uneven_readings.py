@@ -27,8 +27,6 @@ from precompute.measurements.simulate import even_places
 from tactable.shipped import find_device
 from tests.studies.physics.measured_bar import NAMES, SENSOR_MASS_KG, true_bar
 
-Array = NDArray[np.float64]
-
 HZ = (64.0, 104.0, 125.5, 165.0, 189.0, 209.0, 233.0, 294.5)
 LEAST, MOST = 0.0004, 0.02
 """Relative errors of the best and of the worst readings."""
