@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, Synthesis, synthesise
-from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from tests.firmware_link.strategies import drive_logs, unhurried
 
 RATE_HZ = 100_000.0
@@ -147,112 +145,10 @@ def test_from_silence_every_channel_rises_at_the_slew(amplitudes: tuple[float, .
     np.testing.assert_allclose(got, np.minimum(rise[:, None], amplitudes), atol=1e-9)
 
 
-def test_what_comes_during_a_crossfade_waits_for_its_end_and_the_latest_wins() -> None:
-    tones = ((100.0, 0.0, 1.0), (150.0, 30.0, 1.0), (200.0, 32.0, 0.3), (250.0, 37.0, 0.5))
-    log = [event(round(1e3 * ms), ChannelTarget(hz, amplitude, 0.0)) for hz, ms, amplitude in tones]
-    # From 30 ms to 40 ms the first becomes the second, and to 47.5 ms that becomes the fourth: the third never sounds.
-    phase_before = 0.03 * 100.0
-    for at_ms, w, (old_hz, old_at_ms, old), (new_hz, new_at_ms, new) in (
-        (34.0, 0.4, (100.0, 30.0, 1.0), (150.0, 30.0, 1.0)),
-        (46.0, 0.8, (150.0, 30.0, 1.0), (250.0, 40.0, 0.5)),
-        (60.0, 1.0, (150.0, 30.0, 1.0), (250.0, 40.0, 0.5)),
-    ):
-        # Each goes on in phase with the one before.
-        old_turns = phase_before + 1e-3 * old_hz * (at_ms - old_at_ms)
-        joined = phase_before + (1e-3 * 150.0 * 10.0 if new_at_ms == 40.0 else 0.0)
-        new_turns = joined + 1e-3 * new_hz * (at_ms - new_at_ms)
-        wanted = old * (1 - w) * math.sin(math.tau * old_turns) + new * w * math.sin(math.tau * new_turns)
-        assert synthesise(log, 1e3 * at_ms, 1e3 * at_ms + 5, 200_000.0)[0, 0] == pytest.approx(wanted, abs=1e-9)
-
-
-def test_silence_in_a_crossfade_lets_both_oscillators_fall_together_at_the_slew() -> None:
-    """At 0 Hz: of an amplitude of 1 that becomes one of 0.6, after 4 ms 0.5 and 0.3 are left, and fall within 4 ms."""
-    log = [
-        event(0, ChannelTarget(0.0, 1.0, math.pi / 2)),
-        event(20_000, ChannelTarget(0.0, 0.6, math.pi / 2)),
-        event(24_000, ChannelTarget(0.0, 0.0, None)),
-    ]
-    got = synthesise(log, 24_000, 30_000, 1000.0)[:, 0]
-    np.testing.assert_allclose(got, [0.8, 0.6, 0.4, 0.2, 0.0, 0.0], atol=1e-12)
-
-
-def test_a_phase_that_waited_when_silence_came_is_that_of_the_next_drive() -> None:
-    """So a drive that was lost to silence is renewed without its phases."""
-    written = (ChannelTarget(100.0, 1.0, 0.0), ChannelTarget(100.0, 1.0, 2.0))
-    log = [
-        event(0, *(ChannelTarget(100.0, 1.0, 0.0),) * 2),
-        event(20_000, *(ChannelTarget(100.0, 1.0, 1.0),) * 2),
-        event(21_000, *written),
-        event(22_000, QUIET, QUIET),
-        event(40_000, *(replace(target, phase_rad=None) for target in written)),
-    ]
-    times_s = np.arange(60_000, 70_000, 10) * 1e-6 - 0.021
-    got = synthesise(log, 60_000, 70_000, RATE_HZ)
-    np.testing.assert_allclose(got, np.sin(math.tau * 100.0 * times_s[:, None] + [0.0, 2.0]), atol=1e-9)
-
-
-def test_amplitudes_that_change_keep_their_proportions() -> None:
-    still = [(ChannelTarget(0.0, 1.0 / k, math.pi / 2), ChannelTarget(0.0, 0.25 / k, math.pi / 2)) for k in (1, 2)]
-    second = [replace(target, phase_rad=None) for target in still[1]]
-    got = synthesise([event(0, *still[0]), event(20_000, *second)], 20_000, 30_000, RATE_HZ)
-    np.testing.assert_allclose(got[:, 1], 0.25 * got[:, 0], atol=1e-12)
-    assert got[250, 0] == pytest.approx(0.5)
-
-
-def test_a_frequency_change_keeps_the_phase() -> None:
-    log = [event(0, ChannelTarget(50.0, 1.0, 0.0)), event(30_000, ChannelTarget(400.0, 1.0, None))]
-    before_us = np.arange(2_000, 3_000) * 10.0
-    got = synthesise(log, 20_000, 40_000, RATE_HZ)[:, 0]
-    after_s = np.arange(1_000) / RATE_HZ
-    np.testing.assert_allclose(got[:1000], np.sin(math.tau * 50e-6 * before_us), atol=1e-9)
-    np.testing.assert_allclose(got[1000:], np.sin(math.tau * (50 * 0.03 + 400 * after_s)), atol=1e-9)
-
-
 def test_nothing_before_the_first_event_and_no_actuators_in_an_empty_log() -> None:
     log = [event(10_000, ChannelTarget(100.0, 1.0, 0.0))]
     assert not synthesise(log, -5_000, 10_000, 8000.0).any()
     assert synthesise([], 0, 1000, 8000.0).shape == (8, 0)
-
-
-# ---- waveforms ---------------------------------------------------------------------------------------------
-
-WAVEFORM = np.array([[0.0, 0.0], [1.0, -0.5], [-1.0, 0.5], [0.0, 0.0]])
-SILENT = (ChannelTarget(100.0, 0.0, None),) * 2
-
-
-def waveform(rate_hz: int, samples: NDArray[np.float64], amplitude: float) -> PlayedWaveform:
-    return PlayedWaveform.of(rate_hz, np.rint(SAMPLE_FULL_SCALE * samples).astype(np.int16), amplitude)
-
-
-def play(time_us: int, amplitude: float, *targets: ChannelTarget) -> DriveEvent:
-    return DriveEvent(time_us, Cause.PLAY, 0, 200.0, targets or SILENT, waveform(1000, WAVEFORM, amplitude))
-
-
-def test_a_waveform_is_straight_between_its_samples_and_zero_after() -> None:
-    got = synthesise([play(2_000, 0.5)], 0, 8_000, 4_000.0)
-    wanted = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0.125, 0.25, 0.375, 0.5, 0.25, 0, -0.25, -0.5, -0.375, -0.25, -0.125, 0]
-    np.testing.assert_allclose(got[: len(wanted), 0], wanted, atol=1e-4)
-    np.testing.assert_allclose(got[:, 1], -0.5 * got[:, 0], atol=1e-4)
-    assert not got[len(wanted) :].any()
-
-
-def test_what_is_taken_over_fades_at_the_slew_while_it_plays_on() -> None:
-    long = np.array([[0.0], [1.0], [1.0], [1.0], [0.0]])
-    log = [
-        DriveEvent(0, Cause.PLAY, 0, 200.0, SILENT[:1], waveform(100, long, 1.0)),
-        DriveEvent(20_000, Cause.STOP, None, 200.0, SILENT[:1]),
-    ]
-    got = synthesise(log, 0, 40_000, 1000.0)[:, 0]
-    np.testing.assert_allclose(got[[10, 19, 20, 21, 23, 25, 26]], [1, 1, 1, 0.8, 0.4, 0, 0], atol=1e-12)
-
-
-def test_the_sum_is_clamped_to_the_limit() -> None:
-    sounding = ChannelTarget(0.0, 0.4, math.pi / 2, limit=0.6)
-    faded = ChannelTarget(0.0, 0.0, None, limit=0.6)
-    log = [event(0, sounding, sounding), play(10_000, 1.0, faded, faded)]
-    got = synthesise(log, 10_000, 13_000, 10_000.0)
-    assert got[:, 0].max() == 0.6
-    assert np.abs(got).max() == 0.6
 
 
 def test_what_is_over_is_forgotten() -> None:
