@@ -1,18 +1,12 @@
-"""A session of many minutes in virtual time, with faults: nothing stale is applied, and every counter reconciles.
+"""A session in virtual time, with faults: nothing stale is applied, and every counter reconciles.
 
-`python -m tests.studies.trust.soak SECONDS [FAULTS] [SEED]` gives 1000 commands a second, a tenth of them clicks of a
-basis, and prints the figures.
+It gives 1000 commands a second, a tenth of them clicks of a basis.
 """
 
-import argparse
-import json
 import math
 import struct
-import sys
-import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -25,10 +19,6 @@ from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN, DeviceState
 from tests.firmware_link.clicks import Clicks
 
-FAULTS = (
-    "bit_errors=1e-5,drop=0.005,duplicate=0.005,insert=0.0005,lose=0.0005,burst=0.0005,delay=300us,jitter=1ms,"
-    "drift=40ppm,stall=0.05s/7s,stall=0.3s/61s,half_open=1.5s/83s,hang_up=0.4s/127s,reboot=0.2s/173s,at_noise"
-)
 COMMANDS_PER_S = 1_000
 BIT_RATE_HZ = 2_000_000
 LEASE_MS = 40
@@ -257,23 +247,3 @@ def check_that_counters_reconcile(figures: Figures) -> None:
     assert kept_alive <= link["kept_alive"] + copies
     assert link["sent"] + link["coalesced"] + link["dropped"] <= figures.commands
     assert figures.applied_commands <= link["sent"]
-
-
-def main() -> None:
-    """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("seconds", type=float)
-    parser.add_argument("faults", nargs="?", default=FAULTS)
-    parser.add_argument("seed", type=int, nargs="?", default=1)
-    arguments = parser.parse_args()
-    started_s = time.monotonic()
-    figures = Soak(arguments.faults, arguments.seed).run(arguments.seconds)
-    check_that_counters_reconcile(figures)
-    took_s = round(time.monotonic() - started_s, 1)
-    document: dict[str, Any] = {"faults": arguments.faults, "took_s": took_s, "figures": vars(figures)}
-    json.dump(document, sys.stdout, indent=2)
-    sys.stdout.write("\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Short runs of the soak; `python -m tests.studies.trust.soak 1800` is the long one."""
+"""Sessions of seconds with harsh faults, and one without."""
 
 import pytest
 
