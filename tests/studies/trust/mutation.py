@@ -88,7 +88,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "firmware_link/host/lease.py": _HOST,
     "firmware_link/host/outbox.py": _HOST,
     "firmware_link/host/session.py": _HOST,
-    "firmware_link/protocol/framing.py": ("tests/firmware_link/protocol/test_framing.py", *_HOST),
+    "firmware_link/protocol/framing.py": (
+        *("tests/firmware_link/protocol/test_framing.py", f"tests/{FIRMWARE}/test_framing.py"),
+        *_HOST,
+    ),
     "firmware_link/protocol/basis.py": ("tests/firmware_link/protocol/test_basis.py", *_EMULATOR),
     **{
         f"firmware_link/emulator/{name}.py": _EMULATOR
