@@ -16,6 +16,7 @@ from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
 from engine.loop.fast.library import FastPathError, compile_fast_path, open_fast_path
+from tests.tools.once import once_a_run
 
 pytest_plugins = ("pytester", "tests.tools.guard", "tests.tools.verdict")
 
@@ -124,6 +125,6 @@ def fast_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     if path := os.environ.get("TACTABLE_STEP_LIBRARY"):
         return open_fast_path(Path(path))
     try:
-        return compile_fast_path(Path(tmp_path_factory.mktemp("fast_path")))
+        return compile_fast_path(once_a_run(tmp_path_factory, "fast_path", compile_fast_path))
     except FastPathError as error:
         pytest.skip(str(error))

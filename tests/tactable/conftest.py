@@ -8,11 +8,12 @@ import pytest
 from engine.table import Table
 from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import build_click_table
+from tests.tools.once import once_a_run
 
 
 @pytest.fixture(scope="session")
 def click_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build_click_table(tmp_path_factory.mktemp("clicks"))
+    return once_a_run(tmp_path_factory, "clicks", build_click_table) / "bar.nc"
 
 
 @pytest.fixture(scope="session")

@@ -28,9 +28,11 @@ PICTURES = {
 
 
 @pytest.fixture(scope="module")
-def folder(click_table: Path) -> Path:
-    (click_table.parent / "bar.toml").write_text(SMALL, encoding="utf-8")
-    return click_table.parent
+def folder(click_table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pictures")
+    (folder / "bar.toml").write_text(SMALL, encoding="utf-8")
+    (folder / "bar.nc").hardlink_to(click_table)
+    return folder
 
 
 @pytest.mark.parametrize("name", PICTURES)
