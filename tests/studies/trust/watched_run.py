@@ -18,11 +18,11 @@ from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.emulator.process import run_emulator
 from firmware_link.protocol.errors import LinkError
 from tactable.rig.virtual_digitizer import BUS, NAME, PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
+from tests.tactable.rules import HELD
 
 STEP_S = 0.02
 """Time after which the finger of `touches` jumps to the next place."""
 _LOOK_S = 0.02
-_HELD = '[[effect]]\nname = "held"\nenvelope = [["held", "20 dB"]]\n[[rule]]\non = "touch"\neffect = "held"\n'
 
 
 @dataclass
@@ -56,7 +56,7 @@ class WatchedRun:
         self.table, self.seen, self._said = table, Seen(), ""
         effects, self._ring_path = folder / "held.toml", folder / "ring"
         self._ring_path.unlink(missing_ok=True)  # a run that was killed leaves its ring
-        effects.write_text(_HELD, encoding="utf-8")
+        effects.write_text(HELD, encoding="utf-8")
         words = ["run", str(table), "--touch", str(recording), "--port", port, "--effects", str(effects)]
         words += ["--bit-rate", "2000000", "--ring", str(self._ring_path), "--reconnect", "--realtime", "all", "--json"]
         command = [sys.executable, "-c", "from tactable.cli.main import main; main()", *words]

@@ -31,18 +31,11 @@ from tests.engine.made_table import write_table
 from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import Line, run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tactable.rules import HELD
 from tests.tools.virtual import MS
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
-HELD = """
-[[effect]]
-name = "held"
-envelope = [["held", "20 dB"]]
-[[rule]]
-on = "touch"
-effect = "held"
-"""
 
 
 @pytest.fixture(scope="module")

@@ -28,17 +28,10 @@ from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tactable.rules import HELD
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
-HELD = """
-[[effect]]
-name = "held"
-envelope = [["held", "20 dB"]]
-[[rule]]
-on = "touch"
-effect = "held"
-"""
 
 
 @pytest.fixture
