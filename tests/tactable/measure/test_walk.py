@@ -27,6 +27,7 @@ from tactable.measure.walk import (
     planned_walk,
 )
 from tests.engine.loop.rig import DEVICE
+from tests.quick import first_quick
 
 WALK = even_walk(DEVICE, 3, [170.0, 209.0])
 OPTIONS = SteppedSineOptions()
@@ -54,8 +55,25 @@ def walked(
     return measure_walk(DEVICE, walk, apparatus, method, raw)
 
 
-def test_the_responses_of_a_walk_are_those_of_the_bar(tmp_path: Path) -> None:
-    found = measurements_of(walked(tmp_path / "raw"), DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
+def test_an_interrupted_walk_goes_on_where_it_stopped_and_reads_the_responses_of_the_bar(tmp_path: Path) -> None:
+    visited: list[float] = []
+
+    def interrupt(position_m: float) -> None:
+        if len(visited) == 2:
+            raise KeyboardInterrupt
+        visited.append(position_m)
+
+    with pytest.raises(KeyboardInterrupt):
+        walked(tmp_path / "raw", guide=interrupt)
+    before = visited.copy()
+    records = walked(tmp_path / "raw", guide=visited.append)
+    assert visited == [stop.position_m for stop in WALK]
+    assert before == visited[:2]
+    assert [record.position_m for record in records] == visited
+    samples = np.load(sorted((tmp_path / "raw").glob("*.npz"))[0])
+    assert sorted(samples.files) == ["identity", "record", *(f"samples_{i:03d}" for i in range(4))]
+    assert samples["samples_000"].shape == (round(2 * OPTIONS.window_s * 8000), 3)
+    found = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
     assert len(found) == 3 * 2 * 2
     true = np.exp(MeasurementModel(DEVICE, found, ()).predict(np.zeros(0)).log_acceleration)
     ratio = found.acceleration / true
@@ -76,39 +94,20 @@ def test_a_swept_walk_reads_the_same_responses_of_both_actuators(tmp_path: Path)
     assert len(np.load(tmp_path / "raw" / "0005.59mm.npz").files) == 2 + 2 * 2  # two sweeps of each actuator
 
 
-def test_an_interrupted_walk_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    visited: list[float] = []
-
-    def interrupt(position_m: float) -> None:
-        if len(visited) == 2:
-            raise KeyboardInterrupt
-        visited.append(position_m)
-
-    with pytest.raises(KeyboardInterrupt):
-        walked(tmp_path / "raw", guide=interrupt)
-    before = visited.copy()
-    records = walked(tmp_path / "raw", guide=visited.append)
-    assert visited == [stop.position_m for stop in WALK]
-    assert before == visited[:2]
-    assert [record.position_m for record in records] == visited
-    samples = np.load(sorted((tmp_path / "raw").glob("*.npz"))[0])
-    assert sorted(samples.files) == ["identity", "record", *(f"samples_{i:03d}" for i in range(4))]
-    assert samples["samples_000"].shape == (round(2 * OPTIONS.window_s * 8000), 3)
-
-
 def test_a_folder_of_another_measurement_is_refused(tmp_path: Path) -> None:
     RawFolder(tmp_path / "raw", DEVICE, WALK, {"flaws": ""})
     with pytest.raises(MeasurementError, match="holds another measurement"):
         RawFolder(tmp_path / "raw", DEVICE, WALK[:2], {"flaws": ""})
 
 
-def test_a_stop_that_is_cut_or_of_which_bits_are_flipped_is_refused_by_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", first_quick(range(5)))
+def test_a_stop_that_is_cut_or_of_which_bits_are_flipped_is_refused_by_name(tmp_path: Path, first: int) -> None:
     raw, file = RawFolder(tmp_path / "raw", DEVICE, WALK, {}), tmp_path / "raw" / "0005.59mm.npz"
     record = StopRecord(WALK[0].position_m, AtRest(0.01, 0.0, 0.0), None, ())
     raw.write(WALK[0], record, [np.arange(6.0).reshape(3, 2)])
     whole = file.read_bytes()
-    flipped = [whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :] for at in range(len(whole))]
-    for data in (*(whole[:size] for size in range(0, len(whole), 7)), *flipped):
+    flipped = [whole[:at] + bytes([whole[at] ^ 1 << at % 8]) + whole[at + 1 :] for at in range(first, len(whole), 5)]
+    for data in (*(whole[:size] for size in range(7 * first, len(whole), 35)), *flipped):
         file.write_bytes(data)
         try:
             assert raw.read(WALK[0]) == record  # a bit that says nothing, such as that of a date
