@@ -257,7 +257,7 @@ def test_latency_counts_from_when_the_report_was_due() -> None:
     assert 0 < summary.max_ns < MS
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=3))
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=2))
 def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Path) -> None:
     recording = read_recording(path)
     rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (1.0, 7.0, None)]

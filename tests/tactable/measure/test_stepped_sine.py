@@ -155,7 +155,7 @@ def test_samples_that_are_lost_while_the_bar_settles_are_named_and_spoil_nothing
     assert errors(readings[0])[0] < 0.05
 
 
-@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 3e38])
+@pytest.mark.parametrize("odd", first_quick([math.nan, 3e38, math.inf, -math.inf], 2))
 def test_samples_that_are_no_numbers_spoil_their_reading(odd: float) -> None:
     reading = read_after_loss(0, odd)
     assert {Fault.LOST_SAMPLES, Fault.NOISE} & {*reading.faults} and reading.is_spoiled
