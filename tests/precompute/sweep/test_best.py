@@ -170,6 +170,7 @@ def test_of_rows_that_put_all_energy_in_the_wanted_zones_the_loudest_is_the_best
     assert row.level_db + headroom_db == pytest.approx(loudest_db, abs=1e-4)
 
 
+@pytest.mark.long
 def test_the_best_row_for_the_zones_of_figure_8_has_a_greater_factor_than_the_solver_of_the_paper_found() -> None:
     device = find_device("reference-a")
     zones = [device.zone_index(zone) for zone in ("I", "III", "V")]

@@ -9,13 +9,14 @@ import pytest
 from tests.precompute.measured import TRUTH
 from tests.studies.physics.calibration_coverage import Case, describe, draw, measure_coverage
 
+pytestmark = pytest.mark.long
+
 
 @cache
 def result() -> dict[str, Any]:
     return measure_coverage((Case("reference-a", 3, 0.01), Case("reference-a", 3, 0.0, published=True)), 1)
 
 
-@pytest.mark.long
 def test_every_case_has_its_figures() -> None:
     noisy, clean = result()["cases"]
     assert [p["name"] for p in noisy["parameters"]] == list(TRUTH)
