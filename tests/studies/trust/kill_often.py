@@ -1,7 +1,5 @@
 """Work killed (SIGKILL) at many random instants, and started again each time: what it leaves is whole, and it ends.
 
-    python -m tests.studies.trust.kill_often WHAT TIMES, WHAT one of build, calibrate, swap, fleet, fleet-processes.
-
 What is killed is a fork of a process that has imported everything and computed nothing, and leads a session of its own:
 imports would be most of the time of 200 kills. Processes that the work itself starts are new interpreters, as always.
 """
@@ -13,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import textwrap
 import threading
 import time
@@ -361,16 +358,3 @@ def work_of(name: str, folder: Path) -> Iterator[Work]:
         "fleet-processes": Fleet(2),
     }
     yield works[name]
-
-
-def main() -> None:
-    """Kill it so often; print how far it was."""
-    name, times = sys.argv[1], int(sys.argv[2])
-    with tempfile.TemporaryDirectory() as folder, work_of(name, Path(folder)) as work:
-        reached, ended = kill_often(work, Path(folder), times)
-    at = ", ".join(f"{count} at {word}" for word, count in sorted(reached.items()))
-    print(f"{name}: killed {sum(reached.values())} times ({at}), ended {ended} times; all was whole")
-
-
-if __name__ == "__main__":
-    main()

@@ -8,7 +8,7 @@ import pytest
 from tests.studies.trust.kill_often import kill_often, work_of
 
 KILLS = int(os.environ.get("TACTABLE_KILLS", "0"))
-WORKS = ("swap", "build", "calibrate", "fleet")
+WORKS = ("swap", "build", "calibrate", "fleet", "fleet-processes")
 
 
 def kill(what: str, times: int, folder: Path) -> None:
