@@ -1,8 +1,9 @@
 """The command for what is wanted; a click that the table does not hold is waited for while it is solved.
 
 A steady drive, and a click that the table holds, are answered at once. A click that it does not hold (three fingers and
-more) is *awaited* where clicks are solved beside the loop, which takes some milliseconds; where nobody solves it, the
-steady drive for the same fingers is the answer. The drive of fingers that move keeps the frequency that they have,
+more) is *awaited* where clicks are solved beside the loop, which takes some milliseconds. On a machine that is busy it
+may take longer than the click would last: it is played all the same, but not after LATEST_NS. Where nobody solves it,
+the steady drive for the same fingers is the answer. The drive of fingers that move keeps the frequency that they have,
 where it can.
 """
 
@@ -26,6 +27,8 @@ class Wanted(NamedTuple):
 
 
 NOTHING = Wanted(None, None, None)
+LATEST_NS = 100_000_000
+"""A click that comes later after its touch is felt as a fault and not as an answer: it is not played."""
 
 
 class Answerer:
@@ -37,13 +40,17 @@ class Answerer:
         """Whether clicks that are not known are solved beside the loop."""
         self.awaited: Placement | None = None
         """The fingers whose click is waited for; None: no click is."""
+        self.wanted_then = NOTHING
+        """What the click that is awaited is for."""
+        self.latest_ns: int | None = None
+        """When nothing is waited for any more; None: no click is."""
         self._held = HeldDrive()
 
     def answer(self, wanted: Wanted) -> Command | None:
         """The command for what is wanted; None where its click is awaited from now on."""
         command = self._render(wanted)
-        if command is None and self.awaits_clicks:
-            self.awaited = wanted.placement
+        if command is None and self.awaits_clicks and wanted.click_ns is not None:
+            self.awaited, self.wanted_then, self.latest_ns = wanted.placement, wanted, wanted.click_ns + LATEST_NS
             return None
         return self._fallback(wanted) if command is None else command
 
@@ -54,7 +61,7 @@ class Answerer:
 
     def stop_waiting(self) -> None:
         """Await no click any more."""
-        self.awaited = None
+        self.awaited = self.latest_ns = None
 
     def learn(self, click: ClickEntry) -> bool:
         """Add a click that was solved beside the loop; whether it was awaited, and is no more."""
@@ -68,7 +75,10 @@ class Answerer:
         """Answer from another table; a click that is awaited is awaited for the fingers on its bar, if it is wanted."""
         self.renderer = renderer
         if self.awaited is not None:
-            self.awaited = None if wanted.click_ns is None else wanted.placement
+            if wanted.click_ns is None:
+                self.stop_waiting()
+            else:
+                self.awaited, self.wanted_then = wanted.placement, wanted
 
     def _render(self, wanted: Wanted) -> Command | None:
         placement, level_db, click_ns = wanted

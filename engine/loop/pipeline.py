@@ -136,6 +136,10 @@ class Pipeline:
             if frame is not None and self._follow(frame):
                 yield from self._answers()
         yield from self._advance_effects(time_ns)
+        latest_ns = self.answerer.latest_ns
+        if latest_ns is not None and latest_ns <= time_ns:
+            self.answerer.stop_waiting()
+            self._note_due()
 
     def command(self) -> Command:
         """The command for what is wanted now; it is also wanted again after a change of table.
@@ -146,7 +150,11 @@ class Pipeline:
 
     def learn(self, click: ClickEntry) -> Command | None:
         """Add a click that was solved beside the loop; its command where it is awaited, else None."""
-        return self.command() if self.answerer.learn(click) else None
+        if not self.answerer.learn(click):
+            return None
+        self.wanted = self.answerer.wanted_then  # also where the click would be over by now
+        self._note_due()
+        return self.command()
 
     def stop_awaiting(self) -> Command | None:
         """Solve no more clicks beside the loop; the command for a touch that waits for one, else None."""
@@ -192,7 +200,7 @@ class Pipeline:
         player = self.player
         while (change_ns := player.next_change_ns) is not None and change_ns <= time_ns:
             player.advance_effects(change_ns)
-            if self._take_wanted():
+            if self._take_wanted(is_over=True):
                 yield from self._answers()
 
     def _answers(self) -> Iterator[Command]:
@@ -200,7 +208,8 @@ class Pipeline:
         if command is not None:
             yield command
 
-    def _take_wanted(self) -> bool:
+    def _take_wanted(self, *, is_over: bool = False) -> bool:
+        """Take what the player wants; whether it is something else. is_over: time has ended what was wanted."""
         player = self.player
         wanted = (player.placement, player.level_db, player.click_ns)
         if wanted == self.wanted:
@@ -210,7 +219,8 @@ class Pipeline:
         if player.placement is not None:
             self.counters.joined += player.joined > 0
             self.counters.left_out += player.left_out > 0
-        self.answerer.stop_waiting()
+        if not is_over or player.placement is not None:  # a click is awaited also beyond its own end
+            self.answerer.stop_waiting()
         self._note_due()
         return True
 
@@ -218,4 +228,7 @@ class Pipeline:
         due_ns, release_ns = self.player.next_change_ns, self._release_ns
         if release_ns is not None and (due_ns is None or release_ns < due_ns):
             due_ns = release_ns
+        latest_ns = self.answerer.latest_ns
+        if latest_ns is not None and (due_ns is None or latest_ns < due_ns):
+            due_ns = latest_ns
         self.due_ns = math.inf if due_ns is None else due_ns

@@ -38,6 +38,11 @@ class ClickOptions:
         return replace(self, tolerance_m=places.pitch_m / 2 + DIGITIZER_TOLERANCE_M)
 
     @property
+    def waited_for(self) -> "ClickOptions":
+        """The options for clicks that fingers wait for: as strong and as quiet, judged on fewer plants."""
+        return replace(self.at_fingers, judged=min(40, self.judged))
+
+    @property
     def at_fingers(self) -> "ClickOptions":
         """The options for clicks that are solved for the positions that the digitizer tells."""
         return replace(self, tolerance_m=DIGITIZER_TOLERANCE_M)

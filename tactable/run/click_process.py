@@ -134,7 +134,7 @@ class Solver:
         from precompute.clicks.of_table import read_click_options
 
         with Table.open(path, verify=False) as table:
-            self.device, options = table.device, read_click_options(table).at_fingers
+            self.device, options = table.device, read_click_options(table).waited_for
         self.solver: ClickSolver = ClickSolver(self.device, options)
 
     def solve(self, placement: Placement) -> ClickEntry:
@@ -196,5 +196,4 @@ def _say(text: str) -> None:
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """The process behind a `ClickProcess`."""
-    os.nice(5)  # the loop comes first
     Service(Path(arguments["table"]), parent).run()
