@@ -308,7 +308,11 @@ class DemoBackend:
         return table
 
     async def _first_table(self, device: Device, with_click: Path | None) -> Table:
-        """The table of a device that has no other: with a click once one is solved, until then of receptances alone."""
+        """The table of a device that has no other: with a click once one is solved, until then of receptances alone.
+
+        with_click: where the builder puts the one with a click; None: it makes none, for actuators that were moved, and
+        the click is solved here once kernels are compiled.
+        """
         has_kernels = self._builder.has_compiled  # they make the rows of its sweep, too
         shown = self._table
         bare = self._work / f"first-{device.fingerprint[:12]}{'-swept' * has_kernels}.nc"
@@ -318,7 +322,8 @@ class DemoBackend:
             return shown
         if is_solved:
             return await asyncio.to_thread(Table.open, path, device=device, verify=False)
-        return await asyncio.to_thread(open_first_table, device, bare, has_rows=has_kernels)
+        has_click = has_kernels and with_click is None
+        return await asyncio.to_thread(open_first_table, device, bare, has_rows=has_kernels, has_click=has_click)
 
     async def _change_over(self, choice: Choice, device: Device, table: Table) -> None:
         configuration = configuration_of(device)

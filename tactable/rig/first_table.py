@@ -38,12 +38,12 @@ MODES = 24
 """Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
 
 
-def open_first_table(device: Device, path: Path, *, has_rows: bool = False) -> Table:
+def open_first_table(device: Device, path: Path, *, has_rows: bool = False, has_click: bool = False) -> Table:
     """Make the first table of a device at `path`, and open it; `has_rows` as for `write_first_table`.
 
-    Raises TableError where it cannot be written.
+    With `has_click` it has its first click, which takes compiled kernels. Raises TableError where it cannot be written.
     """
-    write_first_table(device, path, has_rows=has_rows)
+    write_first_table(device, path, solve_first_click(device) if has_click else None, has_rows=has_rows)
     return Table.open(path, device=device, verify=False)
 
 
