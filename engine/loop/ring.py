@@ -232,7 +232,7 @@ class RingReader:
 def _decode(body: bytes) -> Record:
     values = _FIXED.unpack_from(body)
     stamps, (index, level_db, is_click, sequence), counters = values[:6], values[6:10], values[10:16]
-    felt, fingers, count, drive_size, play_size, report_size = values[17:]
+    felt, fingers, count, drive_size, play_size, report_size = values[16:]
     fingers_end = _FIXED.size + _FINGERS[fingers].size
     touches_end = fingers_end + count * _TOUCH.size
     drive_end = touches_end + drive_size
