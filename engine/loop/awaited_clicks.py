@@ -44,7 +44,7 @@ class AwaitedClicks:
     ) -> None:
         self.descriptor = solving.fileno()
         self._solving, self._pipeline, self._counters, self._hand_over = solving, pipeline, counters, hand_over
-        self._asked: Placement | None = None
+        self._asked: tuple[Placement, Device] | None = None
         pipeline.answerer.awaits_clicks = True
 
     def look(self, readable: Container[int] | None) -> None:
@@ -62,6 +62,7 @@ class AwaitedClicks:
                 if command is not None:
                     self._hand_over(command)
         awaited = pipeline.answerer.awaited
-        if awaited is not None and awaited != self._asked:
-            self._solving.ask_for_click(awaited, pipeline.device)
-        self._asked = awaited
+        question = None if awaited is None else (awaited, pipeline.device)
+        if question is not None and question != self._asked:
+            self._solving.ask_for_click(*question)
+        self._asked = question
