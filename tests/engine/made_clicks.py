@@ -50,9 +50,7 @@ def number_of(device: Device, placement: Placement) -> int:
     return 1 + number
 
 
-def click_of(
-    device: Device, placement: Placement, *, level_db: float = 26.0, count: int = 121, achieved: bool = True
-) -> ClickEntry:
+def click_of(device: Device, placement: Placement, *, level_db: float = 26.0, count: int = 121) -> ClickEntry:
     """A click of a device for this placement: so many samples, the greatest is the number of the placement."""
     actuators = len(device.actuators)
     return ClickEntry(
@@ -62,9 +60,6 @@ def click_of(
         basis_set=0,
         weights=np.full(actuators, number_of(device, placement), np.int16),
         fraction_bits=1,
-        amplitude=1.0,
-        wanted_level_db=inf,
-        achieved=achieved,
         felt=LevelSpread(level_db + 2, level_db, level_db + 1.5, level_db + 3, level_db - 1),
         quiet=LevelSpread(-3.0, -5.0, -2.5, 0.5, 1.5) if placement.quiet else None,
         fingers=tuple(ClickFinger(1.5, level_db) for _ in placement.position_m),
@@ -72,9 +67,6 @@ def click_of(
         peak_s=0.02,
         residual_from_s=0.06,
         residual_db=-3.0,
-        objective="peak",
-        bound_db=level_db + 3,
-        gap_db=1.0,
     )
 
 

@@ -49,7 +49,7 @@ def varied_clicks() -> list[ClickEntry]:
         weights = chance.integers(-2_000, 2_000, len(sets[i % 2].actuators)).astype(np.int16)
         made = replace(click_of(DEVICE, placement), basis=basis, basis_set=i % 2, weights=weights, fraction_bits=14)
         clicks.append(made)
-    clicks[3] = replace(clicks[3], exceeds_s={10.0: None, 20.0: None, inf: 0.01}, achieved=False)
+    clicks[3] = replace(clicks[3], exceeds_s={10.0: None, 20.0: None, inf: 0.01})
     return clicks
 
 
@@ -99,7 +99,7 @@ def test_what_the_renderer_reads_is_that_of_the_clicks() -> None:
         own = len(click.weights)
         assert np.array_equal(clicks.weights[row, :own], click.weights) and not clicks.weights[row, own:].any()
         assert clicks.fraction_bits[row] == click.fraction_bits and clicks.basis_set[row] == click.basis_set
-        assert clicks.felt_low_db[row] == click.level_db and clicks.achieved[row] == click.achieved
+        assert clicks.felt_low_db[row] == click.level_db
 
 
 def test_a_slice_is_a_list_of_clicks() -> None:

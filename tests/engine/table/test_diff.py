@@ -177,7 +177,6 @@ def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare
         (lambda c: replace(click_of(DEVICE, c.placement, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
         (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
         (lambda c: replace(c, weights=c.weights + np.int16(3277)), "waveform", 10.0),
-        (lambda c: replace(c, achieved=False), "achieved", 1.0),
         (lambda c: replace(c, basis_set=1), "length_s", 10.0),
     ],
 )

@@ -65,7 +65,6 @@ def varied_clicks(device: Device, missing: int = 9) -> Clicks:
             basis_set=row % 2,
             weights=random.integers(-9000, 9000, len(basis.sets[row % 2].actuators)).astype(np.int16),
             fraction_bits=1 + row % 14,
-            achieved=row % 5 != 0,
         )
         for row, key in enumerate(keys)
     ]
