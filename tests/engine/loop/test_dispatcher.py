@@ -21,7 +21,7 @@ class Desk:
     def hand_over(self, command: Command, index: int | None = 0) -> Fate:
         fate = self.dispatcher.hand_over(command)
         stamps = (1, 2, 3, 4, 5, 0)
-        record = CommandRecord(stamps, index, b"report", None, None, None, False, False, (), b"", fate, None)
+        record = CommandRecord(stamps, index, b"report", None, None, None, False, (), b"", fate, None)
         self.dispatcher.note(record)
         return fate
 

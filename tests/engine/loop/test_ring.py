@@ -34,7 +34,6 @@ records = st.builds(
     placement=st.none() | placements,
     level_db=st.one_of(st.none(), st.floats(0, 60), st.just(math.inf)),
     is_click=st.booleans(),
-    is_provisional=st.booleans(),
     drive_sequence=st.one_of(st.none(), st.integers(0, 255)),
     counters=st.builds(RingCounters, *(counts,) * 6),
     touches=st.lists(touches, max_size=MOST_TOUCHES).map(tuple),
@@ -42,7 +41,7 @@ records = st.builds(
     report=st.binary(max_size=256),
     play=st.binary(max_size=200),
 )
-PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
+PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
 
 
 @pytest.fixture
