@@ -70,13 +70,14 @@ def test_the_click_of_fingers_between_places_is_that_of_the_nearest() -> None:
     assert renderer.render(beyond, LEVEL_DB, is_click=True) is None
 
 
-def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned() -> None:
-    renderer, placement = renderer_of(CLICKS), in_zones(REFERENCE, [1], [3, 4])
+def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned_for_just_these_fingers() -> None:
+    renderer, placement = renderer_of(CLICKS), Placement((0.08, 0.2, 0.25), (True, False, False))
     assert renderer.render(placement, LEVEL_DB, is_click=True) is None
     assert renderer.fallback(placement, LEVEL_DB) == renderer.render(placement, LEVEL_DB)
-    assert renderer.at_places(placement) == placement
     renderer.learn(click_of(REFERENCE, placement))
     assert isinstance(renderer.render(placement, LEVEL_DB, is_click=True), PlayCommand)
+    near = replace(placement, position_m=(0.0801, 0.2, 0.25))
+    assert renderer.render(near, LEVEL_DB, is_click=True) is None
     assert renderer.playable_clicks == len(CLICKS)
 
 
