@@ -26,7 +26,7 @@ class ClickSolving(Protocol):
         """Readable when `poll` has something to do."""
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
-        """Ask for the click of a placement on a device; a later question is answered first."""
+        """Ask for the click of a placement on a device; only the latest question is answered."""
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         """The clicks that were solved since the last call, each with the fingerprint of its device."""

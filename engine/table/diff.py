@@ -330,7 +330,6 @@ def click_figures(before: ClickEntry, after: ClickEntry, same_actuators: bool) -
 
     Which way the bar moves first is not felt, as the phase that all actuators of a drive have in common.
     """
-    yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)
     yield _decibels("felt_level_db", before.felt.low_db, after.felt.low_db)
     quiet_db = [None if click.quiet is None else click.quiet.high_db for click in (before, after)]
     yield _decibels("quiet_level_db", *quiet_db)

@@ -58,7 +58,7 @@ class Table:
 
         >>> with Table.open("my-bar.nc") as table:
         ...     print(table.device.name, len(table.clicks))
-        my-bar False
+        my-bar 13208
         """
         path = Path(path)
         sealed = check_bytes(path, verify)

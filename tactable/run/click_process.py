@@ -153,8 +153,10 @@ class Service:
     def run(self) -> None:
         """Answer until the parent closes its end."""
         self._open()
-        if self._solver is not None:  # its kernels are loaded, or compiled, before the first question
-            self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))
+        if self._solver is None:  # the run learns that from the end of this process
+            return
+        # Its kernels are loaded, or compiled, before the first question.
+        self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():
                 newer = self._parent.read()

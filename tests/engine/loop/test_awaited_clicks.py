@@ -11,6 +11,7 @@ import pytest
 from engine.device import Device
 from engine.effects import Effect, Effects, Rule, Segment, Trigger
 from engine.effects.rules import click
+from engine.loop.answerer import LATEST_NS
 from engine.table import ClickEntry, Clicks
 from engine.touch import Placement
 from firmware_link.emulator import Cause
@@ -126,10 +127,17 @@ def test_a_click_is_solved_for_the_fingers_where_they_are() -> None:
     assert asked != in_zones(DEVICE, [4], [0]) and asked.is_felt == (False, True)
 
 
-def test_the_next_touch_of_the_same_fingers_gets_a_click_that_came_too_late_for_the_first() -> None:
-    rig = SolvingRig(taps(2), 60)
+LATEST_MS = LATEST_NS / MS
+
+
+@pytest.mark.parametrize(("takes_ms", "is_played"), [(60, True), (LATEST_MS - 4, True), (LATEST_MS + 4, False)])
+def test_a_click_is_played_beyond_its_own_end_but_not_after_its_latest_time(takes_ms: float, is_played: bool) -> None:
+    rig = SolvingRig(taps(2), takes_ms)
     rig.run()
-    ((after_ms, what),) = answers(rig, tap=1)
+    first = answers(rig, tap=0)
+    assert [what for _, what in first] == [number(4, 0)] * is_played
+    assert all(takes_ms <= after_ms < takes_ms + 3 for after_ms, _ in first)
+    ((after_ms, what),) = answers(rig, tap=1)  # the same fingers again: it is known by now
     assert what == number(4, 0) and after_ms < 3 and len(rig.solver.asked) == 1
 
 
