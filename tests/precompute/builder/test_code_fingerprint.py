@@ -36,7 +36,7 @@ def test_every_module_that_a_build_loads_counts_but_for_the_processes_that_solve
     "module",
     [
         *("precompute.model.band_solver", "precompute.sweep.kernels", "precompute.predict.performance"),
-        *("precompute.sampling.plants", "precompute.clicks.program", "precompute.builder.build"),
+        *("precompute.sampling.plants", "precompute.clicks.closed_form", "precompute.builder.build"),
         *("engine.device.uncertainty", "engine.device.parts", "engine.table.file", "engine.touch.finger_tracker"),
         "firmware_link.protocol.messages",
     ],
@@ -63,8 +63,8 @@ def test_what_no_number_comes_from_does_not_count() -> None:
 def test_a_changed_number_makes_tables_stale() -> None:
     assert counts("engine.device.uncertainty", "_ROUNDING = 1e-9", "_ROUNDING = 1e-8")
     assert counts("precompute.predict.rise_time", "WITHIN = 0.1", "WITHIN = 0.2")
-    two = {name: sources()[name] for name in ("engine.device.parts", "precompute.clicks.program")}
-    assert fingerprint_of(two | {"precompute.clicks.program": "changed = 1"}) != fingerprint_of(two)
+    two = {name: sources()[name] for name in ("engine.device.parts", "precompute.clicks.closed_form")}
+    assert fingerprint_of(two | {"precompute.clicks.closed_form": "changed = 1"}) != fingerprint_of(two)
     assert fingerprint_of(sources()) == code_fingerprint()
 
 

@@ -1,24 +1,29 @@
 """Laws of the judge: levels rise with the waveform, the nominal plant is not a sample, times are when it happens."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, lines_for, make_tones
-from precompute.clicks.evaluation import decibels, evaluate_waveform
-from precompute.clicks.plants import SampledPlants
+from precompute.clicks.evaluation import Evaluation, decibels, evaluate_waveform
+from precompute.clicks.percentiles import ManyPlants
+from precompute.clicks.plants import SampledPlants, weighting
 from precompute.clicks.responses import Responses
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 
 Array = NDArray[np.float64]
+POSITION_M = (30e-3, 80e-3, 190e-3)
 
 
 @pytest.fixture(scope="module")
 def responses() -> Responses:
     scenarios = sample_scenarios(shipped("reference-a"), 40, seed=8)
-    plants = SampledPlants(scenarios, lines_for(scenarios.device, (0.02,)))
-    return Responses(plants.transfer(scenarios.place((30e-3, 80e-3, 190e-3))), plants.lines)
+    plants = SampledPlants(scenarios, lines_for(scenarios.device, 0.02))
+    return Responses(plants.transfer(scenarios.place(POSITION_M)), plants.lines)
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +32,19 @@ def waveform() -> Array:
     return tones.waveform(0.2 * np.random.default_rng(0).normal(size=len(tones.wave)))
 
 
+def evaluate(
+    waveform: Array, responses: Responses, is_felt: tuple[bool, ...], levels_db: Sequence[float]
+) -> Evaluation:
+    """Of fewer fingers the first ones; percentiles are the plain ones."""
+    under, device = responses.under(range(len(is_felt))), shipped("reference-a")
+    none = np.empty((len(under.transfer) - 1, len(under.transfer)))  # so many parameters that nothing is fitted
+    placement = Placement(POSITION_M[: len(is_felt)], is_felt)
+    factor = weighting(under.lines, device.threshold)
+    return evaluate_waveform(waveform, under, placement, factor, levels_db, 0.05, ManyPlants(none, none))
+
+
 def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses: Responses, waveform: Array) -> None:
-    evaluation = evaluate_waveform(waveform, responses, [0, 2], [1], 0.05)
+    evaluation = evaluate(waveform, responses, (True, False, True), ())
     peak_db = 20 * np.log10(abs(responses.play(waveform)).max(axis=2))
     felt_db = peak_db[:, [0, 2]].min(axis=1)
     assert evaluation.quiet is not None
@@ -41,17 +57,30 @@ def test_levels_are_of_the_weakest_felt_and_the_strongest_quiet_finger(responses
     assert evaluation.quiet.high_db == pytest.approx(np.percentile(peak_db[1:, 1], 95), abs=0.05)
 
 
-def test_times_are_those_of_the_nominal_course(responses: Responses, waveform: Array) -> None:
-    evaluation = evaluate_waveform(waveform, responses, [1], [], 0.05)
-    course = abs(responses.play(waveform)[0, 1])
-    assert evaluation.quiet is None and evaluation.exceeds_s is not None
-    first, peak = round(evaluation.exceeds_s * EVALUATION_RATE_HZ), round(evaluation.peak_s * EVALUATION_RATE_HZ)
-    assert course[first] > 1 and (course[:first] <= 1).all()
-    assert course[peak] == course.max()
-    assert evaluation.residual_db == pytest.approx(float(decibels(course[round(0.05 * EVALUATION_RATE_HZ) :].max())))
+def test_times_are_those_of_the_nominal_course_at_each_level(responses: Responses, waveform: Array) -> None:
+    course = abs(responses.play(waveform)[0, :2])
+    strongest = evaluate(waveform, responses, (True, True), (np.inf,))
+    assert strongest.quiet is None
+    for below_db in (0.0, 3.0, 6.0):
+        level_db = strongest.felt.low_db - below_db
+        found = evaluate(waveform, responses, (True, True), (level_db, np.inf))
+        played = course * 10 ** (-below_db / 20)
+        expected = (played > 1).argmax(axis=1).max() / EVALUATION_RATE_HZ if (played > 1).any(axis=1).all() else None
+        assert found.exceeds_s[level_db] == expected and found.exceeds_s[np.inf] == strongest.exceeds_s[np.inf]
+    assert strongest.exceeds_s[np.inf] is not None
+    assert strongest.peak_s == course.argmax(axis=1).max() / EVALUATION_RATE_HZ
+    late = course[:, round(0.05 * EVALUATION_RATE_HZ) :].max()
+    assert strongest.residual_db == pytest.approx(float(decibels(late)), abs=1e-3)
 
 
 def test_what_stays_below_threshold_never_exceeds_it(responses: Responses, waveform: Array) -> None:
     faint = waveform * (0.99 / float(abs(responses.play(waveform)[0, 0]).max()))
-    evaluation = evaluate_waveform(faint, responses, [0], [], 0.05)
-    assert evaluation.exceeds_s is None and evaluation.felt.nominal_db == pytest.approx(20 * np.log10(0.99), abs=0.05)
+    evaluation = evaluate(faint, responses, (True,), (np.inf,))
+    assert evaluation.exceeds_s == {np.inf: None}
+    assert evaluation.felt.nominal_db == pytest.approx(20 * np.log10(0.99), abs=0.05)
+
+
+def test_figures_of_a_finger_are_its_nominal_peaks(responses: Responses, waveform: Array) -> None:
+    evaluation = evaluate(waveform, responses, (True, False, True), ())
+    peak_db = 20 * np.log10(abs(responses.play(waveform)[0]).max(axis=1))
+    assert [finger.level_db for finger in evaluation.fingers] == pytest.approx(peak_db.tolist(), abs=1e-3)

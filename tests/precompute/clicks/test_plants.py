@@ -22,6 +22,7 @@ from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import Scenarios, sample_scenarios
+from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, on_each, shipped
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ def drive_of(device: Device) -> Array:
 
 
 def responses_of(scenarios: Scenarios) -> Responses:
-    lines = lines_for(scenarios.device, (LENGTH_S,))
+    lines = lines_for(scenarios.device, LENGTH_S)
     plants = SampledPlants(scenarios, lines)
     return Responses(plants.transfer(plants.scenarios.place(POSITION_M)), lines)
 
@@ -79,6 +80,22 @@ def test_fingers_feel_what_the_time_domain_plant_does_weighted(device: Device) -
         found = (responses.transfer[scenario] * drive).sum(axis=1)
         expected = transient_lines(scenarios, scenario, waveform, responses.lines)
         assert abs(found - expected).max() <= 2e-3 * abs(expected).max()
+
+
+@any_device
+def test_transfer_functions_are_those_of_the_finite_elements(device: Device) -> None:
+    """The modes that do not move are static: of all modes, as dense matrices, nothing else is missing."""
+    scenarios = sample_scenarios(device, 2, seed=2)
+    responses = responses_of(scenarios)
+    s, factor = responses.lines.s_per_s, output_factor(responses.lines, device.threshold)
+    for scenario in range(3):
+        fingers = scenarios.place(POSITION_M).of(scenario)
+        model = DenseModel(scenarios.device_of(scenario), fingers)
+        found, rows = responses.transfer[scenario], model.rows([at_m for at_m, _ in fingers])
+        for line in range(0, len(s), 40):
+            dynamic = model.K + s[line] * model.C + s[line] ** 2 * model.M
+            moved = rows @ np.linalg.solve(dynamic, model.spring + s[line] * model.damper)
+            assert abs(found[:, :, line] - moved * factor[line]).max() <= 2e-3 * abs(found).max()
 
 
 @pytest.mark.parametrize("reading", ["bar", "assembly"])

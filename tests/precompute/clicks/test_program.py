@@ -5,13 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from precompute.clicks import ClickSolver
 from precompute.clicks import program as program_module
-from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, make_tones, orthogonalised
-from precompute.clicks.design import drive_rows
+from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, drive_rows, make_tones, orthogonalised
+from precompute.clicks.options import DEFAULT_OPTIONS
 from precompute.clicks.program import TOLERANCE
 from precompute.clicks.simplex import Outcome
-from tests.precompute.clicks.click_cases import CHEAP, placed
+from tests.precompute.clicks.click_cases import fresh_responses, placed
 from tests.precompute.clicks.dense_rows import program_of
 from tests.precompute.devices import shipped
 
@@ -134,11 +133,10 @@ def test_where_the_simplex_fails_highs_finds_the_same(seed: int, aims: int, monk
 def test_highs_finds_the_same_optimum_of_a_click_s_program(letters: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Values within the tolerance of both, and each below the bound that the other proves."""
     device = shipped("reference-a")
-    placement, tones = placed(device, letters), orthogonalised(make_tones(device, 0.02))
-    plants = ClickSolver(device, CHEAP).plants_of(placement.position_m)
-    played = plants.optimised.play_each(tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
+    placement, tones = placed(device, letters), orthogonalised(make_tones(device, DEFAULT_OPTIONS.length_s))
+    played = fresh_responses(device.name, placement, 6).play_each(tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
     watched = played[:, placement.quiet].reshape(-1, *played.shape[2:])
-    drive, course = drive_rows(tones, device.limits.amplitude, None), played[:, placement.felt].mean(axis=0)
+    drive, course = drive_rows(tones, device.limits.amplitude), played[:, placement.felt].mean(axis=0)
     ours, highs = (program_of(drive, watched, len(placement.felt)) for _ in range(2))
     for instant, limit in ((60, 1.0), (75, 1.0), (60, 0.7)):
         ours.set_limit(limit)

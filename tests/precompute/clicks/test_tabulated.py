@@ -49,7 +49,7 @@ def test_clicks_are_the_same_by_however_many_processes() -> None:
     device, places = shipped("reference-a"), Places(LENGTH_M, 6)
     keys = [(2, 7), (3, 6), (3, 7), (5,)]
     one, two = (
-        {places.key(click.placement): click for click, _ in tabulate_clicks(device, CHEAP, places, keys, n)}
+        {places.key(click.placement): click for click in tabulate_clicks(device, CHEAP, places, keys, n)}
         for n in (1, 2)
     )
     assert set(one) == set(two) == set(keys)

@@ -75,7 +75,7 @@ def test_the_bar_in_time_settles_to_the_response_in_frequency() -> None:
 
 
 def test_clicks_see_the_plant_that_moves_in_time() -> None:
-    lines = lines_for(DEVICE, (0.03,))
+    lines = lines_for(DEVICE, 0.03)
     with_them, without = (SampledPlants(sample_scenarios(d, 2, seed=1), lines, modes=24) for d in (DEVICE, BARE))
     fingers = with_them.scenarios.place(PLACES_M.tolist())
     ratio = with_them.transfer(fingers) / without.transfer(fingers)
