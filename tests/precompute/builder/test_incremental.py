@@ -10,7 +10,6 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import (
@@ -19,14 +18,13 @@ from precompute.builder.incremental import (
     input_fingerprint,
     is_compatible,
     is_current,
-    outdated_parts,
 )
 from precompute.clicks import ClickOptions
 from tests.precompute.fleet.small_fleet import small_text
 
 pytestmark = pytest.mark.long
 
-CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
+CHEAP = ClickOptions(pitch_m=93.2e-3, pool=90, judged=20)
 TEXT = small_text()
 DEVICE = Device.parse(TEXT, "bar")
 AS_BEFORE = {part: f"{part} as before" for part in ("responses", "clicks")}
@@ -134,29 +132,6 @@ def test_other_wishes_are_computed(path: Path) -> None:
     assert AS_BEFORE["clicks"] not in build(DEVICE, path, clicks_up_to=2)
 
 
-def clicks_of(path: Path) -> list[bytes]:
-    with Table.open(path) as table:
-        return [click.samples.tobytes() for click in table.clicks]
-
-
-def test_clicks_may_be_left_for_later_and_are_marked_until_they_are_made(path: Path) -> None:
-    device = Device.parse(TEXT.replace('stiffness = "18.9', 'stiffness = "19.5'), "bar")
-    before, kept = clicks_of(path), path.read_bytes()
-    assert AS_BEFORE["clicks"] in build(device, path, clicks_later=True)
-    assert clicks_of(path) == before
-    with Table.open(path, device=device) as table:
-        assert outdated_parts(table) == (Part.CLICKS,)
-        assert is_current(table, device, BuildOptions.of(table)) and not is_current(
-            table, DEVICE, BuildOptions.of(table)
-        )
-    told = build(device, path, completes=True)
-    assert "clicks" in told and AS_BEFORE["responses"] in told
-    with Table.open(path, device=device) as table:
-        assert not outdated_parts(table)
-    assert clicks_of(path) != before
-    assert previous_of(path).read_bytes() == kept
-
-
 def test_a_table_that_was_to_have_no_clicks_is_current_without_them(path: Path) -> None:
     build(DEVICE, path, clicks_up_to=0)
     with Table.open(path) as table:
@@ -164,12 +139,12 @@ def test_a_table_that_was_to_have_no_clicks_is_current_without_them(path: Path) 
         assert is_current(table, DEVICE, options) and not is_current(table, DEVICE, replace(options, clicks_up_to=1))
 
 
-def test_clicks_of_other_zones_are_not_kept_for_now(path: Path) -> None:
-    device = Device.parse(TEXT.replace("count = 2", "count = 3"), "bar")
-    build(device, path, clicks_later=True)
-    assert clicks_of(path) == []
-    with Table.open(path, device=device) as table:
-        assert outdated_parts(table) == (Part.CLICKS,)
+def test_a_table_is_current_for_its_own_device_and_options_only(path: Path) -> None:
+    other = Device.parse(TEXT.replace('stiffness = "18.9', 'stiffness = "19.5'), "bar")
+    with Table.open(path) as table:
+        options = BuildOptions.of(table)
+        assert is_current(table, DEVICE, options) and not is_current(table, other, options)
+        assert not is_current(table, DEVICE, replace(options, click_options=replace(CHEAP, quiet_db=1.0)))
 
 
 def test_a_table_says_what_it_was_built_by(path: Path) -> None:

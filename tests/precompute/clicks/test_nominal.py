@@ -51,7 +51,8 @@ def levels_in_time(device: Device, waveform: np.ndarray, position_m: tuple[float
     moved = np.stack([np.interp(at, np.arange(len(waveform)), row) for row in waveform.T], axis=1)
     course = plant.accelerate(np.pad(moved, ((0, round(0.08 * rate_hz)), (0, 0))))
     weighted = scipy.signal.fftconvolve(course, threshold_filter(device.threshold, rate_hz)[:, None], axes=0)
-    return (20 * np.log10(abs(weighted[: len(course)]).max(axis=0))).tolist()
+    levels_db: list[float] = (20 * np.log10(abs(weighted[: len(course)]).max(axis=0))).tolist()
+    return levels_db
 
 
 def test_a_weaker_click_gives_them_as_much_less() -> None:

@@ -23,7 +23,8 @@ def test_displacements_are_within_full_scale_on_the_grid_of_the_wire(letters: st
 @any_case
 def test_an_entry_is_the_click_with_its_figures(letters: str) -> None:
     solver = solver_of("reference-a")
-    click, entry = (solve(placed(solver.device, letters)) for solve in (solver.solve, solver.solve_entry))
+    placement = placed(solver.device, letters)
+    click, entry = solver.solve(placement), solver.solve_entry(placement)
     np.testing.assert_array_equal(entry.samples.T, np.round(click.waveform * FULL_SCALE))
     assert (entry.felt, entry.quiet, entry.fingers) == (
         click.evaluation.felt,

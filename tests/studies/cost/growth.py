@@ -30,7 +30,7 @@ from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, 
 CLICK_CASES = (
     *[("fingers", count) for count in (1, 2, 3, 5, 8)],
     *[("actuators", count) for count in (2, 3, 4, 8)],
-    *[("plants", count) for count in (10, 20, 40, 80)],
+    *[("plants", count) for count in (80, 120, 240, 480)],
     *[("ms of click", length_ms) for length_ms in (10, 20, 30, 40)],
     *[("mm of bar", length_mm) for length_mm in (150, 300, 600)],
 )
@@ -63,9 +63,9 @@ def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) 
     elif varied == "actuators":
         device = _with_actuators(device, value)
     elif varied == "plants":
-        options = replace(options, scenarios=value)
+        options = replace(options, pool=value)
     elif varied == "ms of click":
-        options = replace(options, lengths_s=(value / 1e3,))
+        options = replace(options, length_s=value / 1e3)
     else:
         device = _with_length(device, value / 1e3)
     solver, first_s = timed(partial(ClickSolver, device, options))

@@ -26,7 +26,7 @@ from engine.table import Clicks, Table
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
-from precompute.clicks.evaluation import Evaluation, evaluate_waveform
+from precompute.clicks.evaluation import Evaluation
 from precompute.clicks.solver import FULL_SCALE
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
@@ -103,15 +103,15 @@ def _begin(
         states, by_zone, by_table = placement.zone_states(device), None, None
         if ZoneState.FELT in states:
             middle = zone_click(states)
-            by_zone = _evaluate(solver, placement, middle.waveform, middle.evaluation.residual_from_s)
+            by_zone = evaluate_as_it_is(solver, placement, middle.waveform)
         own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
         if own is not None:
-            by_table = _evaluate(solver, placement, own.samples.T / FULL_SCALE, own.residual_from_s)
+            by_table = evaluate_as_it_is(solver, placement, own.samples.T / FULL_SCALE)
         return number, {
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
             "shares_a_zone": len(set(touched)) < len(touched),
-            "by_position": _levels(click.evaluation) | {"bound_db": click.bound_db, "gap_db": click.gap_db},
+            "by_position": _levels(click.evaluation),
             "by_table": by_table and _levels(by_table),
             "by_zone": by_zone and _levels(by_zone),
             "steady": _steady(designer, placement),
@@ -121,9 +121,9 @@ def _begin(
     return compare
 
 
-def _evaluate(solver: ClickSolver, placement: Placement, waveform: Array, residual_from_s: float) -> Evaluation:
-    fresh = solver.plants_of(placement.position_m).evaluated
-    return evaluate_waveform(waveform, fresh, placement.felt, placement.quiet, residual_from_s)
+def evaluate_as_it_is(solver: ClickSolver, placement: Placement, waveform: Array) -> Evaluation:
+    """Evaluate displacements (actuator, time) as the solver does its own clicks; `evaluate` would scale them."""
+    return solver._evaluated(placement, waveform, None).evaluation
 
 
 def _steady(designer: SteadyDesigner, placement: Placement) -> dict[str, Any]:

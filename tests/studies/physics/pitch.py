@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from engine.table import Table
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
-from precompute.clicks.evaluation import evaluate_waveform
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
-from tests.studies.physics.anywhere import PLANTS, TOLERANCE_M
+from tests.studies.physics.anywhere import PLANTS, TOLERANCE_M, evaluate_as_it_is
 
 PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)
 _PERCENTS = (50, 95, 100)
@@ -42,8 +41,7 @@ def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
         for placement, exact in zip(drawn, best, strict=True):
             near_m = tuple(round(at_m / pitch_m) * pitch_m for at_m in placement.position_m)
             click = solver.solve(replace(placement, position_m=near_m))
-            fresh = own.plants_of(placement.position_m).evaluated
-            near = evaluate_waveform(click.waveform, fresh, placement.felt, placement.quiet, 0.06)
+            near = evaluate_as_it_is(own, placement, click.waveform)
             assert near.quiet is not None and exact.quiet is not None  # there is a quiet finger in each
             changes.append((exact.felt.low_db - near.felt.low_db, near.quiet.high_db - exact.quiet.high_db))
         found[pitch_mm] = np.array(changes).T
@@ -59,9 +57,7 @@ def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64
         for placement in random_placements(table.device, wanted):
             exact, click = solver.solve(placement).evaluation, table.click_at(placement, np.inf)
             assert click is not None and exact.quiet is not None  # every pair is tabulated; one finger is quiet
-            fresh = solver.plants_of(placement.position_m).evaluated
-            waveform = click.samples.T / SAMPLE_FULL_SCALE
-            near = evaluate_waveform(waveform, fresh, placement.felt, placement.quiet, click.residual_from_s)
+            near = evaluate_as_it_is(solver, placement, click.samples.T / SAMPLE_FULL_SCALE)
             assert near.quiet is not None
             changes.append((exact.felt.low_db - near.felt.low_db, near.quiet.high_db - exact.quiet.high_db))
     return {1e3 * table.places.pitch_m: np.array(changes).T}

@@ -68,7 +68,7 @@ def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers
     places = Places.every(DEVICE.bar.length_m, 40e-3)
     wanted = Anywhere(placements=4, apart_m=0.06)
     keys = {places.key(placement) for placement in random_placements(DEVICE, wanted)}
-    rows = [entry for entry, _ in tabulate_clicks(DEVICE, CHEAP, places, sorted(keys))]
+    rows = list(tabulate_clicks(DEVICE, CHEAP, places, sorted(keys)))
     result = compare_anywhere(DEVICE, wanted, 1, CHEAP, Clicks.of(places, rows), plants=20)
     tabulated, own = (result[way] for way in ("by_table", "by_position"))
     assert tabulated["placements"] == own["placements"] == 4
