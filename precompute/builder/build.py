@@ -53,7 +53,7 @@ from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, wr
 MEMORY_BUDGET_BYTES = 64 << 20
 """Default bound on the buffers of the sweep, whatever its grid."""
 EARLY_IN_PLACE = "early table"
-"""The step that is told when the table with coarse clicks is in place."""
+"""The step that is told when the table with the clicks of one finger is in place."""
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done."""
 
@@ -70,6 +70,7 @@ def build_table(
     clicks_up_to: int = MOST_TABULATED,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     early: bool = False,
+    in_the_end: int | None = None,
     workers: int = 1,
     reuse: bool = True,
     completes: bool = False,
@@ -82,7 +83,8 @@ def build_table(
 
     `created` is the date to note, by default now. `clicks_up_to`: the most fingers that have clicks, at all places of
     the options' pitch: 0, 1 or 2; more fingers are solved when they come. `early`: where no clicks of this device are
-    there yet, a table with those of one finger comes first. Clicks are solved by `workers` processes. With `reuse`,
+    there yet, a table with those of one finger comes first. `in_the_end`: the most fingers of the table that is to
+    follow, which this one notes so that whoever continues knows; None: `clicks_up_to`. Clicks are solved by `workers` processes. With `reuse`,
     parts of a table at `path` are taken over if this code made them from inputs that have not changed. The table that
     was at `path` is kept as the previous one; a build that `completes` it keeps the one before. With `responses` the
     bar moves as it was measured, while the effect of fingers, rise times and clicks remain the model's. `accept` gets
@@ -107,6 +109,7 @@ def build_table(
             path,
             options,
             workers,
+            clicks_up_to if in_the_end is None else in_the_end,
             completes,
             responses,
             memory_budget_bytes,
@@ -158,6 +161,7 @@ class _Builder:
     path: Path
     options: BuildOptions
     workers: int
+    in_the_end: int
     completes: bool
     responses: MeasuredResponses | None
     memory_budget_bytes: int
@@ -204,7 +208,7 @@ class _Builder:
                     "code_version": metadata.version("tactable"),
                     "created": created,
                     "threshold": device.threshold.title,
-                    "clicks_up_to": options.clicks_up_to,
+                    "clicks_up_to": self.in_the_end,
                     "click_options": json.dumps(asdict(options.click_options)),
                     **self._click_attributes(),
                     **_model_attributes(plant, options),

@@ -103,6 +103,7 @@ class TableTarget:
             device,
             self.path,
             clicks_up_to=options.clicks_up_to,
+            in_the_end=self._options.clicks_up_to,
             click_options=options.click_options,
             workers=available_cores(),
             completes=completes,
