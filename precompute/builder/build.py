@@ -84,11 +84,12 @@ def build_table(
     `created` is the date to note, by default now. `clicks_up_to`: the most fingers that have clicks, at all places of
     the options' pitch: 0, 1 or 2; more fingers are solved when they come. `early`: where no clicks of this device are
     there yet, a table with those of one finger comes first. `in_the_end`: the most fingers of the table that is to
-    follow, which this one notes so that whoever continues knows; None: `clicks_up_to`. Clicks are solved by `workers` processes. With `reuse`,
-    parts of a table at `path` are taken over if this code made them from inputs that have not changed. The table that
-    was at `path` is kept as the previous one; a build that `completes` it keeps the one before. With `responses` the
-    bar moves as it was measured, while the effect of fingers, rise times and clicks remain the model's. `accept` gets
-    the complete file before it takes its place, and refuses it by an exception. Returns what it took.
+    follow, which this one notes so that whoever continues knows; None: `clicks_up_to`. Clicks are solved by `workers`
+    processes. With `reuse`, parts of a table at `path` are taken over if this code made them from inputs that have not
+    changed. The table that was at `path` is kept as the previous one; a build that `completes` it keeps the one before.
+    With `responses` the bar moves as it was measured, while the effect of fingers, rise times and clicks remain the
+    model's. `accept` gets the complete file before it takes its place, and refuses it by an exception. Returns what it
+    took.
 
     Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown number of
     fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
