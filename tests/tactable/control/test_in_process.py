@@ -74,7 +74,7 @@ class Run:
     def touch(self, *touches: Touch) -> None:
         """A frame of the loop, in the ring."""
         stamps = (0,) * len(Stage)
-        frame = (None, None, False, False, touches, b"", Fate.NONE, None)
+        frame = (None, None, False, touches, b"", Fate.NONE, None)
         self.ring.observe(CommandRecord(stamps, 1, b"", None, *frame), LoopCounters())  # type: ignore[arg-type]
 
 

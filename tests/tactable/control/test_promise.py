@@ -84,7 +84,7 @@ def test_a_click_promises_what_the_table_has(table: Table) -> None:
 
 def test_in_place_of_a_click_that_is_not_solved_the_drive_promises(table: Table) -> None:
     board = board_of(table)
-    instead = promise_of(table, record_of(table, FINGERS, AT_NS, is_click=True, is_provisional=True), board)
+    instead = promise_of(table, record_of(table, FINGERS, AT_NS, is_click=True, is_unsolved=True), board)
     assert instead == promise_of(table, record_of(table, FINGERS, AT_NS), board)
 
 

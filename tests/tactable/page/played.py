@@ -33,13 +33,16 @@ def record_of(
     at_ns: int,
     *,
     is_click: bool = False,
-    is_provisional: bool = False,
+    is_unsolved: bool = False,
     is_sent: bool = True,
     level_db: float | None = LEVEL_DB,
 ) -> Record:
-    """A report that brought these fingers, and what was written for them 50 us later."""
+    """A report that brought these fingers, and what was written for them 50 us later.
+
+    is_unsolved: a steady drive is in place of a click, which nobody solves.
+    """
     drive = b""
-    if level_db is not None and (not is_click or is_provisional):
+    if level_db is not None and (not is_click or is_unsolved):
         solved = table.drive_for(
             [placement.position_m[finger] for finger in placement.felt],
             [placement.position_m[finger] for finger in placement.quiet],
@@ -54,7 +57,6 @@ def record_of(
         placement=None if level_db is None else placement,
         level_db=level_db,
         is_click=is_click,
-        is_provisional=is_provisional,
         drive_sequence=1 if is_sent else None,
         counters=COUNTERS,
         touches=touches_of(table, placement),

@@ -50,7 +50,6 @@ PICTURE = Picture(
     drive=Drive.STEADY,
     is_loaded=True,
     is_playing=True,
-    is_provisional=False,
     is_late=False,
     fingers=(FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5), FingerPicture(4, 2, Role.QUIET, 0.25, -60.0, -3.0)),
     made=(MadePicture(4, 2, Role.QUIET, 0.25, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
@@ -142,7 +141,7 @@ def test_the_second_bar_lies_after_the_first() -> None:
     )
     data, alone = encode_picture(replace(PICTURE, paper=paper)), encode_picture(PICTURE)
     flags_at = 2 + struct.calcsize("<d6IIff5I5IIB")
-    assert (data[flags_at], alone[flags_at]) == (16 | 3, 3)
+    assert (data[flags_at], alone[flags_at]) == (8 | 3, 3)
     assert data[:flags_at] + data[flags_at + 1 : len(alone)] == alone[:flags_at] + alone[flags_at + 1 :]
     words = struct.unpack(f"<{3 + 3 + 2 * 2 + 2}h", data[len(alone) :])
     assert words == (100, 200, 6000, 400, 500, 600, 150, 250, -6000, -300, -32768, -725)
