@@ -7,7 +7,7 @@ from precompute.builder.build import build_table
 from precompute.clicks import ClickOptions
 from tests.precompute.builder.test_build import SMALL
 
-CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=46.6e-3, scenarios=4, trimmed=10, judged=20)
+CHEAP = ClickOptions(pitch_m=46.6e-3, pool=90, judged=20)
 FINGERS = 2
 
 

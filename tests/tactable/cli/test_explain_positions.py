@@ -46,7 +46,7 @@ def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, 
         assert waveform.shape == (len(table.device.actuators), round(said["length_s"] * said["sample_rate_hz"]) + 1)
         assert abs(waveform).max() <= table.device.limits.amplitude
         # What is told of the nominal plant is what the waveform does there.
-        nominal = solver.plants_of(placement.position_m).evaluated.first(1)
+        nominal = solver.plants_of(placement.position_m).judged.first(1)
         assert decibels(nominal.peaks(waveform, [0, 1]))[0] == pytest.approx(
             [said["felt_db"]["nominal"], said["quiet_db"]["nominal"]], abs=1e-3
         )

@@ -42,7 +42,7 @@ def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> N
 
 
 def test_rivals_keep_to_the_quiet_level(source: ClickSource, click: ClickEntry) -> None:
-    plants = source.solver.plants_of(click.placement.position_m).trimmed
+    plants = source.solver.plants_of(click.placement.position_m).pool
     for rival in solve_rivals(source, click):
         peak = abs(plants.play(rival.click.waveform))[1:, 1].max(axis=1)
         assert np.percentile(20 * np.log10(peak), 95) <= source.options.quiet_db + 0.01

@@ -36,14 +36,14 @@ def peaks(course: NDArray[np.float64]) -> list[float]:
     return values
 
 
-@pytest.mark.parametrize("level_db", [inf, 5.0])
+@pytest.mark.parametrize("level_db", [inf, 1.0])
 def test_what_is_heard_has_the_peaks_of_the_table(source: ClickSource, level_db: float) -> None:
-    """The table looks at fewer instants; where little moves, the corners between samples are 2 % of the peak."""
+    """The table lacks what the corners between samples make: 0.5 % where a finger feels, 2 % where little moves."""
     click = click_of(source, "I", "III", level_db)
     promised, at_m = click.fingers, click.placement.position_m
     plain, weighted = (compute_felt(source.table.device, click, at_m, is_weighted=choice) for choice in (False, True))
     assert peaks(plain) == pytest.approx([zone.acceleration_at_finger_m_per_s2 for zone in promised], rel=0.03)
-    assert peaks(plain)[0] == pytest.approx(promised[0].acceleration_at_finger_m_per_s2, rel=2e-3)
+    assert peaks(plain)[0] == pytest.approx(promised[0].acceleration_at_finger_m_per_s2, rel=5e-3)
     assert 20 * np.log10(peaks(weighted)) == pytest.approx([zone.level_db for zone in promised], abs=0.05)
 
 
@@ -52,7 +52,8 @@ def test_what_is_heard_is_the_acceleration_that_the_plants_are_judged_by(source:
     click, step = click_of(source, "I", "III"), round(SOUND_RATE_HZ / EVALUATION_RATE_HZ)
     heard = compute_felt(source.table.device, click, click.placement.position_m, is_weighted=True)
     judged = compute_course(source, click, click.placement).weighted[0].T
-    differences = [abs(heard[late::step][:1700] - judged[:1700]).max() for late in range(2 * step)]
+    count = len(judged) - 2
+    differences = [abs(heard[late::step][:count] - judged[:count]).max() for late in range(2 * step)]
     assert min(differences) < 0.01 * abs(judged).max()
 
 

@@ -9,11 +9,11 @@ import pytest
 from engine.table import Table, TableError
 from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
+from tactable.run.click_process import Solver
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
 def test_the_options_are_those_that_the_table_was_made_with(source: ClickSource) -> None:
-    assert source.table_options == CHEAP
     assert source.options == CHEAP.at(source.table.places)
 
 
@@ -43,15 +43,13 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
 def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
     click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
     found = [each.level_db for each in source.fingers_of(click, click.placement)]
-    assert found == pytest.approx([each.level_db for each in click.fingers], abs=1e-6)  # basis and modes are rounded
+    assert found == pytest.approx([each.level_db for each in click.fingers], abs=5e-3)  # of fewer modes
     moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
-    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 1
+    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 0.5
 
 
-def test_a_click_of_more_fingers_is_solved_for_their_places_as_a_run_does(source: ClickSource) -> None:
+def test_a_click_of_more_fingers_is_solved_for_their_positions_as_a_run_does(source: ClickSource) -> None:
     placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
-    click = source.click_at_places(placement)
-    middles = Placement.named(source.table.device, ["I"], ["II", "III"])
-    assert click.placement.position_m == pytest.approx(middles.position_m)
-    assert click.placement.is_felt == middles.is_felt
-    assert click.tolerance_m == source.table.clicks.tolerance_m
+    click, solved = ClickSource(source.table).click_of(placement), Solver(source.table.path).solve(placement)
+    assert click.placement == solved.placement == placement
+    assert np.array_equal(click.samples, solved.samples) and click.tolerance_m == solved.tolerance_m
