@@ -37,21 +37,17 @@ def folder(built: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.long
-def test_coarse_clicks_come_first_and_are_told_from_the_fine_ones(tmp_path: Path) -> None:
+def test_what_was_solved_is_told_and_a_table_that_is_there_is_taken_over(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    command = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "1", "--pitch", "140 mm", "--workers", "1")
-    done = run_here(tmp_path, *command, "--coarse", "--json")
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert (said["clicks"], said["clicks_are_coarse"], said["click_pitch_m"]) == (3, True, 0.2794 / 2)
-    assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (3, 0)
-    said = json.loads(run_here(tmp_path, *command, "--json").stdout)
-    assert (said["clicks"], said["clicks_are_coarse"]) == (3, False)
-    assert (said["solved"]["coarse_clicks"], said["solved"]["clicks"]) == (0, 3)
-    (tmp_path / "bar.nc").unlink()
-    done = run_here(tmp_path, *command)
-    assert "bar.nc: usable, with coarse clicks; the fine ones follow" in done.stderr
-    assert "best rows of 1 zone combinations, 3 clicks at places 140 mm apart" in done.stdout
+    command = ("build", "bar.toml", "-o", "bar.nc", "--pitch", "140 mm", "--workers", "1", "--json")
+    solved = []
+    for _ in range(2):
+        done = run_here(tmp_path, *command)
+        assert done.returncode == 0, done.stderr
+        said = json.loads(done.stdout)
+        assert (said["clicks"], said["click_pitch_m"]) == (12, 0.2794 / 2)
+        solved.append(said["clicks_solved"])
+    assert solved == [3 + 12, 0]  # those of one finger come first
 
 
 def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -> None:
