@@ -14,7 +14,6 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
-from precompute.builder.incremental import Part, outdated_parts
 from precompute.calibration.misfit import Loss
 from precompute.clicks.options import ClickOptions
 from precompute.measurements.parameters import paper_names
@@ -23,12 +22,11 @@ from tactable.calibration.job import CalibrationJob
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app
 from tests.precompute.builder.test_build import ONE_LEVEL
-from tests.precompute.builder.test_incremental import arrays
 
 pytestmark = pytest.mark.long
 
-CHEAP = ClickOptions(lengths_s=(0.02,), pitch_m=93.2e-3, scenarios=2, trimmed=6, judged=10)
-WISHES: dict[str, Any] = {"clicks_up_to": 1, "click_options": CHEAP}
+CHEAP = ClickOptions(pitch_m=93.2e-3, pool=90, judged=10)
+WISHES: dict[str, Any] = {"clicks_up_to": 2, "click_options": CHEAP}
 TWO_ZONES = ONE_LEVEL.replace("count = 3", "count = 2")
 DEVICE = Device.parse(TWO_ZONES, "bar.toml")
 
@@ -66,51 +64,57 @@ def apply(*options: str) -> Result:
     return CliRunner().invoke(app, [*words, *options])
 
 
+def applied(*options: str) -> dict[str, Any]:
+    """What it says of the table."""
+    done = apply("--json", *options)
+    assert done.exit_code == 0, done.output
+    said: dict[str, Any] = json.loads(done.stdout)["applied"]
+    return said
+
+
+def most_fingers(path: Path) -> int:
+    """The most fingers of a click of a table."""
+    with Table.open(path) as table:
+        return max(len(click.placement.position_m) for click in table.clicks)
+
+
 @pytest.mark.usefixtures("one_core")
 def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path) -> None:
-    done = apply("--json")
-    assert done.exit_code == 0, done.output
-    said = json.loads(done.stdout)
+    said = applied()
     new = Device.parse((folder / "new" / "reference-a.toml").read_text(encoding="utf-8"), "new")
     assert new.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=1e-2)
     build_table(new, folder / "scratch.nc", created="by hand", **WISHES)
-    one, other = arrays(folder / "bar.nc"), arrays(folder / "scratch.nc")
-    assert one.keys() == other.keys()
     with Table.open(folder / "bar.nc", device=new) as table, Table.open(folder / "scratch.nc") as scratch:
         assert table.best_rows == scratch.best_rows
         assert table.checksums() == scratch.checksums()
-        assert not outdated_parts(table)
     with Table.open(previous_of(folder / "bar.nc"), device=DEVICE) as before:
         assert before.attributes["created"] == "at first"
-    applied = said["applied"]
-    assert {"start", "fit", "sweep", "verify", "put in place"} <= applied["seconds"].keys()
-    assert sum(applied["seconds"].values()) == pytest.approx(applied["in_place_after_s"], rel=1e-2)
-    assert applied["diff"]["best_rows"]["changed"] > 0
-    assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in applied["diff"]["device"]}
+    assert {"start", "fit", "sweep", "verify", "put in place"} <= said["seconds"].keys()
+    assert sum(said["seconds"].values()) == pytest.approx(said["in_place_after_s"], rel=1e-2)
+    assert said["has_all_clicks"] and said["clicks_s"] > 0
+    assert said["diff"]["best_rows"]["changed"] > 0
+    assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in said["diff"]["device"]}
 
 
 @pytest.mark.usefixtures("one_core")
-def test_asked_again_it_goes_on_where_it_was_and_then_does_nothing(folder: Path) -> None:
-    first = apply("--no-clicks")
-    assert first.exit_code == 0, first.output
-    assert "its clicks are still those of the previous bar" in first.stdout
-    with Table.open(folder / "bar.nc") as table:
-        assert outdated_parts(table) == (Part.CLICKS,)
-        assert [click.samples.tobytes() for click in table.clicks]
-        rows = table.best_rows
-    with Table.open(previous_of(folder / "bar.nc")) as before, Table.open(folder / "bar.nc") as table:
-        played = zip(before.clicks, table.clicks, strict=True)
-        assert all(own.samples.tobytes() == other.samples.tobytes() for own, other in played)
+@pytest.mark.xfail(strict=True, reason="the table in place does not say that clicks of two fingers are wanted")
+def test_asked_again_it_goes_on_where_it_was(folder: Path) -> None:
+    assert not applied("--no-clicks")["has_all_clicks"]
+    second = applied()
+    assert second["in_place_after_s"] is None and second["has_all_clicks"]
+    assert most_fingers(folder / "bar.nc") == 2
+
+
+@pytest.mark.usefixtures("one_core")
+@pytest.mark.parametrize(("wish", "fingers"), [((), 2), (("--no-clicks",), 1)])
+def test_asked_again_for_the_same_it_does_nothing(folder: Path, wish: tuple[str, ...], fingers: int) -> None:
+    assert applied(*wish)["has_all_clicks"] == (fingers == 2)
+    assert most_fingers(folder / "bar.nc") == fingers
     report = (folder / "new" / "report.json").read_bytes()
-    second = apply()
-    assert second.exit_code == 0, second.output
-    assert "was put in place before" in second.stdout and "clicks remade" in second.stdout
-    with Table.open(folder / "bar.nc") as table:
-        assert table.best_rows == rows and not outdated_parts(table)
     with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
         pass  # not the table that was only completed
     whole = (folder / "bar.nc").read_bytes()
-    assert apply().exit_code == 0
+    assert apply(*wish).exit_code == 0
     assert (folder / "bar.nc").read_bytes() == whole
     assert (folder / "new" / "report.json").read_bytes() == report
 
