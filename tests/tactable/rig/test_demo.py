@@ -23,7 +23,7 @@ from engine.touch.sources.recording import Recording, read_recording, write_reco
 from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, PlayedWaveform
 from firmware_link.emulator.process import decode_log
 from firmware_link.host.reopening import ReopeningPort
-from precompute.builder.build import Coarse, build_table
+from precompute.builder.build import build_table
 from precompute.clicks import ClickOptions
 from tactable.figures.demo import draw_demo
 from tactable.rig import demo
@@ -42,7 +42,7 @@ from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tools.virtual import VirtualLine
 
 SHORTEST_S = 0.5
-CHEAP = ClickOptions(lengths_s=(0.02,), scenarios=4, trimmed=10, judged=20, pitch_m=56e-3)
+CHEAP = ClickOptions(pitch_m=56e-3, pool=90, judged=20)
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
 THREE_FINGERS = make_recording([Stroke(0.1, 0.6, place, place) for place in (0.1, 0.5, 0.9)])
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
@@ -55,7 +55,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     text = find_device("reference-a").text.replace('step = "1 Hz"', 'step = "8 Hz"')
     (folder / "bar.toml").write_text(text, encoding="utf-8")
     coarse = Device.read(folder / "bar.toml")
-    build_table(coarse, folder / "bar.nc", created="test", click_options=CHEAP, coarse=Coarse.ONLY)
+    build_table(coarse, folder / "bar.nc", created="test", click_options=CHEAP)
     return Table.open(folder / "bar.nc", device=coarse)
 
 
@@ -69,6 +69,7 @@ class SolvingHere:
     """Solves each click at once."""
 
     solver: Solver
+    is_there: bool = True
     _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
 
     def fileno(self) -> int:
@@ -142,7 +143,7 @@ def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: 
     at_m = [0.11 * table.device.bar.length_m, 0.51 * table.device.bar.length_m]
     assert report.placement.position_m == pytest.approx(at_m, abs=5e-5)
     at_places = np.array([finger.acceleration_at_finger_m_per_s2 for finger in report.click.fingers])
-    assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 10 * AGREEMENT
+    assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 5 * AGREEMENT
     assert report.disagreement <= AGREEMENT
 
 
@@ -172,7 +173,7 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     rendered = [(tuple(click["felt"]), tuple(click["quiet"])) for click in report["clicks"]]
     alone = [(("I",), ()), (("I",), ()), (("III",), ()), (("II", "IV"), ())]
     assert sorted(rendered) == sorted([*alone, (("III",), ("I",)), (("V",), ("I", "III"))])
-    assert report["states_not_rendered"] == report["states"] == [] and report["provisional_commands"] == 0
+    assert report["states_not_rendered"] == report["states"] == []
     first = report["clicks"][0]
     assert first["fingers"][0]["position_m"] == pytest.approx(0.1 * table.device.bar.length_m, abs=1e-4)
     assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
@@ -186,9 +187,10 @@ def test_the_demo_plays_taps_and_three_fingers_through_its_processes_in_real_tim
     three = [Stroke(1.8, 2.2, place, place) for place in (0.1, 0.5, 0.9)]
     write_recording(make_recording([*taps, *three]), tmp_path / "taps.hid")
     report = demo_here(tmp_path, table, tmp_path / "taps.hid")
-    # The click of three fingers is solved when they come, perhaps after it would have ended; and a machine that stalls
-    # while a click lasts does not render it, and says so.
-    rendered = [click["felt"] for click in (*report["clicks"], *report["states"])]
+    # The click of three fingers is solved when they come, perhaps after they lifted; and a machine that stalls while a
+    # click lasts does not render it, and says so.
+    assert report["states"] == []
+    rendered = [click["felt"] for click in report["clicks"]]
     assert all(felt in (["I"], ["I", "III", "V"]) for felt in rendered)
     assert ["I"] in rendered or report["states_not_rendered"]
     assert report["commands_applied"] + report["commands_late"] == report["commands_sent"] > 0

@@ -6,7 +6,6 @@ import numpy as np
 
 from engine.table import Table
 from engine.touch.places import Places
-from precompute.clicks import DEFAULT_OPTIONS
 from precompute.clicks.basis import click_basis
 from precompute.clicks.of_table import read_click_options
 from precompute.model.assembly import assemble
@@ -14,6 +13,7 @@ from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances, solve_place_receptances
 from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
+    EARLY_OPTIONS,
     MODES,
     is_first,
     open_first_table,
@@ -35,7 +35,7 @@ def test_its_receptances_are_those_of_the_finite_elements() -> None:
 def test_it_is_a_table_without_clicks(tmp_path: Path) -> None:
     device = find_device("reference-d")
     with open_first_table(device, tmp_path / "first.nc") as table:
-        assert is_first(table) and table.is_coarse and not table.is_shipped
+        assert is_first(table) and not table.is_shipped
         assert len(table.clicks) == 0
         assert table.device.fingerprint == device.fingerprint
         assert table.receptances.drive.shape[1] == len(device.actuators)
@@ -53,8 +53,8 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
     write_first_table(device, path, clicks)
     with Table.open(path, device=device) as table:
         assert is_first(table) and len(table.clicks) == 1
-        assert read_click_options(table) == DEFAULT_OPTIONS.coarse
+        assert read_click_options(table) == EARLY_OPTIONS
         assert table.clicks.basis is not None
-        assert table.clicks.basis.hash == click_basis(device, DEFAULT_OPTIONS.coarse).hash
-        assert table.places == Places.every(device.bar.length_m, DEFAULT_OPTIONS.coarse.pitch_m)
-        assert table.clicks.tolerance_m == DEFAULT_OPTIONS.at(table.places).tolerance_m
+        assert table.clicks.basis.hash == click_basis(device, EARLY_OPTIONS).hash
+        assert table.places == Places.every(device.bar.length_m, EARLY_OPTIONS.pitch_m)
+        assert table.clicks.tolerance_m == EARLY_OPTIONS.at(table.places).tolerance_m

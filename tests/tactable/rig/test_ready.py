@@ -10,10 +10,10 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.diff import Tolerance, click_figures
 from precompute.builder.build import build_table
-from precompute.builder.incremental import BuildOptions
-from precompute.clicks import DEFAULT_OPTIONS
+from precompute.clicks.of_table import read_click_options
 from precompute.clicks.tabulated import tabulate_clicks
 from tactable.rig import ready
+from tactable.rig.first_table import EARLY_OPTIONS
 from tactable.rig.ready import (
     REMAKE,
     compare_with_shipped,
@@ -111,13 +111,10 @@ def test_samples_of_a_shipped_table_are_what_this_code_solves(name: str, tmp_pat
     assert packed_path(name).stat().st_size < 1_000_000
     remedy = f"{name}: numbers have changed: remake the shipped tables with `{REMAKE} {name}`, which takes minutes"
     with open_shipped(device, tmp_path / "table.nc") or pytest.fail(remedy) as table:
-        options = BuildOptions.of(table)
         click = table.clicks[len(table.clicks) // 2]
-        places, key = table.places, table.places.key(click.placement)
-        clicks = [
-            (click, found) for found, _ in tabulate_clicks(device, options.click_options.coarse, places, [key], 1)
-        ]
-    figures = [figure for pair in clicks for figure in click_figures(*pair, same_actuators=True)]
+        key = table.places.key(click.placement)
+        (found,) = tabulate_clicks(device, read_click_options(table), table.places, [key])
+    figures = click_figures(click, found, same_actuators=True)
     assert not [figure for figure in figures if figure[3] > Tolerance().limit(figure[0])], remedy
 
 
@@ -137,6 +134,6 @@ def test_a_shipped_table_is_of_this_code(name: str, tmp_path: Path) -> None:
 def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> None:
     """Other processors round otherwise, which is not heard."""
     device = find_device(name)
-    build_table(device, tmp_path / "built.nc", click_options=DEFAULT_OPTIONS.coarse)
+    build_table(device, tmp_path / "built.nc", click_options=EARLY_OPTIONS)
     with Table.open(tmp_path / "built.nc") as here, open_shipped(device, tmp_path / "t.nc") or pytest.fail() as table:
         assert compare_with_shipped(table, here).changed == 0
