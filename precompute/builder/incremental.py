@@ -17,6 +17,7 @@ from typing import Any
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
+from precompute.clicks.of_table import read_click_options
 
 
 class Part(StrEnum):
@@ -49,15 +50,14 @@ class BuildOptions:
 
     @classmethod
     def of(cls, table: Table) -> "BuildOptions":
-        """The options that a table was built with. Raises TableError for a table that does not note them."""
+        """The options that a table was built with. Raises TableError for a table that does not note known ones."""
         values = table.attributes
         if "clicks_up_to" not in values:
             raise TableError(f"{table.path}: does not say what it was built by; build it again with this version")
-        click = json.loads(str(values["click_options"]))
         return cls(
             code_fingerprint=str(values["code_fingerprint"]),
             clicks_up_to=int(values["clicks_up_to"]),
-            click_options=ClickOptions(**click),
+            click_options=read_click_options(table),
             responses_sha256=str(values.get("responses_sha256", "")),
         )
 
