@@ -70,7 +70,7 @@ def test_fingers_that_the_table_does_not_hold_are_said(source: ClickSource) -> N
 
 
 def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSource) -> None:
-    explained = explained_of(source, "I", "III", 2.0, rivals=True)
+    explained = explained_of(source, "I", "III", 1.0, rivals=True)
     values = click_json(source.table, explained)
     assert [rival["name"] for rival in values["alternatives"]] == ["energy contrast", "gated steady drive"]
     page = page_of(source, explained)
@@ -103,7 +103,7 @@ def test_the_page_names_the_promise_what_is_missed_and_what_is_not_known(source:
     for case, parts in (
         (explained, (*promise, *made, estimates, "temporal summation")),
         (explained_of(source, "I", "III", 60.0), ("60 dB wanted", "NOT ACHIEVED")),
-        (explained_of(source, "I", "III", 2.0), ("not known below 10 dB",)),
+        (explained_of(source, "I", "III", 1.0), ("not known below 10 dB",)),
         (replace(explained, click=never), ("never by a felt finger",)),
         (replace(explained, options=options), ("50 ms", "0.5/length")),
     ):

@@ -30,7 +30,7 @@ def test_a_drive_holds_what_the_solver_found_and_who_asked(table: Table) -> None
 
 
 def test_a_click_is_the_waveform_as_played_with_its_promise(table: Table) -> None:
-    click = table.click_for(["35 mm"], ["120 mm"], level_db=5)
+    click = table.click_for(["35 mm"], ["120 mm"], level_db=-5)
     found = click.to_xarray()
     played = click.samples / 32767 * click.amplitude
     assert found.waveform.values == pytest.approx(played, abs=1e-9)
@@ -40,7 +40,7 @@ def test_a_click_is_the_waveform_as_played_with_its_promise(table: Table) -> Non
     assert float(found.quiet_level.sel(spread="95 %")) == click.quiet.high_db
     assert tuple(found.place.values) == click.placement.position_m != click.asked.position_m == (0.035, 0.12)
     assert np.isnan(table.click_for(["35 mm"]).to_xarray().quiet_level).all()
-    assert "<Click 35 mm (I) felt, 120 mm (II) quiet: length 20 ms; made for" in repr(click)
+    assert "<Click 35 mm (I) felt, 120 mm (II) quiet: length 30 ms; made for" in repr(click)
 
 
 def test_pictures_are_those_of_the_command(table: Table) -> None:
