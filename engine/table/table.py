@@ -57,8 +57,8 @@ class Table:
         """Open and verify a table; raises TableError if it is unusable or does not belong to `device` or the code.
 
         >>> with Table.open("my-bar.nc") as table:
-        ...     print(table.device.name, len(table.clicks))
-        my-bar 13208
+        ...     print(table.device.name, table.is_shipped)
+        my-bar False
         """
         path = Path(path)
         sealed = check_bytes(path, verify)

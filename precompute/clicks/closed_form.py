@@ -45,12 +45,12 @@ SHARE = 95
 # (docs/theory.md#clicks-in-closed-form): half or twice of each changes the median felt level by less than 0.2 dB.
 _OF_FORM, OF_ROWS = 41, 61
 """Plants of the pool whose energy is summed, and from which rows are chosen, the nominal one first; the others trim."""
-_EARLY, _LATE, _AGAIN = (1, 2, 4), (4, 8, 16), (8, 16, 32)
+_EARLY, _LATE, _AGAIN = (1, 2, 4), (4, 8, 16, 32), (8, 16, 32, 64)
 """Exponents p - 2 of the weights, one step each: powers of 2, so that a weight takes squarings only.
 
 Early, from every instant that is tried; late, from the best of them; and again after a change of the limit.
 """
-_TRIED = 2
+_TRIED = 3
 """Instants of one felt finger that are tried: the greatest maxima."""
 _THINNED = 2
 """Up to this exponent every other row counts, since a sum over fewer instants is as good."""

@@ -76,7 +76,7 @@ def nominal_courses(responses: Responses, waveform: Array, weighting: Complex) -
     """Magnitudes (finger, time) at EVALUATION_RATE_HZ in one plant: acceleration, and weighted by the threshold.
 
     Acceleration lacks what lies above the lines, from the corners of the waveform: under felt fingers 0.5 % of its
-    peak, under quiet ones up to 6 %.
+    peak, under quiet ones up to a tenth.
     """
     lines, spectrum = responses.lines, responses.spectrum(waveform)[0]
     acceleration = (spectrum / weighting).astype(np.complex64)

@@ -36,7 +36,8 @@ class ClickSource:
 
     @cached_property
     def _nominal(self) -> NominalFingers:
-        return NominalFingers(self.table.device, self.options)
+        modes = self.table.attributes.get("modes")  # counting them takes compiled kernels
+        return NominalFingers(self.table.device, None if modes is None else int(modes.item()))
 
     @cached_property
     def _steady(self) -> "SteadySolver":

@@ -136,4 +136,4 @@ def test_a_click_of_a_zone_tells_its_waveform_its_places_and_the_other_ways(run:
     assert said["table"]["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
     assert len(said["alternatives"]) == 2
     _, page, _ = run(*words[:-2], "--no-alternatives")
-    assert "a click of 20 ms, solved for these positions, 20 dB wanted" in page
+    assert "a click of 30 ms, solved for these positions, 20 dB wanted" in page

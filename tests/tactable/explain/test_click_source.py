@@ -43,7 +43,7 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
 def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
     click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
     found = [each.level_db for each in source.fingers_of(click, click.placement)]
-    assert found == pytest.approx([each.level_db for each in click.fingers], abs=5e-3)  # of fewer modes
+    assert found == pytest.approx([each.level_db for each in click.fingers], abs=0.05)  # in time
     moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
     assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 0.5
 
