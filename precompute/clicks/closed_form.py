@@ -58,8 +58,11 @@ _COURSES, _COURSES_OF_A_FINGER = 16, 6
 """Plants whose rows are made: for one quiet finger, and at least for each of several."""
 _ROWS_S = 0.07
 """Rows are made from the start of the click until this long after its end; later peaks are trimmed alone."""
-_DRIVE, _ENERGY, _RIDGE = 1e-3, 1e-3, 1e-8
-"""Parts, by trace: of R in the least energy, of that in every later M, and of the unit matrix for rounding."""
+_DRIVE, _ENERGY, _RIDGE = 1e-3, 1e-3, 1e-3
+"""Parts, by trace: of R in the least energy, of that in every later M, and of the unit matrix in the least energy.
+
+The last keeps every M positive definite, whose rows are in single precision: 0 of 11 000 forms failed, without it 5.
+"""
 _NEGLIGIBLE = np.float32(1e-4)
 """Rows of a lower weight, relative to the greatest, are left out of M."""
 _STEPS = np.array([0, 0.05, 0.1, 0.2, 0.35, 0.6, 1], np.float32)
