@@ -7,7 +7,7 @@ with its run. Once kernels are compiled it has the best rows of a sweep that is 
 
 It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
 hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
-fingers (`tactable.run.click_process`). Their places and options are those of a table with coarse clicks.
+fingers (`tactable.run.click_process`). Their places and options are those of a table with clicks at few places.
 """
 
 import json

@@ -209,8 +209,7 @@ export class Panel {
     let text = "none yet";
     if (picture.command) {
       const now = picture.isPlaying ? "plays" : `${picture.age_s.toFixed(1)} s ago`;
-      const steady = picture.isProvisional ? "steady drive, since the click was not solved yet"
-        : scene.choice?.source === "zones" || scene.is_shipped ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
+      const steady = scene.choice?.source === "zones" || scene.is_shipped ? "row of the sweep, looked up for the zones" : "steady drive solved for these positions";
       const what = isClick ? "click, as weights of the firmware's basis" : steady;
       text = `${what}, for ${picture.madeCount === 1 ? "one finger" : `${picture.madeCount} fingers`}, ${level}; ${now}`;
     }

@@ -20,7 +20,7 @@ export function makePicture() {
   return {
     time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isLoaded: true, isPlaying: false, isProvisional: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
+    isLoaded: true, isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
       ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
     // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
