@@ -1,4 +1,4 @@
-"""The commands `build`, with its places and its coarse clicks, `build --watch` and `rollback`."""
+"""The commands `build`, with its places and its clicks, `build --watch` and `rollback`."""
 
 import json
 import shutil
