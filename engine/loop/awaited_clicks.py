@@ -20,7 +20,7 @@ class ClickSolving(Protocol):
 
     @property
     def is_there(self) -> bool:
-        """Whether questions are still answered."""
+        """Whether questions are answered: not before the solver is ready, and not after its end."""
 
     def fileno(self) -> int:
         """Readable when `poll` has something to do."""
@@ -45,7 +45,7 @@ class AwaitedClicks:
         self.descriptor = solving.fileno()
         self._solving, self._pipeline, self._counters, self._hand_over = solving, pipeline, counters, hand_over
         self._asked: tuple[Placement, Device] | None = None
-        pipeline.answerer.awaits_clicks = True
+        pipeline.answerer.awaits_clicks = solving.is_there
 
     def look(self, readable: Container[int] | None) -> None:
         """Take what was solved, and ask for what is awaited; `readable` None: not known."""
@@ -57,7 +57,9 @@ class AwaitedClicks:
                     command = pipeline.learn(click)
                     if command is not None:
                         self._hand_over(command)
-            if not self._solving.is_there and pipeline.answerer.awaits_clicks:
+            if self._solving.is_there:
+                pipeline.answerer.awaits_clicks = True
+            elif pipeline.answerer.awaits_clicks:
                 command = pipeline.stop_awaiting()
                 if command is not None:
                     self._hand_over(command)

@@ -36,8 +36,8 @@ class ClickProcess:
         self._descriptor = self._child.fileno()
         os.set_blocking(self._descriptor, False)
         self.process_id = self._child.process_id
-        self.is_there = True
-        """Whether questions are still answered."""
+        self.is_there = False
+        """Whether questions are answered: not before the child is ready, and not after its end."""
         self._received = bytearray()
         self._answers = Answers()
 
@@ -80,6 +80,7 @@ class ClickProcess:
         except ChildError as error:
             _say(str(error))
             return None
+        self.is_there = True
         return self._answers.decode(answer)
 
     def _end(self) -> None:
@@ -157,6 +158,7 @@ class Service:
             return
         # Its kernels are loaded, or compiled, before the first question.
         self._solver.solve(Placement.on(self._solver.device, [0.2 * self._solver.device.bar.length_m]))
+        self._parent.say({"is_ready": True})
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():
                 newer = self._parent.read()

@@ -85,9 +85,11 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
     ours, theirs = socket.socketpair()
     placement = three_fingers()
     with theirs, ClickProcess(path, lambda *_, **__: ChildHere(ours)) as process:
+        parent = ParentHere(theirs)
+        assert not process.poll() and not process.is_there  # it loads its kernels
+        parent.say({"is_ready": True})
         assert not process.poll() and process.is_there
         process.ask_for_click(placement, DEVICE)
-        parent = ParentHere(theirs)
         service = Service(path, parent)
         service._answer(parent.read() or {})
         solved = list[tuple[str, ClickEntry]]()
