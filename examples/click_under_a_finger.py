@@ -1,6 +1,6 @@
 """A click under a finger: what a table holds for these positions, and what it promises over bars and fingers.
 
-tactable build reference-a                       (minutes; `--clicks-up-to 1` for one finger only: seconds)
+tactable build reference-a                       (a minute; `--clicks-up-to 1` for one finger only: seconds)
 python examples/click_under_a_finger.py reference-a.nc "35 mm" "120 mm"
 """
 
