@@ -97,7 +97,6 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
 
 
 @pytest.mark.usefixtures("one_core")
-@pytest.mark.xfail(strict=True, reason="the table in place does not say that clicks of two fingers are wanted")
 def test_asked_again_it_goes_on_where_it_was(folder: Path) -> None:
     assert not applied("--no-clicks")["has_all_clicks"]
     second = applied()

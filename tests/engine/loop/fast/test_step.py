@@ -133,7 +133,7 @@ def test_with_drives_of_zones_the_run_is_the_same_too(
         due += sum(each.report_index is not None and each.fate is Fate.WRITTEN for each in found.fast.trace)
     # What is left to the loop: drives after a click, and fingers that move.
     assert due > 60
-    assert 0.4 * due < answered
+    assert due < 3 * answered
 
 
 def test_in_zones_every_touch_is_answered_by_look_up(library: ctypes.CDLL) -> None:
