@@ -32,7 +32,7 @@ from precompute.parallel.pool import available_cores
 from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.bar import ENVELOPE_S, Felt, SimulatedBar
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
-from tactable.rig.first_table import EARLY_OPTIONS
+from tactable.rig.first_table import early_options
 from tactable.rig.promises import Promises
 from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
@@ -89,7 +89,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
     """The table of `device` at `path`, built there with clicks at few places where there is none or it is outdated."""
     if is_outdated or not path.exists():
-        build_table(device, path, click_options=EARLY_OPTIONS, workers=available_cores(), progress=progress)
+        build_table(device, path, click_options=early_options(), workers=available_cores(), progress=progress)
     return Table.open(path, device=device, verify=False)
 
 

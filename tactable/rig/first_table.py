@@ -15,7 +15,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.table import Table
@@ -25,17 +25,24 @@ from engine.table.clicks import Clicks
 from engine.table.file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
-from precompute.clicks.options import ClickOptions
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances
 
-EARLY_OPTIONS = ClickOptions(pitch_m=16e-3)
-"""Clicks of tables that are there before the fine ones: few places, so that hundreds of clicks are all."""
+if TYPE_CHECKING:
+    from precompute.clicks import ClickOptions
+
 IS_FIRST = "is_first"
 """Attribute of a table of receptances alone."""
 MODES = 24
 """Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
+
+
+def early_options() -> "ClickOptions":
+    """Clicks of tables that are there before the fine ones: few places, so that hundreds of clicks are all."""
+    from precompute.clicks import ClickOptions  # it loads kernels
+
+    return ClickOptions(pitch_m=16e-3)
 
 
 def open_first_table(device: Device, path: Path, *, has_rows: bool = False, has_click: bool = False) -> Table:
@@ -51,9 +58,9 @@ def solve_first_click(device: Device) -> Clicks:
     """The click of one finger in the middle; where its kernels are not compiled yet, they are."""
     from precompute.clicks import ClickSolver
 
-    places = Places.every(device.bar.length_m, EARLY_OPTIONS.pitch_m)
+    places = Places.every(device.bar.length_m, early_options().pitch_m)
     middle = places.placement((2 * (places.count // 2) + 1,))
-    return Clicks.of(places, [ClickSolver(device, EARLY_OPTIONS.at(places)).solve_entry(middle)])
+    return Clicks.of(places, [ClickSolver(device, early_options().at(places)).solve_entry(middle)])
 
 
 def is_first(table: Table) -> bool:
@@ -106,5 +113,5 @@ def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:
     return {
         "click_pitch_m": clicks.places.pitch_m,
         "click_tolerance_m": clicks.tolerance_m,
-        "click_options": json.dumps(asdict(EARLY_OPTIONS)),
+        "click_options": json.dumps(asdict(early_options())),
     }

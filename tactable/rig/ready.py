@@ -32,7 +32,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances
-from tactable.rig.first_table import EARLY_OPTIONS, MODES
+from tactable.rig.first_table import MODES, early_options
 from tactable.shipped import find_device, ready_folder, shipped_names
 
 _GROUPS = ("best_rows", "clicks")
@@ -158,7 +158,7 @@ def main(names: list[str]) -> None:
         device = find_device(name)
         with work_folder("pack") as folder:
             path = folder / "built.nc"
-            build_table(device, path, click_options=EARLY_OPTIONS, workers=available_cores())
+            build_table(device, path, click_options=early_options(), workers=available_cores())
             with Table.open(path, device=device) as built:
                 pack(built, packed_path(name))
         sys.stdout.write(f"{packed_path(name)}: {packed_path(name).stat().st_size / 1e6:.2f} MB\n")

@@ -16,7 +16,7 @@ from typing import Any
 
 from base.child import Parent
 from base.files import rename_durably
-from tactable.rig.first_table import EARLY_OPTIONS, write_first_table
+from tactable.rig.first_table import early_options, write_first_table
 from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
@@ -63,7 +63,7 @@ def build(order: BuildOrder, parent: Parent) -> None:
     order.path.parent.mkdir(parents=True, exist_ok=True)
     with _sigterm_as_interrupt():
         workers = available_cores()
-        build_table(device, early, click_options=EARLY_OPTIONS, workers=workers, progress=progress)
+        build_table(device, early, click_options=early_options(), workers=workers, progress=progress)
         parent.say({"usable": str(early)})
         build_table(device, early, completes=True, workers=workers, progress=progress)
     rename_durably(early, order.path)

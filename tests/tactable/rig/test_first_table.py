@@ -13,8 +13,8 @@ from precompute.model.modal import compute_basis
 from precompute.sampling.places import modal_receptances, solve_place_receptances
 from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
-    EARLY_OPTIONS,
     MODES,
+    early_options,
     is_first,
     open_first_table,
     solve_first_click,
@@ -53,8 +53,8 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
     write_first_table(device, path, clicks)
     with Table.open(path, device=device) as table:
         assert is_first(table) and len(table.clicks) == 1
-        assert read_click_options(table) == EARLY_OPTIONS
+        assert read_click_options(table) == early_options()
         assert table.clicks.basis is not None
-        assert table.clicks.basis.hash == click_basis(device, EARLY_OPTIONS).hash
-        assert table.places == Places.every(device.bar.length_m, EARLY_OPTIONS.pitch_m)
-        assert table.clicks.tolerance_m == EARLY_OPTIONS.at(table.places).tolerance_m
+        assert table.clicks.basis.hash == click_basis(device, early_options()).hash
+        assert table.places == Places.every(device.bar.length_m, early_options().pitch_m)
+        assert table.clicks.tolerance_m == early_options().at(table.places).tolerance_m

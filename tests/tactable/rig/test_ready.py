@@ -13,7 +13,7 @@ from precompute.builder.build import build_table
 from precompute.clicks.of_table import read_click_options
 from precompute.clicks.tabulated import tabulate_clicks
 from tactable.rig import ready
-from tactable.rig.first_table import EARLY_OPTIONS
+from tactable.rig.first_table import early_options
 from tactable.rig.ready import (
     REMAKE,
     compare_with_shipped,
@@ -134,6 +134,6 @@ def test_a_shipped_table_is_of_this_code(name: str, tmp_path: Path) -> None:
 def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> None:
     """Other processors round otherwise, which is not heard."""
     device = find_device(name)
-    build_table(device, tmp_path / "built.nc", click_options=EARLY_OPTIONS)
+    build_table(device, tmp_path / "built.nc", click_options=early_options())
     with Table.open(tmp_path / "built.nc") as here, open_shipped(device, tmp_path / "t.nc") or pytest.fail() as table:
         assert compare_with_shipped(table, here).changed == 0
