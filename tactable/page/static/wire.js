@@ -1,6 +1,6 @@
 // The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 5;
+export const VERSION = 6;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
