@@ -101,16 +101,18 @@ def test_what_is_promised_holds_on_other_plants(name: str) -> None:
     assert np.mean(errors_db, axis=0) == pytest.approx([0.0, 0.0], abs=0.3)
 
 
-@pytest.mark.parametrize(
-    ("name", "letters"),
-    [("reference-a", "F--q-"), ("reference-a", "-qFq-"), ("reference-t", "qF-F-"), ("reference-t", "qqFqq")],
-)
-def test_it_loses_little_against_the_linear_program(name: str, letters: str) -> None:
-    placement = placed(shipped(name), letters)
-    own = solver_of(name, DEFAULT_OPTIONS).solve(placement).waveform
-    judge = program_solver(name).solve(placement).waveform
-    (felt, quiet), (judged, _) = (levels_on_fresh_plants(name, placement, waveform) for waveform in (own, judge))
-    assert felt >= judged - 3.0 and quiet <= 1.2  # of one placement; 0.4 dB in the mean
+def test_it_loses_little_against_the_linear_program() -> None:
+    """Felt by each placement, and kept quiet in their mean: what a percentile of one errs by is a law of its own."""
+    quiet_db = list[float]()
+    cases = [("reference-a", "F--q-"), ("reference-a", "-qFq-"), ("reference-t", "qF-F-"), ("reference-t", "qqFqq")]
+    for name, letters in cases:
+        placement = placed(shipped(name), letters)
+        own = solver_of(name, DEFAULT_OPTIONS).solve(placement).waveform
+        judge = program_solver(name).solve(placement).waveform
+        (felt, quiet), (judged, _) = (levels_on_fresh_plants(name, placement, waveform) for waveform in (own, judge))
+        assert felt >= judged - 3.0 and quiet <= 1.2
+        quiet_db.append(quiet)
+    assert np.mean(quiet_db) <= 0.7
 
 
 @cache

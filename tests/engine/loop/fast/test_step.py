@@ -118,22 +118,19 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.C
 
 @pytest.mark.parametrize("drives", Drives)
 @pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
-@pytest.mark.parametrize("seed", first_quick([7, 8]))
-def test_with_drives_of_zones_the_run_is_the_same_too(
-    library: ctypes.CDLL, device: Device, drives: Drives, seed: int
-) -> None:
+def test_with_drives_of_zones_the_run_is_the_same_too(library: ctypes.CDLL, device: Device, drives: Drives) -> None:
     """Those of a table that plays clicks beside them, and those that take the place of clicks."""
-    random, answered, due = np.random.default_rng(seed), 0, 0
+    random, answered, due = np.random.default_rng(7), 0, 0
     rows = rows_of(device, (LEVEL_DB, math.inf), short_of=(1,))
-    for _ in range(20):
+    for _ in range(40):
         frames, rules = random_frames(random, 14), random_rules(random, device)
         refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
         found = both(library, recording_of(frames), Effects(rules, drives=drives), device, refuses, rows=rows)
         answered += found.answered
         due += sum(each.report_index is not None and each.fate is Fate.WRITTEN for each in found.fast.trace)
     # What is left to the loop: drives after a click, and fingers that move.
-    assert due > 60
-    assert due < 3 * answered
+    assert due > 120
+    assert 0.4 * due < answered
 
 
 def test_in_zones_every_touch_is_answered_by_look_up(library: ctypes.CDLL) -> None:
