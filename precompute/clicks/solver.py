@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 FULL_SCALE = 32767
 """Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
 MANY_FINGERS = 4
-"""From so many fingers on half the plants judge: the strongest of many quiet fingers differs little between plants."""
+"""A click for this many fingers or more is judged on half of the plants: they differ less from one another."""
 RESIDUAL_S = 0.03
 """Time after the end of a click from which its residual is evaluated."""
 
