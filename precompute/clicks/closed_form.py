@@ -41,22 +41,23 @@ Integers = NDArray[np.int64]
 
 SHARE = 95
 """Percentage of the plants that keep to the quiet level."""
-# The constants below were chosen on 16 to 40 random placements of one to five fingers on each of three bars
+# The constants below were chosen on 40 to 100 random placements of one to five fingers on each of three bars
 # (docs/theory.md#clicks-in-closed-form): half or twice of each changes the median felt level by less than 0.2 dB.
 _OF_FORM, OF_ROWS = 41, 61
 """Plants of the pool whose energy is summed, and from which rows are chosen, the nominal one first; the others trim."""
-_EARLY, _LATE, _AGAIN = (1, 2, 4), (4, 8, 16, 32), (8, 16, 32, 64)
+_EARLY, _LATE, _AGAIN = (1, 2), (4, 8, 8, 16, 32), (8, 8, 16, 32, 64)
 """Exponents p - 2 of the weights, one step each: powers of 2, so that a weight takes squarings only.
 
 Early, from every instant that is tried; late, from the best of them; and again after a change of the limit.
 """
-_TRIED = 3
+_TRIED = 2
 """Instants of one felt finger that are tried: the greatest maxima."""
-_THINNED = 2
-"""Up to this exponent every other row counts, since a sum over fewer instants is as good."""
-_COURSES, _COURSES_OF_A_FINGER = 16, 6
+_THINNED, _EVERY = 4, 3
+"""Up to this exponent every third row counts, since a sum over fewer instants is as good."""
+_COURSES, _COURSES_OF_A_FINGER = 24, 9
 """Plants whose rows are made: for one quiet finger, and at least for each of several."""
-_ROWS_S = 0.07
+_AT_ONCE = 4
+_ROWS_S = 0.04
 """Rows are made from the start of the click until this long after its end; later peaks are trimmed alone."""
 _DRIVE, _ENERGY, _RIDGE = 1e-3, 1e-3, 1e-3
 """Parts, by trace: of R in the least energy, of that in every later M, and of the unit matrix in the least energy.
@@ -104,8 +105,9 @@ class ClosedForm:
         others like those of the pool from OF_ROWS on.
         """
         formed = pool.transfer[:_OF_FORM]
-        felt_rows = self._rows(np.ascontiguousarray(formed[:, felt].mean(axis=0)), self._lines, self._last)
-        aims = _Aims(felt_rows[:, self._first :])
+        felt_rows = np.empty((len(felt) * self._last, len(self._spectrum)), np.float32)
+        self._fill_rows(formed[:, felt].mean(axis=0), self._lines, 1.0, felt_rows)
+        aims = _Aims(felt_rows.reshape(len(felt), self._last, -1)[:, self._first :])
         energy = self._drive_energy
         if quiet:
             energy = self._quiet_energy(formed[:, quiet]) + _DRIVE * energy
@@ -113,8 +115,10 @@ class ClosedForm:
         aims.choose(energy)
         rows = self._drive
         if quiet:
-            quiet_rows = self._quiet_rows(pool.transfer[:OF_ROWS], quiet, aims.closed_form(energy))
-            rows = np.concatenate([rows, quiet_rows / np.float32(limit)])
+            hardest = self._hardest(pool.transfer[1:OF_ROWS, quiet], aims.closed_form(energy))
+            rows = np.empty((len(self._drive) + len(hardest) * self._row_steps, len(energy)), np.float32)
+            rows[: len(self._drive)] = self._drive
+            self._fill_rows(hardest, self._sparse, 1 / limit, rows[len(self._drive) :])
         weight = self._from_best_instant(rows, energy, aims)
         if not quiet:
             return weight
@@ -140,7 +144,7 @@ class ClosedForm:
         for exponent in exponents:
             least = aims.follow(weight)
             weight, value = weight / least, value / np.float32(least)
-            kept = _scale_rows(rows, value, exponent, _THINNED if exponent <= _THINNED else 1, scaled)
+            kept = _scale_rows(rows, value, exponent, _EVERY if exponent <= _THINNED else 1, scaled)
             form = (scaled[:kept].T @ scaled[:kept]).astype(np.float64)
             form += _ENERGY * np.trace(form) * energy
             step = aims.closed_form(form) - weight
@@ -162,26 +166,31 @@ class ClosedForm:
         form: Array = out / np.trace(out)
         return form
 
-    def _rows(self, transfer: Complex32, lines: DampedLines, steps: int) -> Single:
-        """Rows (course, time, tone) from transfer (course, actuator, line)."""
-        spectrum = transfer[:, self._tones.actuator] * self._spectrum
-        course = lines.period(spectrum)[..., :steps] * (
-            lines.growth[:steps] * np.float32(lines.rate_hz / SAMPLE_RATE_HZ)
-        )
-        return np.ascontiguousarray(course.transpose(0, 2, 1))
+    def _fill_rows(self, transfer: Complex32, lines: DampedLines, factor: float, rows: Single) -> None:
+        """Fill rows (course and time, tone) with factor times the response to each tone.
 
-    def _quiet_rows(self, transfer: Complex32, quiet: Sequence[int], weight: Array) -> Single:
-        """Rows (row, tone) of the plants whose peaks are the highest of those that are to keep the limit."""
+        transfer (course, actuator, line). A few courses at a time: their transforms stay in the caches.
+        """
+        out = rows.reshape(len(transfer), -1, rows.shape[1])
+        growth = lines.growth[: out.shape[1], None] * np.float32(factor * lines.rate_hz / SAMPLE_RATE_HZ)
+        for start in range(0, len(transfer), _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            spectrum = transfer[part, self._tones.actuator] * self._spectrum
+            course = lines.period(spectrum)[..., : out.shape[1]]
+            np.multiply(course.transpose(0, 2, 1), growth, out=out[part])
+
+    def _hardest(self, under: Complex32, weight: Array) -> Complex32:
+        """Transfer (course, actuator, line) of the plants whose peaks are the highest of those that keep the limit.
+
+        under (plant, finger, actuator, line), the fingers each with as many plants.
+        """
         drive = np.stack([weight[mine].astype(np.float32) @ self._spectrum[mine] for mine in self._own])
-        under = transfer[1:, quiet]
         course = self._sparse.period(combine(under.reshape(-1, *under.shape[2:]), drive))[:, : self._row_steps]
         peak = np.abs(course * self._sparse.growth[: self._row_steps]).max(axis=1).reshape(under.shape[:2])
         kept = np.argsort(peak.max(axis=1))[: round(len(peak) * SHARE / 100)]
-        count = max(_COURSES // len(quiet), _COURSES_OF_A_FINGER)
-        highest = np.argsort(peak[kept], axis=0)[-count:]
-        chosen = under[kept[highest], np.arange(len(quiet))]
-        rows = self._rows(chosen.reshape(-1, *chosen.shape[2:]), self._sparse, self._row_steps)
-        return rows.reshape(-1, len(weight))
+        fingers = under.shape[1]
+        highest = np.argsort(peak[kept], axis=0)[-max(_COURSES // fingers, _COURSES_OF_A_FINGER) :]
+        return under[kept[highest], np.arange(fingers)].reshape(-1, *under.shape[2:])
 
     def _drive_share(self, weight: Array) -> float:
         """The greatest row of the drive: 1 at its limits."""

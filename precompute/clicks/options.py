@@ -40,7 +40,7 @@ class ClickOptions:
     @property
     def waited_for(self) -> "ClickOptions":
         """The options for clicks that fingers wait for: as strong and as quiet, judged on fewer plants."""
-        return replace(self.at_fingers, judged=min(40, self.judged))
+        return replace(self.at_fingers, judged=min(80, self.judged))
 
     @property
     def at_fingers(self) -> "ClickOptions":

@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 FULL_SCALE = 32767
 """Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
 MANY_FINGERS = 4
-"""A click for this many fingers or more is judged on half of the plants: they differ less from one another."""
+"""A click for this many fingers or more is trimmed and judged on half of the plants, which differ less then."""
 RESIDUAL_S = 0.03
 """Time after the end of a click from which its residual is evaluated."""
 
@@ -153,7 +153,7 @@ class ClickSolver:
     def _counts(self, fingers: int) -> tuple[int, int]:
         """Plants of the pool and to judge with, the nominal ones included."""
         pool, judged = (len(scenarios) for scenarios in self.scenarios)
-        return pool, judged if fingers < MANY_FINGERS else 1 + judged // 2
+        return (pool, judged) if fingers < MANY_FINGERS else ((OF_ROWS + pool) // 2, 1 + judged // 2)
 
     def _compute_plants(self, position_m: tuple[float, ...]) -> Plants:
         pool, judged = (

@@ -41,7 +41,7 @@ def _fresh_plants(name: str, count: int) -> SampledPlants:
     return SampledPlants(sample_scenarios(device, count, FRESH_SEED), lines_for(device, DEFAULT_OPTIONS.length_s))
 
 
-def fresh_responses(name: str, placement: Placement, count: int = 600, tolerance_m: float | None = None) -> Responses:
+def fresh_responses(name: str, placement: Placement, count: int = 2000, tolerance_m: float | None = None) -> Responses:
     """Responses of sampled plants of a shipped device that no click was made with, under clicks of the usual length."""
     plants = _fresh_plants(name, count)
     return Responses(plants.transfer(plants.scenarios.place(placement.position_m, tolerance_m)), plants.lines)

@@ -93,7 +93,7 @@ def test_what_is_promised_holds_on_other_plants(name: str) -> None:
     """In the mean of random placements of two to four fingers."""
     errors_db = list[tuple[float, float]]()
     for fingers in (2, 3, 4):
-        for placement in random_placements(shipped(name), Anywhere(placements=2, fingers=fingers, feeling=1)):
+        for placement in random_placements(shipped(name), Anywhere(placements=4, fingers=fingers, feeling=1)):
             click = solver_of(name, DEFAULT_OPTIONS).solve(placement)
             felt, quiet = levels_on_fresh_plants(name, placement, click.waveform)
             assert click.evaluation.quiet is not None
@@ -121,7 +121,7 @@ def program_solver(name: str) -> ProgramSolver:
 
 
 def levels_on_fresh_plants(name: str, placement: Placement, waveform: Array) -> tuple[float, float]:
-    """Level in dB of the weakest felt finger in 5 %, and of the strongest quiet one in 95 % of 600 plants."""
+    """Level in dB of the weakest felt finger in 5 %, and of the strongest quiet one in 95 % of 2000 plants."""
     fresh = fresh_responses(name, placement)
     felt, quiet = (decibels(fresh.peaks(waveform, fingers)[1:]) for fingers in (placement.felt, placement.quiet))
     return float(np.percentile(felt.min(axis=1), 5)), float(np.percentile(quiet.max(axis=1), 95))

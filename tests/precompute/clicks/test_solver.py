@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from precompute.clicks.basis import SAMPLE_RATE_HZ
+from precompute.clicks.closed_form import OF_ROWS
 from precompute.clicks.solver import FULL_SCALE, MANY_FINGERS, ClickSolver
 from tests.precompute.clicks.click_cases import CHEAP, placed, solver_of
 from tests.precompute.devices import mirrored, shipped
@@ -45,12 +46,12 @@ def test_an_order_of_placements_changes_no_click() -> None:
     assert all((a == b).all() for a, b in zip(forth, back[::-1], strict=True))
 
 
-def test_from_many_fingers_on_half_the_plants_judge() -> None:
+def test_from_many_fingers_on_half_the_plants_trim_and_judge() -> None:
     solver = solver_of("reference-a")
-    for fingers in (MANY_FINGERS - 1, MANY_FINGERS):
+    for fingers, part in ((MANY_FINGERS - 1, 1), (MANY_FINGERS, 2)):
         plants = solver.plants_of(tuple(np.linspace(0.02, 0.25, fingers).tolist()))
-        judging = CHEAP.judged if fingers < MANY_FINGERS else CHEAP.judged // 2
-        assert (len(plants.pool.transfer), len(plants.judged.transfer)) == (1 + CHEAP.pool, 1 + judging)
+        trimming, judging = len(plants.pool.transfer) - OF_ROWS, len(plants.judged.transfer) - 1
+        assert (trimming, judging) == ((1 + CHEAP.pool - OF_ROWS) // part, CHEAP.judged // part)
 
 
 @pytest.mark.parametrize("letters", ["F--q-", "qqFqq", "F----"])
