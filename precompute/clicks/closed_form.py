@@ -54,8 +54,8 @@ _TRIED = 2
 """Instants of one felt finger that are tried: the greatest maxima."""
 _THINNED, _EVERY = 4, 3
 """Up to this exponent every third row counts, since a sum over fewer instants is as good."""
-_COURSES, _COURSES_OF_A_FINGER = 24, 9
-"""Plants whose rows are made: for one quiet finger, and at least for each of several."""
+_COURSES, _COURSES_OF_A_FINGER, _MOST_COURSES = 24, 9, 40
+"""Plants whose rows are made: for one quiet finger, at least for each of some, and at most for all of many."""
 _AT_ONCE = 4
 _ROWS_S = 0.04
 """Rows are made from the start of the click until this long after its end; later peaks are trimmed alone."""
@@ -189,7 +189,8 @@ class ClosedForm:
         peak = np.abs(course * self._sparse.growth[: self._row_steps]).max(axis=1).reshape(under.shape[:2])
         kept = np.argsort(peak.max(axis=1))[: round(len(peak) * SHARE / 100)]
         fingers = under.shape[1]
-        highest = np.argsort(peak[kept], axis=0)[-max(_COURSES // fingers, _COURSES_OF_A_FINGER) :]
+        count = min(max(_COURSES // fingers, _COURSES_OF_A_FINGER), _MOST_COURSES // fingers)
+        highest = np.argsort(peak[kept], axis=0)[-count:]
         return under[kept[highest], np.arange(fingers)].reshape(-1, *under.shape[2:])
 
     def _drive_share(self, weight: Array) -> float:

@@ -43,8 +43,6 @@ Array = NDArray[np.float64]
 
 FULL_SCALE = 32767
 """Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
-MANY_FINGERS = 4
-"""A click for this many fingers or more is trimmed and judged on half of the plants, which differ less then."""
 RESIDUAL_S = 0.03
 """Time after the end of a click from which its residual is evaluated."""
 
@@ -151,9 +149,13 @@ class ClickSolver:
         return ManyPlants(pool[OF_ROWS:], many), ManyPlants(judged[1:], many)
 
     def _counts(self, fingers: int) -> tuple[int, int]:
-        """Plants of the pool and to judge with, the nominal ones included."""
+        """Plants of the pool and to judge with, the nominal ones included.
+
+        The strongest of many fingers differs less from plant to plant: 2 n of them are trimmed and judged on 1/n.
+        """
         pool, judged = (len(scenarios) for scenarios in self.scenarios)
-        return (pool, judged) if fingers < MANY_FINGERS else ((OF_ROWS + pool) // 2, 1 + judged // 2)
+        part = max(1, fingers // 2)
+        return OF_ROWS + (pool - OF_ROWS) // part, 1 + (judged - 1) // part
 
     def _compute_plants(self, position_m: tuple[float, ...]) -> Plants:
         pool, judged = (

@@ -5,7 +5,7 @@ import pytest
 
 from precompute.clicks.basis import SAMPLE_RATE_HZ
 from precompute.clicks.closed_form import OF_ROWS
-from precompute.clicks.solver import FULL_SCALE, MANY_FINGERS, ClickSolver
+from precompute.clicks.solver import FULL_SCALE, ClickSolver
 from tests.precompute.clicks.click_cases import CHEAP, placed, solver_of
 from tests.precompute.devices import mirrored, shipped
 
@@ -46,9 +46,9 @@ def test_an_order_of_placements_changes_no_click() -> None:
     assert all((a == b).all() for a, b in zip(forth, back[::-1], strict=True))
 
 
-def test_from_many_fingers_on_half_the_plants_trim_and_judge() -> None:
+def test_for_more_fingers_fewer_plants_trim_and_judge() -> None:
     solver = solver_of("reference-a")
-    for fingers, part in ((MANY_FINGERS - 1, 1), (MANY_FINGERS, 2)):
+    for fingers, part in ((1, 1), (3, 1), (4, 2), (7, 3)):
         plants = solver.plants_of(tuple(np.linspace(0.02, 0.25, fingers).tolist()))
         trimming, judging = len(plants.pool.transfer) - OF_ROWS, len(plants.judged.transfer) - 1
         assert (trimming, judging) == ((1 + CHEAP.pool - OF_ROWS) // part, CHEAP.judged // part)
