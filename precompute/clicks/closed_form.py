@@ -83,7 +83,7 @@ class ClosedForm:
     def __init__(self, tones: Tones, lines: DampedLines, drive: Array) -> None:
         self._tones, self._lines = tones, lines
         self._spectrum = lines.transform(tones.wave)
-        self._drive = drive.astype(np.float32)
+        self._drive = np.ascontiguousarray(drive, np.float32)
         drive_energy = drive.T @ drive
         self._drive_energy: Array = drive_energy / np.trace(drive_energy)
         self._own = [np.flatnonzero(tones.actuator == actuator) for actuator in np.unique(tones.actuator)]

@@ -65,7 +65,7 @@ class SampledPlants:
         mass_damping = np.array([bar.mass_damping_per_s for bar in bars])
         stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
         self._compliance = (1 / square_omega[:, self.modes :]).astype(np.float32)
-        square_omega = square_omega[:, : self.modes]
+        square_omega = np.ascontiguousarray(square_omega[:, : self.modes])
         self._pole = np.empty((len(scenarios), self.modes + 1, 2, len(lines.s_per_s)), np.float32)
         own_damping = mass_damping[:, None] + stiffness_damping[:, None] * square_omega
         s_per_s = lines.s_per_s
@@ -79,7 +79,8 @@ class SampledPlants:
         self._actuator = self._shapes(position_m)
         # The modes damp as sigma + eta omega^2; actuators' springs and masses have a part in that or not.
         in_modes = stiffness_damping[:, None] * stiffness + mass_damping[:, None] * mass
-        self._damper = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
+        self._damper = np.zeros((*damping.shape, 3), np.float32)
+        self._damper[..., 1] = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
         self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
         self._factor = output_factor(lines, scenarios.device.threshold)
         transfers = transfers_at(scenarios.device.actuators, s_per_s)
@@ -100,8 +101,7 @@ class SampledPlants:
             self._compliance,
             np.concatenate([self._actuator[:count], self._shapes(fingers.position_m)], axis=1),
             s,
-            self._damper.astype(np.float32),
-            impedance.astype(np.float32),
+            np.concatenate([self._damper[:count], impedance.astype(np.float32)], axis=1),
             self._force,
             self._factor.astype(np.complex64),
             out,
@@ -226,8 +226,7 @@ def _fill_transfer(
     compliance: Single,
     shape: Single,
     s: Complex32,
-    damper: Single,
-    impedance: Single,
+    attached: Single,
     force: Single,
     factor: Complex32,
     out: Complex32,
@@ -235,9 +234,9 @@ def _fill_transfer(
     """Transfer functions (scenario, finger, actuator, line), scenario by scenario.
 
     pole (scenario, mode, 2, line), the last one that of the static modes; compliance (scenario, static mode). shape
-    (scenario, place, mode): the actuators first, then the fingers; all modes. damper (scenario, actuator); impedance
-    (scenario, finger, 3): stiffness, damping, mass; force (scenario, actuator, 2). Real and imaginary parts are
-    separate arrays along the lines, so that the loops over lines become vector instructions.
+    (scenario, place, mode): the actuators first, then the fingers; all modes. attached (scenario, place, 3): stiffness,
+    damping, mass; force (scenario, actuator, 2). Real and imaginary parts are separate arrays along the lines, so that
+    the loops over lines become vector instructions.
     """
     scenarios, fingers, actuators, count = out.shape
     places, moving, modes = shape.shape[1], pole.shape[1] - 1, pole.shape[1]
@@ -257,11 +256,9 @@ def _fill_transfer(
                     weight[_pair(p, q, places), m] = shape[i, p, m] * shape[i, q, m]
                 weight[_pair(p, q, places), moving] = static
         _fill_sums(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
-        for j in range(actuators):
-            _attach(g, j, actuators, real, imag, np.float32(0.0), damper[i, j], np.float32(0.0), column, space)
-        for f in range(fingers):
-            stiffness, damping, mass = impedance[i, f]
-            _attach(g, actuators + f, actuators, real, imag, stiffness, damping, mass, column, space)
+        for j in range(places):
+            stiffness, damping, mass = attached[i, j]
+            _attach(g, j, actuators, real, imag, stiffness, damping, mass, column, space)
         for f in range(fingers):
             for n in range(actuators):
                 spring, rate = force[i, n]

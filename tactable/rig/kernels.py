@@ -3,6 +3,7 @@
 Numba compiles a kernel with a declared signature when its module is imported, and keeps it in a cache; later imports
 load it in milliseconds. So a process that must not wait imports none of these modules until another has, with this.
 Those of clicks come first, since steady drives can do without for a while (`engine.steady.plain`), and no click can.
+They have no declared signature: the first click compiles them.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,9 +21,7 @@ STEADY = (
     "engine.steady.search",
 )
 """What steady drives at any positions take."""
-CLICKS = ("precompute.model.band_solver",)
-"""What clicks take beside kernels without a declared signature, which the first click compiles."""
-SWEEP = ("precompute.model.gram", "precompute.sweep.kernels")
+SWEEP = ("precompute.model.band_solver", "precompute.model.gram", "precompute.sweep.kernels")
 """What the rows of a sweep take, which zones play."""
 BUILDS = (
     "precompute.sampling.bars",
@@ -31,15 +30,14 @@ BUILDS = (
 )
 """What builds take beside that."""
 _FIRST_CLICK = "the first click"
-_ALL = (*CLICKS, _FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)
+_ALL = (_FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)
 OnModule = Callable[[str, int, int], None]
 """Told the name, number and count of what is compiled, before each."""
 
 
 def compile_for_clicks(on_module: OnModule, device: Device) -> Clicks:
-    """Compile what clicks take; the first click of the device, whose solving compiles the last of it."""
-    compile_all(CLICKS, on_module)
-    on_module(_FIRST_CLICK, _ALL.index(_FIRST_CLICK) + 1, len(_ALL))
+    """The first click of the device, whose solving compiles what clicks take."""
+    on_module(_FIRST_CLICK, 1, len(_ALL))
     return solve_first_click(device)
 
 

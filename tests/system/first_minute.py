@@ -82,11 +82,11 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                         return
                 has_table = scene["clicks"] and not scene["is_shipped"] and not scene.get("solved")
                 if has_table:
-                    tell("table with coarse clicks")
+                    tell("table with clicks of one finger")
                 if has_table and "first click" in told and not to_the_end:
                     return
                 if plays and scene["building"] is None and "first click" in told and scene.get("has_kernels"):
-                    tell("fine table")
+                    tell("whole table")
                     return
             elif message[1] == Kind.PICTURE and plays:
                 if message[_LEVELS_AT]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.rig.kernels import BUILDS, CLICKS, STEADY, SWEEP
+from tactable.rig.kernels import BUILDS, STEADY, SWEEP
 
 ROOT = Path(__file__).parents[3]
 PLAYS_FIRST = ("tactable.page.opening", "tactable.page.processes.engine", "tactable.rig.ready")
@@ -34,12 +34,12 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
         for path in (ROOT / room).rglob("*.py")
         if re.search(r"^@njit\(\s*types\.", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
-    assert declared == {*CLICKS, *STEADY, *SWEEP, *BUILDS}
+    assert declared == {*STEADY, *SWEEP, *BUILDS}
 
 
 @pytest.mark.machine(stall_s=None)
 def test_what_plays_first_imports_nothing_slow_and_plays_without_a_compiler(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", PLAYED], capture_output=True, text=True, check=True, cwd=tmp_path)
     imported, after_a_drive = (set(line.split()) for line in done.stdout.splitlines())
-    assert set(PLAYS_FIRST) < imported and not {*CLICKS, *STEADY, *SWEEP, *BUILDS, *SLOW} & imported
+    assert set(PLAYS_FIRST) < imported and not {*STEADY, *SWEEP, *BUILDS, *SLOW} & imported
     assert "engine.steady.plain" in after_a_drive and "numba" not in after_a_drive
