@@ -1,7 +1,8 @@
 """Processor time of a demo's page from its start to its first picture, its first click and the table built here.
 
-`python -m tests.system.first_minute [DEVICE] [--tactable COMMAND] [--to-the-end]` runs `tactable demo` with empty
-caches. All processes of the demo count. The build begins once the page plays, and counts too.
+`python -m tests.system.first_minute [DEVICE] [--tactable COMMAND] [--to-the-end] [--with-kernels]` runs `tactable demo`
+with empty caches, or with the kernels that this checkout has compiled before. All processes of the demo count. The
+build begins once the page plays, and counts too.
 """
 
 import argparse
@@ -101,10 +102,12 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                 pictures += 1
 
 
-def main(tactable: str, device: str, *, to_the_end: bool) -> None:
+def main(tactable: str, device: str, *, to_the_end: bool, with_kernels: bool) -> None:
     """Run the demo and print what came when."""
     with tempfile.TemporaryDirectory() as folder:
-        caches = {"XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": f"{folder}/kernels"}
+        caches = {"XDG_CACHE_HOME": folder}
+        if not with_kernels:
+            caches["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
         with subprocess.Popen(
             [tactable, "demo", device, "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
         ) as demo:
@@ -122,5 +125,6 @@ if __name__ == "__main__":
     parser.add_argument("device", nargs="?", default="reference-a")
     parser.add_argument("--tactable", default=str(Path(sys.executable).parent / "tactable"))
     parser.add_argument("--to-the-end", action="store_true")
+    parser.add_argument("--with-kernels", action="store_true")
     asked = parser.parse_args()
-    main(asked.tactable, asked.device, to_the_end=asked.to_the_end)
+    main(asked.tactable, asked.device, to_the_end=asked.to_the_end, with_kernels=asked.with_kernels)

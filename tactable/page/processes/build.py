@@ -7,6 +7,7 @@ as fingers ask for them. Then come those of steady drives, and those of builds.
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -20,6 +21,10 @@ from tactable.rig.first_table import early_options, write_first_table
 from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
+
+
+_HEAD_START_S = 3.0
+"""The page changes over to the table with the first click in this time, and starts what solves the others."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,7 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is None:
         write_first_table(device, order.first, clicks)
         parent.say({"usable": str(order.first)})
+        time.sleep(_HEAD_START_S)
     compile_all((*STEADY, *SWEEP), say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
