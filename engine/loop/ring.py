@@ -192,6 +192,10 @@ class RingReader:
             )
         self._next = max(0, written - self._slots) if from_start else written
 
+    def skip_to(self, index: int) -> None:
+        """Leave out records before this one."""
+        self._next = max(self._next, index)
+
     def read(self) -> Iterator[Record]:
         """Every record that is there and was not read yet, in order."""
         (written,) = _COUNT.unpack_from(self._memory, _WRITTEN_AT)

@@ -349,14 +349,16 @@ class DemoBackend:
         self._is_between = True
         self._pointers.feed(None)
         try:
-            for line in await self._engine.play(order):
-                self._say(line)
+            lines, first_record = await self._engine.play(order)
         finally:
             self._is_between = False
         if before is not None and view.bar is not before.bar:
             view.begin_at_rest(before.bar.now_us)
         if self._reader is None:
             self._reader = RingReader(self._engine.ring, from_start=True)
+        self._reader.skip_to(first_record)  # what the run before saw last is no finger of this one
+        for line in lines:
+            self._say(line)
         shown = self._table
         self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
         self._pointers.feed(self._engine.feed)

@@ -71,11 +71,11 @@ class EngineProcess:
             os.close(reading)
         return cls(child, PointerFeed(writing), ring)
 
-    async def play(self, order: Order) -> list[str]:
-        """Play another order; returns what to print once the run is ready. Raises ChildError."""
+    async def play(self, order: Order) -> tuple[list[str], int]:
+        """Play another order; once it is ready, what to print and its first record in the ring. Raises ChildError."""
         self.child.write(order.as_json())
-        lines: list[str] = (await self.child.read())["lines"]
-        return lines
+        answer = await self.child.read()
+        return answer["lines"], answer["first_record"]
 
     async def end(self) -> None:
         """End the process."""

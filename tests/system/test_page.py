@@ -9,7 +9,7 @@ import signal
 import struct
 import subprocess
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Browser, expect
@@ -22,7 +22,6 @@ from tests.system.page import (
     DESKTOP,
     FELT,
     FIRST,
-    MADE,
     PATIENCE_S,
     PHONE,
     QUIET,
@@ -159,19 +158,18 @@ def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> No
         visit.page.mouse.move(box["x"] + foot[0] + 9 * step, box["y"] + foot[1])
     visit.page.mouse.up()
     visit.wait("tactable.scene.plays?.actuators_m.length === 2 && tactable.scene.what_if?.moved.length === 1")
-    # Both fingers play on; a machine that stalled took them together, and then both feel.
-    steady = f"p.drive === {STEADY} && p.hasPaper && p.age_s > 0.5"
-    visit.until(f"{steady} && p.fingerCount === 2 && p.madeCount === 2")
-    # Where one comes after the other, the last one alone feels.
-    visit.page.click("#lift")
-    visit.until("p.fingerCount === 0")
-    for count, share in enumerate((0.8, 0.2), 1):
-        visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
-        visit.until(f"{steady} && p.fingerCount === {count}")
-    visit.until(f"{steady} && {MADE}.map((f) => f.role).sort().join() === '{QUIET},{FELT}'")
+    visit.wait("tactable.scene.clicks > 0")
+    shown: dict[str, Any] = {}
+    while shown.get("drive") != CLICK:  # steady drives play until the process that solves clicks is ready
+        visit.page.click("#lift")
+        visit.until("p.fingerCount === 0")
+        for count, share in enumerate((0.8, 0.2), 1):
+            visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+            shown = visit.until(f"p.fingerCount === {count} && p.madeCount === {count} && p.hasPaper && p.age_s > 0.6")
+    assert sorted(finger["role"] for finger in shown["made"]) == [QUIET, FELT]
     text = visit.page.inner_text("#what-if-text")
-    assert text.startswith("What if: actuator left at") and "(device file: 44.7 mm). Steady drives play" in text
-    assert "feels the vibration" in visit.page.inner_text("#outcome")
+    assert text.startswith("What if: actuator left at") and "(device file: 44.7 mm). Clicks are solved" in text
+    assert "feels the click" in visit.page.inner_text("#outcome")
     visit.page.click("#reset-actuators")
     visit.wait("tactable.scene.what_if === null && tactable.scene.plays?.actuators_m.length === 0")
     visit.page.click("#lift")

@@ -22,7 +22,6 @@ from tactable.rig.kernels import BUILDS, STEADY, SWEEP, compile_all, compile_for
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
 
-
 _HEAD_START_S = 3.0
 """The page changes over to the table with the first click in this time, and starts what solves the others."""
 
@@ -41,8 +40,8 @@ class BuildOrder:
         return asdict(self) | {"path": str(self.path), "first": str(self.first)}
 
 
-def build(order: BuildOrder, parent: Parent) -> None:
-    """Build it, unless it is there; kernels come first.
+def build(order: BuildOrder, parent: Parent, head_start_s: float = 0.0) -> None:
+    """Build it, unless it is there; kernels come first, and head_start_s after a table with a first click.
 
     Says {"step", "fraction"} as it goes on, {"compiled": true} once those that play takes are, and {"usable": path} for
     each usable table.
@@ -53,7 +52,8 @@ def build(order: BuildOrder, parent: Parent) -> None:
     if found is None:
         write_first_table(device, order.first, clicks)
         parent.say({"usable": str(order.first)})
-        time.sleep(_HEAD_START_S)
+        if head_start_s:
+            time.sleep(head_start_s)
     compile_all((*STEADY, *SWEEP), say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
@@ -102,6 +102,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     parent.end_with_it()
     os.nice(10)  # the page comes first
     try:
-        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent)
+        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent, _HEAD_START_S)
     except KeyboardInterrupt:
         raise SystemExit(1) from None

@@ -99,5 +99,6 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         slot = programs.open(order.table)
         source = PointerSource(pipe)
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
-        parent.say({"clicks": live.clicks, "lines": programs.begin_run(live.capabilities)})
+        lines = programs.begin_run(live.capabilities)
+        parent.say({"clicks": live.clicks, "lines": lines, "first_record": ring.written})
         live.run(_NextOrder(parent))

@@ -88,18 +88,20 @@ export class DeviceHand {
       this._sent = "";
     } else this._send();
     this._show();
-    this._say(scene.what_if);
+    this._say(scene);
   }
 
   _show() {
     for (const bar of this._bars) bar.places = this._places;
   }
 
-  _say(what_if) {
+  _say({ what_if, clicks }) {
     byId("what-if").hidden = !what_if;
     if (!what_if) return;
+    const plays = clicks ? "Clicks are solved for these places as fingers ask for them."
+      : "Steady drives play; clicks follow once their kernels are compiled.";
     const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${millimetres(position_m)} (device file: ${millimetres(file_m)})`);
-    byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}. Steady drives play; for clicks, save the device file and drop it here.`;
+    byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}. ${plays}`;
   }
 
   _save() {

@@ -162,7 +162,7 @@ export class Panel {
       if (scene.is_shipped) {
         const older = scene.is_outdated ? ", which older code made" : "";
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
-      } else if (scene.what_if) parts.push(`Steady drives play for the actuators that were moved: ${what}`);
+      } else if (scene.what_if) parts.push(`For the actuators that were moved: ${what}`);
       else if (scene.solved) {
         const { count, last_m } = scene.solved, last = last_m.map((at_m) => (1000 * at_m).toFixed(0)).join(" and ");
         const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";

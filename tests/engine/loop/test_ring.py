@@ -70,6 +70,16 @@ def test_each_reader_has_its_own_place(path: Path) -> None:
             assert [len(list(reader.read())) for reader in (early, late, whole)] == [2, 1, 2]
 
 
+def test_records_of_before_are_left_out_and_none_is_read_again(path: Path) -> None:
+    with RingWriter(path, 8) as writer, RingReader(path) as reader:
+        for _ in range(3):
+            observe(writer, PLAIN)
+        reader.skip_to(2)
+        assert len(list(reader.read())) == 1
+        reader.skip_to(1)
+        assert list(reader.read()) == []
+
+
 def test_more_touches_than_fit_and_a_longer_report_are_cut(path: Path) -> None:
     many = tuple(Touch(number, 0.1, 1) for number in range(MOST_TOUCHES + 3))
     with RingWriter(path) as writer, RingReader(path) as reader:
