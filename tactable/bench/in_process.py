@@ -51,7 +51,9 @@ class _PacedClock:
 
 
 class _Memory(OnClock):
-    """A source of one report a wait, and a port whose far end answers at once; both note when they were called."""
+    """A source of one report a wait, and what answers its port at once; both note when they were called."""
+
+    packet_head = 0
 
     def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
@@ -83,9 +85,9 @@ class _Memory(OnClock):
     def next_time_ns(self) -> None:
         """A report comes with each wait."""
 
-    def read_report(self, now_ns: int) -> bytes | None:
+    def read(self, now_ns: int) -> bytes | None:
         if not self._is_asked_again:
-            self._note(time.monotonic_ns() - self._in_hand_ns, 0)
+            self.note(time.monotonic_ns() - self._in_hand_ns, 0)
         if self._pass_of == self.clock.waited_ns or self.ended:
             return None
         self._pass_of = self.clock.waited_ns
@@ -96,15 +98,10 @@ class _Memory(OnClock):
         self._in_hand_ns = time.monotonic_ns()
         return report
 
-    def _note(self, answer_ns: int, write_ns: int) -> None:
+    def note(self, answer_ns: int, write_ns: int) -> None:
         self.answer_ns.append(answer_ns)
         self.write_ns.append(write_ns)
         self._is_asked_again = True
-
-    def note_fast(self, duration_ns: int) -> None:
-        """The compiled step answered the report in hand."""
-        self.fast += 1
-        self._note(duration_ns, duration_ns)
 
     def write(self, data: bytes) -> int:
         if self.write_ns and not self.write_ns[-1]:
@@ -121,15 +118,6 @@ class _Memory(OnClock):
         self._written.clear()
         return self._device.receive(data, now_ns) + self._device.run_until(now_ns)
 
-
-class _MemorySource(_Memory):
-    """The source's half."""
-
-    packet_head = 0
-
-    def read(self, now_ns: int) -> bytes | None:
-        return self.read_report(now_ns)
-
     def packet_fileno(self) -> int:
         return -1
 
@@ -140,7 +128,7 @@ class _MemorySource(_Memory):
 class _MemoryFastPath(FastPath):
     """The compiled step on a report in memory, from the call to its return."""
 
-    _packets: _MemorySource
+    _packets: _Memory
 
     def _run(self, until_ns: int) -> None:  # noqa: ARG002  # the clock is set forward instead
         fast, source, library = self._moment.fast, self._packets, self._library
@@ -148,7 +136,7 @@ class _MemoryFastPath(FastPath):
         fast.readable[:] = (1,) * len(fast.readable)
         source.clock.wait(None, (), ())
         now_ns = fast.read_ns = fast.written_ns = source.clock.now_ns()
-        report = source.read_report(now_ns)
+        report = source.read(now_ns)
         if report is None:
             return
         fast.packet_size = len(report)
@@ -159,7 +147,8 @@ class _MemoryFastPath(FastPath):
         duration_ns = time.monotonic_ns() - before_ns
         library.fast_set_time(NONE)
         if is_answered:
-            source.note_fast(duration_ns)
+            source.fast += 1
+            source.note(duration_ns, duration_ns)
             fast.written = source.write(bytes(fast.frame[: fast.frame_size]))
 
 
@@ -216,7 +205,7 @@ def measure_in_process(
     Without the `library` of the compiled step the loop answers every report.
     """
     clock = _PacedClock()
-    memory = _MemorySource(stream, count, len(table.device.actuators), clock)
+    memory = _Memory(stream, count, len(table.device.actuators), clock)
     options = LiveOptions(effects, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()

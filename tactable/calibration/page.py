@@ -11,6 +11,7 @@ from rich.table import Table as Grid
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.report import drive_text, open_text
 from tactable.calibration.step_times import times_text
+from tactable.explain.words import print_lines
 
 if TYPE_CHECKING:
     from tactable.calibration.apply import Applied
@@ -21,32 +22,36 @@ def print_calibration(out: Console, report: dict[str, Any], folder: str, doubts:
     marked = " SIMULATED" if report["simulated"] else ""
     wrong = len(report["wrong_readings"])
     misfit = f"typical misfit {100 * report['median_misfit']:.3g} %, {wrong} readings taken for wrong"
-    _say(out, f"{report['device']}{marked}: {report['readings']} readings, {misfit}")
+    print_lines(out, f"{report['device']}{marked}: {report['readings']} readings, {misfit}")
     grid = Grid(*(Column(title, no_wrap=True) for title in ("parameter", "before", "fitted", "95 % interval")))
     for p in report["parameters"]:
         before, value = quantity_text(p["before"], p["unit"]), quantity_text(p["value"], p["unit"], 5)
         grid.add_row(p["name"], before, value, interval_text(p["interval"], p["unit"]))
     out.print(grid)
-    _say(out, open_text(report))
-    _say(out, f"written: {folder}: device file, data, report.md, report.json and fit.png")
+    print_lines(out, open_text(report))
+    print_lines(out, f"written: {folder}: device file, data, report.md, report.json and fit.png")
     if (flash := report.get("flash")) and not doubts:
-        _say(out, f"flash the board with {flash}: HELLO then says the fitted full scale, and runs compare with that")
-        _say(out, f"a sound card has nothing to flash: give its --port {report['card']}")
+        print_lines(
+            out, f"flash the board with {flash}: HELLO then says the fitted full scale, and runs compare with that"
+        )
+        print_lines(out, f"a sound card has nothing to flash: give its --port {report['card']}")
     for doubt in doubts:
-        _say(out, f"DOUBTFUL: {doubt}")
+        print_lines(out, f"DOUBTFUL: {doubt}")
 
 
 def print_applied(out: Console, table: Path, applied: "Applied") -> None:
     """Print whether the table was put in place, and how long each step took."""
     if applied.is_refused:
-        _say(out, f"{table}: left as it was, because the fit is doubtful; --despite-doubts applies it all the same")
+        print_lines(
+            out, f"{table}: left as it was, because the fit is doubtful; --despite-doubts applies it all the same"
+        )
     elif applied.in_place_after_s is None:
-        _say(out, f"{table}: was put in place before")
+        print_lines(out, f"{table}: was put in place before")
     else:
-        _say(
+        print_lines(
             out, f"{table}: in place {applied.in_place_after_s:.1f} s after the start; a run that plays it changes over"
         )
-        _say(out, f"  {times_text(applied.seconds)}")
+        print_lines(out, f"  {times_text(applied.seconds)}")
 
 
 def print_clicks(out: Console, table: Path, is_complete: bool, clicks_s: float | None) -> None:
@@ -55,10 +60,14 @@ def print_clicks(out: Console, table: Path, is_complete: bool, clicks_s: float |
     is_complete: they were there before.
     """
     if clicks_s is not None:
-        _say(out, f"{table}: clicks of two fingers added in {clicks_s:.0f} s and put in place in a second change")
+        print_lines(
+            out, f"{table}: clicks of two fingers added in {clicks_s:.0f} s and put in place in a second change"
+        )
     elif not is_complete:
-        _say(out, f"{table}: has the clicks of one finger; a run solves the others, without --no-clicks they are added")
-    _say(out, f"back to the previous table: tactable rollback {table}")
+        print_lines(
+            out, f"{table}: has the clicks of one finger; a run solves the others, without --no-clicks they are added"
+        )
+    print_lines(out, f"back to the previous table: tactable rollback {table}")
 
 
 def print_plan(out: Console, plan: dict[str, Any]) -> None:
@@ -75,7 +84,3 @@ def print_plan(out: Console, plan: dict[str, Any]) -> None:
         before, after = (quantity_text(p[key], p["unit"], 2) for key in ("standard_error", "standard_error_after"))
         grid.add_row(p["name"], quantity_text(p["value"], p["unit"]), before, after)
     out.print(grid)
-
-
-def _say(out: Console, text: str) -> None:
-    out.print(text, highlight=False, soft_wrap=True)

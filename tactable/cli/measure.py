@@ -196,7 +196,7 @@ def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSi
     apparatus.turn_over()
     turned = mean()
     apparatus.turn_over()
-    checked = check_gravity(level, turned, options.tolerance)
+    checked = check_gravity(level, turned)
     remark(f"gravity: gain {100 * checked.gain:+.2f} %, offset {checked.offset_m_per_s2:+.3f} m/s^2")
     for fault in checked.faults:
         note(fault.value)
@@ -293,12 +293,12 @@ def read_grid(text: str) -> list[float] | None:
 
 def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str, Any]:
     """Counts, faults by name, and what is known of the converter."""
-    from tactable.measure.faults import Tolerance, find_late
+    from tactable.measure.faults import find_late
 
     readings = [reading for record in records for reading in record.readings]
     late = [record.latency_s for record in records if record.latency_s is not None]
     faults = [fault.name for reading in readings for fault in reading.faults]
-    faults += [fault.name for fault in find_late(late, Tolerance())]
+    faults += [fault.name for fault in find_late(late)]
     repeated = [fault.name for reading in readings for fault in reading.earlier]
     return {
         "device": device.name,

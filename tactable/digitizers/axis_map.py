@@ -1,6 +1,6 @@
 """Learns how a digitizer lies on the bar from one stroke of a finger, for the table [digitizer] of the device file."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -48,49 +48,34 @@ class LearntAxis:
         return f"{margin * self.bar_mm:.3g} mm"
 
 
-class StrokeCollector:
-    """Follows every finger and keeps the longest stroke."""
-
-    def __init__(self, surface: Surface) -> None:
-        self.longest: Stroke | None = None
-        """The longest stroke that has ended."""
-        self._surface = surface
-        self._paths: dict[int, list[tuple[int, int]]] = {}
-
-    @property
-    def is_done(self) -> bool:
-        """Whether a stroke that is long enough has ended."""
-        return self.longest is not None and max(_travel(self._surface, self.longest)) >= _SHORTEST_STROKE
-
-    def take_frame(self, frame: TouchFrame) -> None:
-        """Take the next frame."""
-        down = {contact.contact_id: contact for contact in frame.contacts if contact.tip}
-        for contact_id in self._paths.keys() - down.keys():
-            self._end(contact_id)
-        for contact_id, contact in down.items():
-            self._paths.setdefault(contact_id, []).append((contact.x, contact.y))
-
-    def end(self) -> None:
-        """End every stroke, since no more frames come."""
-        for contact_id in tuple(self._paths):
-            self._end(contact_id)
-
-    def _end(self, contact_id: int) -> None:
-        x, y = zip(*self._paths.pop(contact_id), strict=True)
-        stroke = Stroke(x, y)
-        if self.longest is None or max(_travel(self._surface, stroke)) > max(_travel(self._surface, self.longest)):
-            self.longest = stroke
-
-
-def collect_stroke(surface: Surface, frames: Iterable[TouchFrame]) -> Stroke:
-    """The longest stroke. Raises `DigitizerError` where nothing was touched."""
-    collector = StrokeCollector(surface)
+def _strokes_of(frames: Iterable[TouchFrame]) -> Iterator[Stroke]:
+    """Each stroke when its finger lifts, or when no more frames come."""
+    paths: dict[int, list[tuple[int, int]]] = {}
     for frame in frames:
-        collector.take_frame(frame)
-    collector.end()
-    if collector.longest is None:
+        down = {contact.contact_id: contact for contact in frame.contacts if contact.tip}
+        for contact_id in paths.keys() - down.keys():
+            yield Stroke(*zip(*paths.pop(contact_id), strict=True))
+        for contact_id, contact in down.items():
+            paths.setdefault(contact_id, []).append((contact.x, contact.y))
+    for path in paths.values():
+        yield Stroke(*zip(*path, strict=True))
+
+
+def find_stroke(surface: Surface, frames: Iterable[TouchFrame], *, is_live: bool = False) -> Stroke:
+    """The longest stroke, or of a live digitizer the first one that is long enough.
+
+    Raises `DigitizerError` where nothing was touched.
+    """
+    longest, greatest = None, -1.0
+    for stroke in _strokes_of(frames):
+        travel = max(_travel(surface, stroke))
+        if travel > greatest:
+            longest, greatest = stroke, travel
+        if is_live and greatest >= _SHORTEST_STROKE:
+            break
+    if longest is None:
         raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")
-    return collector.longest
+    return longest
 
 
 def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) -> LearntAxis:

@@ -9,13 +9,13 @@ from pathlib import Path
 from types import FrameType
 
 from engine.loop import Clock, StopRequest, SystemClock
-from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Digitizer, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev
 from engine.touch.sources.hidraw import open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
-from tactable.digitizers.axis_map import LearntAxis, Stroke, StrokeCollector, collect_stroke, learn_axis
+from tactable.digitizers.axis_map import LearntAxis, find_stroke, learn_axis
 from tactable.digitizers.listing import SIMULATED
 from tactable.doctor.touch import Machine
 from tactable.shipped import DEMO_RECORDING
@@ -77,40 +77,28 @@ def learn_from_recording(path: Path, bar_mm: float | None) -> LearntAxis:
     """Learn how the digitizer lies on the bar from the longest stroke in a recording."""
     recording = read_recording(path)
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    return learn_axis(digitizer.surface, collect_stroke(digitizer.surface, _frames_of(digitizer, recording)), bar_mm)
-
-
-def _frames_of(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFrame]:
-    for report in recording.reports:
-        time_ns = round(report.time_s * _NS_PER_S)
-        for frame in (digitizer.expire(time_ns), digitizer.decode_report(report.data, time_ns)):
-            if frame is not None:
-                yield frame
+    return learn_axis(digitizer.surface, find_stroke(digitizer.surface, _recorded_frames(digitizer, recording)), bar_mm)
 
 
 def learn_live(machine: Machine, name: str, bar_mm: float | None) -> LearntAxis:
     """Learn how the digitizer lies on the bar from a stroke that is drawn now."""
     with opened(machine, name) as (source, _), stop_at_signal() as stop:
         digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-        return learn_axis(digitizer.surface, wait_for_stroke(source, digitizer, SystemClock(), stop), bar_mm)
+        frames = _live_frames(source, digitizer, SystemClock(), stop)
+        return learn_axis(digitizer.surface, find_stroke(digitizer.surface, frames, is_live=True), bar_mm)
 
 
-def wait_for_stroke(source: Source, digitizer: Digitizer, clock: Clock, stop: StopRequest) -> Stroke:
-    """The first stroke that is long enough, else the longest. Raises `DigitizerError` where nothing was touched."""
-    collector = StrokeCollector(digitizer.surface)
+def _recorded_frames(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFrame]:
+    for report in recording.reports:
+        time_ns = round(report.time_s * _NS_PER_S)
+        yield from filter(None, (digitizer.expire(time_ns), digitizer.decode_report(report.data, time_ns)))
+
+
+def _live_frames(source: Source, digitizer: Digitizer, clock: Clock, stop: StopRequest) -> Iterator[TouchFrame]:
     for report in wait_for_reports(source, clock, stop):
-        frames = [digitizer.expire(source.source_time_ns(clock.now_ns()))]
-        if report is not None:
-            frames.append(digitizer.decode_report(report, source.report_time_ns))
-        for frame in frames:
-            if frame is not None:
-                collector.take_frame(frame)
-        if collector.is_done:
-            break
-    collector.end()
-    if collector.longest is None:
-        raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")
-    return collector.longest
+        expired = digitizer.expire(source.source_time_ns(clock.now_ns()))
+        decoded = None if report is None else digitizer.decode_report(report, source.report_time_ns)
+        yield from filter(None, (expired, decoded))
 
 
 @contextmanager

@@ -12,8 +12,8 @@ from engine.steady.given_drive import CASES, compute_levels
 from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
+from tactable.explain import words
 from tactable.explain.placed_drive import PERCENTILES, finger_grid
-from tactable.explain.words import level_text, placement_json, placement_text, zone_names
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class ExplainedRow:
     def __init__(self, table: Table, placement: Placement, level_db: float) -> None:
         device = table.device
         self.table, self.placement = table, placement
-        self.felt_zones = zone_names(device, placement.zone_states(device), ZoneState.FELT)
+        self.felt_zones = words.zone_names(device, placement.zone_states(device), ZoneState.FELT)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
         self.level_db: Array = compute_levels(device, table.receptances, placement.position_m, *played)
@@ -44,7 +44,7 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
     table, row, placement = explained.table, explained.row, explained.placement
     device, names = table.device, [zone.name for zone in table.device.zones]
     fingers = zip(
-        placement_json(device, placement), explained.level_db[0].tolist(), explained.percentiles_db, strict=True
+        words.placement_json(device, placement), explained.level_db[0].tolist(), explained.percentiles_db, strict=True
     )
     values: dict[str, Any] = to_plain(
         {
@@ -56,11 +56,7 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
             "achieved": row.achieved,
             "row": {"group": row.group, "index": row.index},
             "limited_by": row.limited_by,
-            "drive": {
-                "frequencies_hz": row.frequencies_hz,
-                "amplitudes": row.amplitudes,
-                "phases_rad": row.phases_rad,
-            },
+            "drive": words.drive_json(row),
             "localized_factor": row.localized_factor,
             "level_db": row.level_db,
             "zones": {
@@ -84,27 +80,21 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
 def print_best_row(out: Console, explained: ExplainedRow) -> None:
     """Print the row, its figures by zone, and what each finger gets of it."""
     row, placement, device = explained.row, explained.placement, explained.table.device
-    wanted = f"{level_text(row.wanted_level_db)} wanted"
-    lines = [f"{device.name}, {placement_text(device, placement)}: {wanted}, looked up for zones, as a run does"]
-    for actuator, hz, size, phase in zip(
-        device.actuators, row.frequencies_hz, row.amplitudes, row.phases_rad, strict=True
-    ):
-        how = f"{hz:.2f} Hz at {100 * size:.1f} %, {phase:+.3f} rad" if size else "still"
-        lines.append(f"  {actuator.name}: {how}")
+    wanted = f"{words.level_text(row.wanted_level_db)} wanted"
+    lines = [f"{device.name}, {words.placement_text(device, placement)}: {wanted}, looked up for zones, as a run does"]
     felt = ", ".join(explained.felt_zones)
     reached = f"{row.level_db:.1f} dB {device.threshold.above} at the peak of the weakest wanted zone"
     missed = "" if row.achieved else " - NOT ACHIEVED, the loudest row"
     lines += [
+        *words.drive_lines(device, row),
         f"localized factor {row.localized_factor:.3f} in {felt}; {reached}{missed}",
         f"row {row.index} of {row.group}; limited by {row.limited_by}",
     ]
-    for line in lines:
-        out.print(line, highlight=False, soft_wrap=True)
+    words.print_lines(out, *lines)
     grid = Grid("zone", "localized factor", "peak m/s²", "dead spot m/s²", caption="the bar without fingers, tabulated")
     figures = zip(device.zones, row.shares, row.peaks_m_per_s2, row.dead_spots_m_per_s2, strict=True)
     for zone, share, peak, dead in figures:
         grid.add_row(zone.name, f"{share:.3f}", f"{peak:.2f}", f"{dead:.2f}")
     out.print(grid)
     out.print(finger_grid(device, placement, explained.level_db[0].tolist(), explained.percentiles_db, CASES))
-    estimates = ", ".join([*device.estimated_values, device.threshold.title])
-    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
+    words.print_estimates(out, device, device.threshold)

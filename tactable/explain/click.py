@@ -21,10 +21,10 @@ from engine.table.click import LevelSpread, played_at
 from engine.touch import Placement
 from precompute.clicks import ClickOptions
 from precompute.clicks.evaluation import decibels
+from tactable.explain import words
 from tactable.explain.click_course import played_displacement
 from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
-from tactable.explain.words import finger_names, level_text, placement_json, placement_text, zone_lists
 
 Array = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ _OWN = (
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     """The click as plain values for JSON; infinite levels are None."""
     click, device = explained.click, table.device
-    zones = zone_lists(device, explained.placement.zone_states(device))
+    zones = words.zone_lists(device, explained.placement.zone_states(device))
     values: dict[str, Any] = to_plain(
         {
             "device": device.name,
@@ -108,15 +108,15 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             **{key: getattr(click, key) for key in _OWN},
             "waveform": played_displacement(click).T,
             "threshold": device.threshold.title,
-            "felt_db": spread_json(click.felt),
-            "quiet_db": spread_json(click.quiet),
+            "felt_db": _spread_json(click.felt),
+            "quiet_db": _spread_json(click.quiet),
             "exceeds_s": click.exceeds_at_s(),
             "table": explained.tabulated and _tabulated_json(table, explained.placement, explained.tabulated),
             "softer": [
                 {
                     "level_db": softer.level_db,
                     "amplitude": softer.amplitude,
-                    "quiet_db": spread_json(softer.quiet),
+                    "quiet_db": _spread_json(softer.quiet),
                     "exceeds_s": softer.exceeds_at_s(),
                 }
                 for softer in explained.softer
@@ -137,8 +137,8 @@ def _tabulated_json(table: Table, placement: Placement, tabulated: Tabulated) ->
         "tolerance_m": click.tolerance_m,
         "achieved": click.achieved,
         "amplitude": click.amplitude,
-        "felt_db": spread_json(click.felt),
-        "quiet_db": spread_json(click.quiet),
+        "felt_db": _spread_json(click.felt),
+        "quiet_db": _spread_json(click.quiet),
         "fingers": _fingers_json(table, placement, tabulated.finger_db),
     }
 
@@ -147,36 +147,29 @@ def _fingers_json(table: Table, placement: Placement, finger_db: Array) -> list[
     names = ("nominal", *_PERCENTILES)
     return [
         {**finger, "level_db": dict(zip(names, levels, strict=True))}
-        for finger, levels in zip(placement_json(table.device, placement), finger_db.tolist(), strict=True)
+        for finger, levels in zip(words.placement_json(table.device, placement), finger_db.tolist(), strict=True)
     ]
 
 
 def print_click(out: Console, table: Table, explained: Explained) -> None:
     """Print the click, its prediction over the sampled plants, the table's, softer levels, and the alternatives."""
     click, options, device = explained.click, explained.options, table.device
-    head = f"{device.name}, {placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
-    lines = [
-        f"{head}, solved for these positions, {_wanted_words(click)}",
-        *_prediction_lines(explained, device.threshold.above),
-    ]
-    for line in lines:
-        out.print(line, highlight=False, soft_wrap=True)
+    head = f"{device.name}, {words.placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
+    wanted = (
+        f"{words.level_text(click.wanted_level_db)} wanted"
+        if math.isfinite(click.wanted_level_db)
+        else "as strong as it is"
+    )
+    words.print_lines(out, f"{head}, solved for these positions, {wanted}")
+    words.print_lines(out, *_prediction_lines(explained, device.threshold.above))
     out.print(_finger_grid(table, explained))
-    out.print(_DURATION_NOTE, highlight=False, soft_wrap=True)
-    out.print(_table_words(table, explained), highlight=False, soft_wrap=True)
+    words.print_lines(out, _DURATION_NOTE, _table_words(table, explained))
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained, device.threshold.above))
-    out.print(f"made with: {option_words(options, device.spread)}", highlight=False, soft_wrap=True)
-    estimates = ", ".join([*device.estimated_values, device.threshold.title])
-    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
-
-
-def _wanted_words(click: ClickEntry) -> str:
-    if click.wanted_level_db == float("inf"):
-        return "as strong as it is"
-    return f"{level_text(click.wanted_level_db)} wanted"
+    words.print_lines(out, f"made with: {_option_words(options, device.spread)}")
+    words.print_estimates(out, device, device.threshold)
 
 
 def _prediction_lines(explained: Explained, above: str) -> list[str]:
@@ -211,7 +204,7 @@ def _finger_grid(table: Table, explained: Explained) -> Grid:
         columns += ["table's: nominal", *_PERCENTILES]
         levels_db = np.hstack([levels_db, tabulated.finger_db])
     grid = Grid(*columns, caption=caption)
-    names = finger_names(table.device, placement)
+    names = words.finger_names(table.device, placement)
     for name, is_felt, levels in zip(names, placement.is_felt, levels_db.tolist(), strict=True):
         grid.add_row(name, "felt" if is_felt else "quiet", *(f"{level_db:z.1f}" for level_db in levels))
     return grid
@@ -222,7 +215,7 @@ def _table_words(table: Table, explained: Explained) -> str:
     if explained.tabulated is None:
         return "the table has no click for these fingers: a run solves the click of their places when they come"
     click = explained.tabulated.click
-    places = placement_text(table.device, click.placement)
+    places = words.placement_text(table.device, click.placement)
     promise = f"felt {click.felt.low_db:z.1f} dB (5 % of the plants are below)"
     if click.quiet is not None:
         promise += f", quiet {click.quiet.high_db:z.1f} dB (5 % are above)"
@@ -267,7 +260,7 @@ def _rival_figures(felt: LevelSpread, quiet: LevelSpread | None, passed_s: float
     )
 
 
-def option_words(options: ClickOptions, spread: Spread) -> str:
+def _option_words(options: ClickOptions, spread: Spread) -> str:
     """What clicks were made with, in words: limits, plants and their spreads."""
     within_m = spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
     return (
@@ -279,7 +272,7 @@ def option_words(options: ClickOptions, spread: Spread) -> str:
     )
 
 
-def spread_json(spread: LevelSpread | None) -> dict[str, float] | None:
+def _spread_json(spread: LevelSpread | None) -> dict[str, float] | None:
     """Levels in dB by name: nominal, and percentiles over the sampled plants."""
     if spread is None:
         return None
@@ -291,8 +284,8 @@ def _rival_json(rival: Rival) -> dict[str, Any]:
     return {
         "name": rival.name,
         "lost_by": rival.lost_by,
-        "felt_db": spread_json(evaluation.felt),
-        "quiet_db": spread_json(evaluation.quiet),
+        "felt_db": _spread_json(evaluation.felt),
+        "quiet_db": _spread_json(evaluation.quiet),
         "exceeds_s": evaluation.exceeds_s[math.inf],
         "residual_db": evaluation.residual_db,
     }

@@ -10,6 +10,7 @@ from rich.text import Text
 from base.plain import to_plain
 from engine.device.values import Change, Value, number_of
 from engine.table.diff import FigureChange, PartDiff, StateChange, TableDiff, describe
+from tactable.explain.words import print_lines
 
 _SHOWN, _FIGURES, _NAMED, _LONGEST = 8, 3, 3, 40  # a screen's worth; --json has all
 _UNCERTAINTY = "uncertainty."
@@ -65,16 +66,16 @@ def print_diff(out: Console, found: TableDiff) -> None:
     """Print whether the tables differ, then device and provenance, then the figures that changed most."""
     tolerance = found.tolerance
     limit = f"beyond {tolerance.level_db:g} dB, {100 * tolerance.ratio:.2g} % and a step of frequency"
-    _line(out, f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
+    print_lines(out, f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
     for note in found.notes:
-        _line(out, note)
+        print_lines(out, note)
     for title, changes in (("device", found.device), ("option", found.options), ("made", found.provenance)):
         for change in changes:
-            _line(out, f"{title}: {_change_text(change)}")
+            print_lines(out, f"{title}: {_change_text(change)}")
     for name, percent in found.response_percent.items():
-        _line(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
+        print_lines(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
     if found.arrays:
-        _line(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
+        print_lines(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
     for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         _print_part(out, title, part, limit)
 
@@ -83,15 +84,11 @@ def print_short_diff(out: Console, found: TableDiff) -> None:
     """Print what changed in the device, and for each figure of best rows and clicks where it changed most."""
     for change in found.device:
         if not change.key.startswith(_UNCERTAINTY):
-            _line(out, f"device: {_change_text(change)}")
+            print_lines(out, f"device: {_change_text(change)}")
     for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         if part.compared:
-            _line(out, f"{title}: {len(part.changed)} of {part.compared} changed")
+            print_lines(out, f"{title}: {len(part.changed)} of {part.compared} changed")
             _print_largest(out, part)
-
-
-def _line(out: Console, text: str) -> None:
-    out.print(text, highlight=False, soft_wrap=True)
 
 
 def _change_text(change: Change) -> str:
@@ -114,17 +111,19 @@ def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
     for states, what in ((part.vanished, "vanished"), (part.appeared, "appeared")):
         if states:
             more = f" and {len(states) - _NAMED} more" if len(states) > _NAMED else ""
-            _line(out, f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
+            print_lines(out, f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
     if not part.changed:
-        _line(out, f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
+        print_lines(out, f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
         return
-    _line(out, f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:")
+    print_lines(
+        out, f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:"
+    )
     _print_largest(out, part)
-    _line(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
+    print_lines(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
     for state in part.changed[:_SHOWN]:
         figures = sorted(state.figures, key=lambda f: (f.unit == "", f.unit == "dB", f.size), reverse=True)
         texts = (f"{_named(f.figure)[0]} {_short(f.before)} -> {_short(f.after)}{_unit(f)}" for f in figures[:_FIGURES])
-        _line(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
+        print_lines(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
 
 
 def _print_largest(out: Console, part: PartDiff) -> None:
@@ -134,7 +133,7 @@ def _print_largest(out: Console, part: PartDiff) -> None:
     for count, state, figure in part.largest():
         words, _ = _named(figure.figure)
         where = Text(describe(state.felt, state.quiet, state.level_db))
-        largest.add_row(words, str(count), _text(figure.before), _with_unit(figure), where)
+        largest.add_row(words, str(count), _text(figure.before), _text(figure.after) + _unit(figure), where)
     out.print(largest)
 
 
@@ -149,10 +148,6 @@ def _named(figure: str) -> tuple[str, str]:
 def _unit(figure: FigureChange) -> str:
     unit = "%" if figure.figure == "waveform" else _named(figure.figure)[1]
     return f" {unit}" if unit else ""
-
-
-def _with_unit(figure: FigureChange) -> str:
-    return _text(figure.after) + _unit(figure)
 
 
 def _short(value: Value) -> str:

@@ -15,7 +15,7 @@ from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
-from tactable.explain.words import finger_names, level_text, placement_json, placement_text
+from tactable.explain import words
 
 PERCENTILES = ("5 %", "50 %", "95 %")
 
@@ -44,15 +44,11 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
             "wanted_level_db": drive.wanted_level_db,
             "achieved": drive.achieved,
             "objective": drive.objective,
-            "drive": {
-                "frequencies_hz": drive.frequencies_hz,
-                "amplitudes": drive.amplitudes,
-                "phases_rad": drive.phases_rad,
-            },
+            "drive": words.drive_json(drive),
             "fingers": [
                 {**finger, "level_db": {"nominal": level_db, **_by_percentile(figures.finger_percentiles(number))}}
                 for number, (finger, level_db) in enumerate(
-                    zip(placement_json(device, placement), figures.level_db.tolist(), strict=True)
+                    zip(words.placement_json(device, placement), figures.level_db.tolist(), strict=True)
                 )
             ],
             "level_db": drive.weakest_felt_db,
@@ -72,24 +68,20 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
     """Print the drive, and what each finger feels: standard fingers and percentiles over sampled ones."""
     drive, device = figures.drive, table.device
     placement = Placement(figures.positions_m, drive.felt)
-    head = f"{device.name}, {placement_text(device, placement)}: {level_text(drive.wanted_level_db)} wanted"
-    lines = [f"{head}, solved for these positions, as a run does"]
-    for actuator, amplitude, phase in zip(device.actuators, drive.amplitudes, drive.phases_rad, strict=True):
-        how = f"{drive.frequency_hz:.2f} Hz at {100 * amplitude:.1f} %, {phase:+.3f} rad" if amplitude else "still"
-        lines.append(f"  {actuator.name}: {how}")
+    head = f"{device.name}, {words.placement_text(device, placement)}: {words.level_text(drive.wanted_level_db)} wanted"
     reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB {threshold.above}"
     if figures.contrast_db is not None and figures.expected_contrast_db is not None:
         expected = f"expected {figures.expected_contrast_db:z.1f} dB over {SAMPLES} sampled fingers"
         reached += f", contrast {figures.contrast_db:z.1f} dB, {expected}"
     if not drive.achieved:
         reached += " - NOT ACHIEVED, the loudest drive"
-    lines += [reached, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed"]
-    for line in lines:
-        out.print(line, highlight=False, soft_wrap=True)
+    words.print_lines(
+        out, f"{head}, solved for these positions, as a run does", *words.drive_lines(device, drive), reached
+    )
+    words.print_lines(out, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed")
     spreads = [astuple(figures.finger_percentiles(finger)) for finger in range(len(drive.felt))]
     out.print(finger_grid(replace(device, threshold=threshold), placement, figures.level_db.tolist(), spreads, SAMPLES))
-    estimates = ", ".join([*device.estimated_values, threshold.title])
-    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
+    words.print_estimates(out, device, threshold)
 
 
 def finger_grid(
@@ -101,7 +93,7 @@ def finger_grid(
         f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"
     )
     grid = Grid("finger", "role", "standard", *PERCENTILES, caption=caption)
-    figures = zip(finger_names(device, placement), placement.is_felt, standard_db, spreads, strict=True)
+    figures = zip(words.finger_names(device, placement), placement.is_felt, standard_db, spreads, strict=True)
     for name, is_felt, level_db, spread in figures:
         shown = [f"{value:z.1f}" for value in (level_db, *spread)]
         grid.add_row(name, "felt" if is_felt else "quiet", *shown)

@@ -4,8 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from engine.device import Device
+from rich.console import Console
+
+from engine.device import Device, Threshold
+from engine.steady import SteadyDrive
 from engine.table import Table
+from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
 from precompute.predict.rise_time import LONGEST_RISE_S
@@ -38,6 +42,32 @@ def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]
         }
         for at_m, is_felt, zone in zip(placement.position_m, placement.is_felt, zones, strict=True)
     ]
+
+
+def drive_lines(device: Device, drive: SteadyDrive | BestRow) -> list[str]:
+    """What each actuator plays, a line each."""
+    outputs = zip(device.actuators, drive.frequencies_hz, drive.amplitudes, drive.phases_rad, strict=True)
+    return [
+        f"  {actuator.name}: " + (f"{hz:.2f} Hz at {100 * size:.1f} %, {phase:+.3f} rad" if size else "still")
+        for actuator, hz, size, phase in outputs
+    ]
+
+
+def drive_json(drive: SteadyDrive | BestRow) -> dict[str, Any]:
+    """Frequencies, amplitudes and phases by actuator, for JSON."""
+    return {key: getattr(drive, key) for key in ("frequencies_hz", "amplitudes", "phases_rad")}
+
+
+def print_lines(out: Console, *lines: str) -> None:
+    """Print lines of text that may be longer than the screen."""
+    for line in lines:
+        out.print(line, highlight=False, soft_wrap=True)
+
+
+def print_estimates(out: Console, device: Device, threshold: Threshold) -> None:
+    """Print what the figures rest on that was not measured."""
+    estimates = ", ".join([*device.estimated_values, threshold.title])
+    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
 
 
 def level_text(level_db: float) -> str:

@@ -10,18 +10,8 @@ from engine.touch import Placement
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
 from tactable.explain.words import finger_names, placement_json, placement_text, zone_lists
+from tactable.figures import style
 from tactable.figures.file import Picture
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    FINGER_NOTE,
-    GREY,
-    ROLE_COLOUR,
-    THRESHOLD_NOTE,
-    Array,
-    finish_picture,
-    level_text,
-)
 
 SPREAD_NOTE = "spreads of the sampled plants"
 _SHOWN_AFTER_S = 0.03
@@ -30,7 +20,7 @@ _LEGEND_ROOM = 1.6  # of the greatest value, above the curves
 _BANDS = ((0.0, 0.4, "under the threshold (ESTIMATE)"), (8.0, 0.15, "up to 8 dB above it"))
 """Around zero: what few people feel, and what some do not."""
 _STYLES = ("-", "--", "-.", ":")
-_PLAYERS = (BLUE, BLACK, GREY)
+_PLAYERS = (style.BLUE, style.BLACK, style.GREY)
 _HEIGHT_INCHES = {"wave": 1.8, "felt": 2.4, "fan": 2.1}
 _EDGES_INCHES = 1.5  # title, notes and the axis of time
 
@@ -48,21 +38,21 @@ def plot_click(source: ClickSource, click: ClickEntry, placement: Placement) -> 
     for k, finger in enumerate(course.felt_first):
         is_alone = k % 2 == 0 and k == fingers - 1
         _draw_fan(figure.add_subplot(grid[2 + k // 2, slice(None) if is_alone else k % 2]), device, course, finger)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
         f"{device.name}: {placement_text(device, placement)}, a click of {1e3 * click.length_s:g} ms",
         promise_text(click),
         _columns(device, course),
         _summary(source, course),
-        notes=(FINGER_NOTE, SPREAD_NOTE, THRESHOLD_NOTE),
+        notes=(style.FINGER_NOTE, SPREAD_NOTE, style.THRESHOLD_NOTE),
         subtitle=f"made for {_made_for(click)}: {promise_text(click)}",
     )
 
 
 def promise_text(click: ClickEntry) -> str:
     """What a click promises, in one line."""
-    wanted = f" ({level_text(click.wanted_level_db)} wanted)" if np.isfinite(click.wanted_level_db) else ""
+    wanted = f" ({style.level_text(click.wanted_level_db)} wanted)" if np.isfinite(click.wanted_level_db) else ""
     parts = [] if click.achieved else [f"NOT ACHIEVED{wanted}"]
     parts.append(f"felt {click.felt.low_db:z.1f} dB above threshold (5 % of fresh plants are below)")
     if click.quiet is not None:
@@ -83,8 +73,8 @@ def _finger_name(device: Device, course: Course, finger: int) -> str:
 
 def _draw_waveform(axes: Axes, device: Device, course: Course) -> None:
     for i, (actuator, moved) in enumerate(zip(device.actuators, course.displacement, strict=True)):
-        colour, style = _PLAYERS[i % len(_PLAYERS)], _STYLES[i % len(_STYLES)]
-        axes.plot(1e3 * course.time_s, 100 * moved, color=colour, ls=style, lw=1.4, label=actuator.name)
+        colour, ls = _PLAYERS[i % len(_PLAYERS)], _STYLES[i % len(_STYLES)]
+        axes.plot(1e3 * course.time_s, 100 * moved, color=colour, ls=ls, lw=1.4, label=actuator.name)
     limit = 100 * device.limits.amplitude
     axes.set(ylabel="base (% of full scale)", ylim=(-1.1 * limit, 1.1 * limit))
     _finish(axes, course, "what the actuators do")
@@ -96,10 +86,10 @@ def _draw_nominal(axes: Axes, device: Device, course: Course) -> None:
     click, drawn = course.click, {True: 0, False: 0}
     for finger in course.felt_first:
         is_felt = course.placement.is_felt[finger]
-        name, style = _finger_name(device, course, finger), _STYLES[drawn[is_felt] % len(_STYLES)]
+        name, ls = _finger_name(device, course, finger), _STYLES[drawn[is_felt] % len(_STYLES)]
         drawn[is_felt] += 1
         nominal = course.weighted[0, finger]
-        axes.plot(1e3 * course.time_s, nominal, color=ROLE_COLOUR[is_felt], ls=style, lw=1.4, label=name)
+        axes.plot(1e3 * course.time_s, nominal, color=style.ROLE_COLOUR[is_felt], ls=ls, lw=1.4, label=name)
     axes.set(ylabel="acceleration\n(1 = threshold)")
     left = f"from {1e3 * click.residual_from_s:g} ms on at most {click.residual_db:z.1f} dB under a felt finger"
     _finish(axes, course, f"nominal plant: acceleration weighted by the detection threshold; {left}")
@@ -108,7 +98,7 @@ def _draw_nominal(axes: Axes, device: Device, course: Course) -> None:
 
 def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
     is_felt = course.placement.is_felt[finger]
-    time_ms, colour = 1e3 * course.time_s, ROLE_COLOUR[is_felt]
+    time_ms, colour = 1e3 * course.time_s, style.ROLE_COLOUR[is_felt]
     low, middle, high = course.fan(finger)
     _, *peaks_db = course.peaks_db(finger)
     _draw_threshold(axes, is_named=False)
@@ -116,7 +106,7 @@ def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
     axes.plot(time_ms, middle, color=colour, lw=1.2, label="50 %")
     promised = 10 ** (peaks_db[0 if is_felt else 2] / 20)
     label = f"5 % of the peaks are {'below' if is_felt else 'above'}"
-    axes.hlines([-promised, promised], *time_ms[[0, -1]], color=BLACK, ls=":", lw=1.2, label=label)
+    axes.hlines([-promised, promised], *time_ms[[0, -1]], color=style.BLACK, ls=":", lw=1.2, label=label)
     low_limit, high_limit = axes.get_ylim()
     axes.set(ylabel="1 = threshold", xlabel="time (ms)", ylim=(low_limit, _LEGEND_ROOM * high_limit))
     peaks = " / ".join(f"{peak_db:z.1f}" for peak_db in peaks_db)
@@ -128,7 +118,7 @@ def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
 def _draw_threshold(axes: Axes, *, is_named: bool = True) -> None:
     for reach_db, alpha, name in _BANDS:
         reach = 10 ** (reach_db / 20)
-        axes.axhspan(-reach, reach, color=GREY, alpha=alpha, lw=0, label=name if is_named else None)
+        axes.axhspan(-reach, reach, color=style.GREY, alpha=alpha, lw=0, label=name if is_named else None)
 
 
 def _finish(axes: Axes, course: Course, title: str) -> None:
@@ -137,7 +127,7 @@ def _finish(axes: Axes, course: Course, title: str) -> None:
     axes.grid(alpha=0.25)
 
 
-def _columns(device: Device, course: Course) -> dict[str, Array]:
+def _columns(device: Device, course: Course) -> dict[str, style.Array]:
     columns = {"time (s)": course.time_s}
     for actuator, moved in zip(device.actuators, course.displacement, strict=True):
         columns[f"{actuator.name} (fraction of full scale)"] = moved

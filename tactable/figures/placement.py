@@ -9,23 +9,12 @@ from matplotlib.figure import Figure, SubFigure
 
 from engine.device import Device
 from precompute.studies.placement import Placement, PlacementSearch
+from tactable.figures import style
 from tactable.figures.file import Picture
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    COLOUR_MAP,
-    CURVES,
-    FINGER_NOTE,
-    GREY,
-    THRESHOLD_NOTE,
-    VERMILLION,
-    draw_zone_edges,
-    finish_picture,
-)
 
 SIZE_NOTE = "size of an actuator"
 _ROW_INCHES, _REST_INCHES = 0.34, 5.0  # a line of text each; title, axes and the map
-_COLOUR = {"found": BLUE, "as described": VERMILLION, "even": GREY}
+_COLOUR = {"found": style.BLUE, "as described": style.VERMILLION, "even": style.GREY}
 _MARK = {"found": "^", "as described": "s", "even": "o"}
 
 
@@ -41,14 +30,14 @@ def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_d
     if with_map is not None:
         _draw_map(below, panels[0], with_map)
     _draw_distribution(panels[-1], searches)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
         f"{device.name}: where actuators go for the best worst contrast of two fingers at {wanted_db:g} dB",
         "; ".join(_search_text(device, search) for search in searches),
         _columns(searches),
         {"wanted_level_db": wanted_db, "searches": [_summary_of(device, search) for search in searches]},
-        notes=(FINGER_NOTE, THRESHOLD_NOTE, SIZE_NOTE),
+        notes=(style.FINGER_NOTE, style.THRESHOLD_NOTE, SIZE_NOTE),
     )
 
 
@@ -56,17 +45,17 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
     """A line a placement, the actuators on it, what it gives beside it."""
     length_mm = 1e3 * device.bar.length_m
     for k, (search, placement) in enumerate(rows):
-        axes.plot([0, length_mm], [k, k], color=GREY, lw=2.5, solid_capstyle="butt", zorder=1)
+        axes.plot([0, length_mm], [k, k], color=style.GREY, lw=2.5, solid_capstyle="butt", zorder=1)
         place_mm, size = 1e3 * np.array(placement.position_m), 9 if placement.name == "found" else 7
         mark, colour = _MARK[placement.name], _COLOUR[placement.name]
         axes.plot(place_mm, [k] * len(place_mm), mark, ms=size, color=colour, zorder=2)
         is_new = k == 0 or rows[k - 1][0] is not search
         if is_new and k > 0:
-            axes.axhline(k - 0.5, color=GREY, lw=0.5)
+            axes.axhline(k - 0.5, color=style.GREY, lw=0.5)
         axes.text(1.01 * length_mm, k, _placement_text(device, placement), va="center", fontsize="small")
     for zone in device.zones:
         axes.text(500 * (zone.start_m + zone.stop_m), -0.75, zone.name, ha="center", fontsize="small")
-    draw_zone_edges(axes, device, ":")
+    style.draw_zone_edges(axes, device, ":")
     axes.set_yticks(range(len(rows)), [f"{search.count}, {placement.name}" for search, placement in rows])
     axes.set(xlim=(0, length_mm), ylim=(len(rows) - 0.4, -1.1), xlabel="along the bar (mm)")
     for side in ("top", "right"):
@@ -82,7 +71,7 @@ def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
     axes.set_facecolor("0.92")
     step_m = place_m[1] - place_m[0]
     ends_mm = 1e3 * (place_m[0] - step_m / 2), 1e3 * (place_m[-1] + step_m / 2)
-    image = axes.imshow(shown, origin="lower", extent=(*ends_mm, *ends_mm), cmap=COLOUR_MAP, aspect="auto")
+    image = axes.imshow(shown, origin="lower", extent=(*ends_mm, *ends_mm), cmap=style.COLOUR_MAP, aspect="auto")
     for placement in search.evaluated:
         name, (left_mm, right_mm) = placement.name, 1e3 * np.array(placement.position_m)
         axes.plot(left_mm, right_mm, _MARK[name], ms=9, mew=1.2, mec="white", color=_COLOUR[name], label=name)
@@ -94,13 +83,13 @@ def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
 
 def _draw_distribution(axes: Axes, searches: Sequence[PlacementSearch]) -> None:
     """Draw, for each number of actuators, what share of the placements reaches a worst contrast; a star: the best."""
-    for search, (colour, style) in zip(searches, itertools.cycle(CURVES), strict=False):
+    for search, (colour, ls) in zip(searches, itertools.cycle(style.CURVES), strict=False):
         reached = np.sort(search.screened_db[np.isfinite(search.screened_db)])[::-1]
         share = 100 * np.arange(1, len(reached) + 1) / len(search.screened_db)
-        axes.step(reached, share, where="post", color=colour, ls=style, lw=1.7, label=f"{search.count} actuators")
+        axes.step(reached, share, where="post", color=colour, ls=ls, lw=1.7, label=f"{search.count} actuators")
         best_db = search.evaluated[0].fingers.worst_db
-        axes.plot(best_db, 0, "*", ms=12, color=colour, mec=BLACK, mew=0.5, clip_on=False, zorder=4)
-    axes.plot([], [], "*", ms=10, color="white", mec=BLACK, label="the best, judged")
+        axes.plot(best_db, 0, "*", ms=12, color=colour, mec=style.BLACK, mew=0.5, clip_on=False, zorder=4)
+    axes.plot([], [], "*", ms=10, color="white", mec=style.BLACK, label="the best, judged")
     axes.set(xlabel="worst contrast (dB)", ylabel="placements of the grid\nthat give so much (%)", ylim=(0, 100))
     axes.grid(alpha=0.25)
     axes.legend(fontsize="x-small", loc="upper right")

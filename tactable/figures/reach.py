@@ -8,20 +8,8 @@ from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
 from precompute.model.assembly import assemble
 from precompute.studies.reach import Reach, compute_reach
+from tactable.figures import style
 from tactable.figures.file import Picture
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILLION,
-    Array,
-    draw_actuators,
-    draw_gravities,
-    draw_zone_edges,
-    draw_zone_names,
-    finish_picture,
-)
 
 PLACES = 141  # 2 mm apart on 280 mm, closer than a fingertip is wide
 PAPER_G = 1.5
@@ -37,7 +25,7 @@ def plot_reach(device: Device) -> Picture:
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _draw_accelerations(above, device, untouched, touched)
     _draw_level(below, device, touched)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
         f"{device.name}: greatest acceleration at each place, full scale",
@@ -54,27 +42,27 @@ def plot_reach(device: Device) -> Picture:
 def _draw_accelerations(axes: Axes, device: Device, untouched: Reach, touched: Reach) -> None:
     place_mm = 1e3 * untouched.position_m
     curves = (
-        (untouched.tones, BLUE, "-", "untouched, each actuator at its best frequency"),
-        (untouched.one_tone, GREEN, "--", "untouched, all at one frequency"),
-        (touched.tones, VERMILLION, "-.", "under a standard finger lying there"),
+        (untouched.tones, style.BLUE, "-", "untouched, each actuator at its best frequency"),
+        (untouched.one_tone, style.GREEN, "--", "untouched, all at one frequency"),
+        (touched.tones, style.VERMILLION, "-.", "under a standard finger lying there"),
     )
-    for reach, colour, style, label in curves:
-        axes.plot(place_mm, reach, color=colour, ls=style, lw=1.6, label=label)
+    for reach, colour, ls, label in curves:
+        axes.plot(place_mm, reach, color=colour, ls=ls, lw=1.6, label=label)
     paper = PAPER_G * GRAVITY_M_PER_S2
-    axes.axhline(paper, color=BLACK, ls=":", lw=1.2, label=f"{PAPER_G:g} g, the published bar")
+    axes.axhline(paper, color=style.BLACK, ls=":", lw=1.2, label=f"{PAPER_G:g} g, the published bar")
     greatest = max(float(reach.max()) for reach, *_ in curves)
     least = min(float(touched.tones.min()), paper)
     axes.set(yscale="log", ylabel="greatest peak\nacceleration (m/s²)", ylim=(_FLOOR * least, _LEGEND_ROOM * greatest))
-    draw_gravities(axes)
-    draw_zone_names(axes, device)
-    draw_actuators(axes, device)
+    style.draw_gravities(axes)
+    style.draw_zone_names(axes, device)
+    style.draw_actuators(axes, device)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, 0.93), ncols=2)
 
 
 def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
-    axes.plot(1e3 * touched.position_m, touched.level_db, color=VERMILLION, ls="-.", lw=1.6)
+    axes.plot(1e3 * touched.position_m, touched.level_db, color=style.VERMILLION, ls="-.", lw=1.6)
     for level_db in device.levels_db:
-        axes.axhline(level_db, color=GREY, lw=0.8, ls=":")
+        axes.axhline(level_db, color=style.GREY, lw=0.8, ls=":")
         text, beside = f"rows at {level_db:g} dB", axes.get_yaxis_transform()
         axes.text(0.995, level_db, text, fontsize="x-small", color="dimgrey", va="bottom", ha="right", transform=beside)
     axes.set(
@@ -83,7 +71,7 @@ def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
         xlim=(0, 1e3 * device.bar.length_m),
         ylim=(0, None),
     )
-    draw_zone_edges(axes, device)
+    style.draw_zone_edges(axes, device)
 
 
 def _least_text(untouched: Reach, touched: Reach) -> str:
@@ -97,7 +85,7 @@ def _least_g(reach: Reach) -> float:
     return float(reach.tones.min()) / GRAVITY_M_PER_S2
 
 
-def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Array]:
+def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, style.Array]:
     columns = {"position (m)": untouched.position_m}
     for name, reach in (("untouched", untouched), ("under a finger there", touched)):
         columns[f"each actuator at its best frequency, {name} (m/s^2)"] = reach.tones

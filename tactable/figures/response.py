@@ -9,20 +9,8 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from precompute.measurements import Measurements, lay_out
 from precompute.measurements.model import MeasurementModel
+from tactable.figures import style
 from tactable.figures.file import Picture
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    COMPUTED,
-    GREY,
-    VERMILLION,
-    Array,
-    draw_actuators,
-    draw_gravities,
-    draw_scaled,
-    draw_zone_names,
-    finish_picture,
-)
 
 PLACES = 401  # less than a millimetre apart on 300 mm
 MOST_PANELS = 12  # a page's worth
@@ -51,7 +39,7 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     is_simulated = measured is not None and measured.is_simulated
     drives = [_summary_of(device, layout, *pair) for pair in zip(first_rows, curves, strict=True)]
     readings = 0 if measured is None else len(measured)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
         f"{device.name}: peak acceleration along the bar{', SIMULATED points' if is_simulated else ''}",
@@ -63,7 +51,7 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     )
 
 
-def reading_along(device: Device, measurements: Measurements, row: int) -> tuple[Array, Array]:
+def reading_along(device: Device, measurements: Measurements, row: int) -> tuple[style.Array, style.Array]:
     """Places (place,) in metres and what a reading there would be (place,), m/s^2, driven and loaded as `row`."""
     place_m = np.linspace(0.0, device.bar.length_m, PLACES)
     along = replace(
@@ -74,11 +62,11 @@ def reading_along(device: Device, measurements: Measurements, row: int) -> tuple
     return place_m, _predicted(device, along)
 
 
-def find_nodes(position_m: Array, level: Array) -> Array:
+def find_nodes(position_m: style.Array, level: style.Array) -> style.Array:
     """Places (node,) in metres of the minima of level (place,) that lie below NODE of its maximum, the ends aside."""
     inner = level[1:-1]
     is_node = (inner < level[:-2]) & (inner <= level[2:]) & (inner < NODE * level.max())
-    nodes_m: Array = position_m[1:-1][is_node]
+    nodes_m: style.Array = position_m[1:-1][is_node]
     return nodes_m
 
 
@@ -95,48 +83,48 @@ def drive_text(device: Device, measurements: Measurements, row: int) -> str:
 
 def _origin(measured: Measurements | None) -> str:
     if measured is None:
-        return COMPUTED
+        return style.COMPUTED
     return "Curves computed, points SIMULATED." if measured.is_simulated else "Curves computed, points measured."
 
 
-def _predicted(device: Device, measurements: Measurements) -> Array:
+def _predicted(device: Device, measurements: Measurements) -> style.Array:
     """Shape (row,), m/s^2: the magnitude that each row should read."""
-    size: Array = np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
+    size: style.Array = np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
     return size
 
 
 def _draw(
-    axes: Axes, device: Device, curve: tuple[Array, Array], measured: Measurements | None, *, is_first: bool
+    axes: Axes, device: Device, curve: tuple[style.Array, style.Array], measured: Measurements | None, *, is_first: bool
 ) -> None:
     place_m, level = curve
     label = "computed" if measured is None else "computed, with the sensor at each place"
-    axes.plot(1e3 * place_m, level, color=BLUE, lw=1.6, label=label)
+    axes.plot(1e3 * place_m, level, color=style.BLUE, lw=1.6, label=label)
     nodes_m = find_nodes(place_m, level)
-    axes.plot(1e3 * nodes_m, np.interp(nodes_m, place_m, level), "v", ms=6, color=VERMILLION, label="node")
+    axes.plot(1e3 * nodes_m, np.interp(nodes_m, place_m, level), "v", ms=6, color=style.VERMILLION, label="node")
     greatest = float(level.max())
     if measured is not None:
         size = np.abs(measured.acceleration)
         name = "SIMULATED points" if measured.is_simulated else "measured"
-        axes.plot(1e3 * measured.position_m, size, "o", ms=4.5, mfc="none", color=BLACK, label=name)
+        axes.plot(1e3 * measured.position_m, size, "o", ms=4.5, mfc="none", color=style.BLACK, label=name)
         greatest = max(greatest, float(size.max()))
     axes.set(xlim=(0, 1e3 * device.bar.length_m), ylim=(0, _HEADROOM * greatest), ylabel="peak (m/s²)")
-    axes.grid(color=GREY, lw=0.3)
-    draw_gravities(axes)
-    draw_zone_names(axes, device)
-    draw_actuators(axes, device)
+    axes.grid(color=style.GREY, lw=0.3)
+    style.draw_gravities(axes)
+    style.draw_zone_names(axes, device)
+    style.draw_actuators(axes, device)
     if is_first:
-        draw_scaled(axes.secondary_xaxis, "top", 1 / _MM_PER_INCH).set_xlabel("(inch)", fontsize="small")
+        style.draw_scaled(axes.secondary_xaxis, "top", 1 / _MM_PER_INCH).set_xlabel("(inch)", fontsize="small")
         axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1.0, 0.88))
 
 
 def _columns(
-    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[Array, Array]]
-) -> dict[str, Array]:
+    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[style.Array, style.Array]]
+) -> dict[str, style.Array]:
     named = {f"{drive_text(device, layout, row)} (m/s^2)": level for row, (_, level) in zip(rows, curves, strict=True)}
     return {"position (m)": curves[0][0], **named}
 
 
-def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
+def _compared(device: Device, measured: Measurements) -> dict[str, style.Array]:
     """A row a reading."""
     names = [actuator.name for actuator in device.actuators]
     return {
@@ -149,7 +137,9 @@ def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     }
 
 
-def _summary_of(device: Device, layout: Measurements, row: int, curve: tuple[Array, Array]) -> dict[str, object]:
+def _summary_of(
+    device: Device, layout: Measurements, row: int, curve: tuple[style.Array, style.Array]
+) -> dict[str, object]:
     place_m, level = curve
     return {
         "drive": drive_text(device, layout, row),

@@ -10,18 +10,9 @@ from matplotlib.figure import Figure
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, zone_lists
+from tactable.figures import style
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import Load, PlayedDrive
-from tactable.figures.style import (
-    BLACK,
-    BLUE,
-    ROLE_COLOUR,
-    Array,
-    draw_actuators,
-    draw_zone_names,
-    finish_picture,
-    level_text,
-)
 
 _POINTS = 401  # less than a millimetre apart on 300 mm
 _BELOW_THRESHOLD = 0.3
@@ -35,10 +26,10 @@ _TITLE_LETTERS = 100  # a line of the title across the figure
 class Envelope:
     """Peak steady acceleration (m/s^2) along the bar (m): under standard fingers; least and greatest over touches."""
 
-    position_m: Array
-    standard: Array
-    least: Array
-    greatest: Array
+    position_m: style.Array
+    standard: style.Array
+    least: style.Array
+    greatest: style.Array
 
 
 def plot_state(played: PlayedDrive) -> Picture:
@@ -48,14 +39,14 @@ def plot_state(played: PlayedDrive) -> Picture:
     axes = figure.add_subplot()
     _draw_envelope(axes, played, envelope)
     label = f"detection threshold at {played.drive.frequency_hz:g} Hz (ESTIMATE)"
-    axes.axhline(played.threshold_m_per_s2, color=BLACK, lw=1.0, ls="--", label=label)
+    axes.axhline(played.threshold_m_per_s2, color=style.BLACK, lw=1.0, ls="--", label=label)
     _draw_fingers(axes, played)
     _set_axes(axes, played, envelope)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
-        f"{device.name}: {played.who}, {level_text(played.drive.wanted_level_db)}",
+        f"{device.name}: {played.who}, {style.level_text(played.drive.wanted_level_db)}",
         _promise_text(played),
         _columns(envelope),
         _summary(played),
@@ -69,7 +60,7 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     plant = assemble(device)
     position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
 
-    def along(load: Load) -> Array:
+    def along(load: Load) -> style.Array:
         loaded = plant.with_fingers(*zip(*load, strict=True))
         return peak_along(loaded, frequency_hz, played.drive.complex_amplitudes, position_m)
 
@@ -78,19 +69,21 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
 
 
 def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
-    draw_zone_names(axes, played.device)
+    style.draw_zone_names(axes, played.device)
     place_mm = 1e3 * envelope.position_m
     label = f"least to greatest of {len(played.cases) - 1} other touches"
-    axes.fill_between(place_mm, envelope.least, envelope.greatest, color=BLUE, alpha=0.15, lw=0, label=label)
-    axes.plot(place_mm, envelope.standard, color=BLUE, lw=1.8, label="with standard fingers")
-    draw_actuators(axes, played.device)
+    axes.fill_between(place_mm, envelope.least, envelope.greatest, color=style.BLUE, alpha=0.15, lw=0, label=label)
+    axes.plot(place_mm, envelope.standard, color=style.BLUE, lw=1.8, label="with standard fingers")
+    style.draw_actuators(axes, played.device)
 
 
 def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
-    axes.plot([], [], "o", ms=7, color=BLACK, label="standard finger, its level (least to greatest of the touches)")
+    axes.plot(
+        [], [], "o", ms=7, color=style.BLACK, label="standard finger, its level (least to greatest of the touches)"
+    )
     for finger in played.fingers:
         place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
-        axes.plot(place_mm, height, "o", ms=9, mec="white", color=ROLE_COLOUR[finger.is_felt], zorder=4)
+        axes.plot(place_mm, height, "o", ms=9, mec="white", color=style.ROLE_COLOUR[finger.is_felt], zorder=4)
         role = "felt " if finger.is_felt else "quiet "
         axes.annotate(
             f"{role}{finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})",
@@ -145,7 +138,7 @@ def _promise_text(played: PlayedDrive) -> str:
     return f"{reached}contrast {figures.contrast_db:z.1f} dB ({contrasts})"
 
 
-def _columns(envelope: Envelope) -> dict[str, Array]:
+def _columns(envelope: Envelope) -> dict[str, style.Array]:
     return {
         "position (m)": envelope.position_m,
         "peak acceleration under standard fingers (m/s^2)": envelope.standard,

@@ -12,17 +12,8 @@ from precompute.model.assembly import Plant, assemble
 from precompute.model.response import peak_along
 from precompute.model.steady import SteadyState, compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
+from tactable.figures import style
 from tactable.figures.file import FigureError, Picture
-from tactable.figures.style import (
-    CURVES,
-    GREEN,
-    GREY,
-    Array,
-    draw_actuators,
-    draw_gravities,
-    draw_zone_names,
-    finish_picture,
-)
 
 _PLACES = 401  # less than a millimetre apart on 300 mm
 _HEADROOM = 1.3  # above the greatest value: names of the zones and legend
@@ -35,7 +26,7 @@ class _Shown:
     """A drive, its peak acceleration along the bar (place,), m/s^2, and its figures by zone."""
 
     drive: BarDrive
-    level: Array
+    level: style.Array
     state: SteadyState
 
 
@@ -76,7 +67,7 @@ def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequ
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     _draw_acceleration(above, device, shown, wanted)
     _draw_factors(below, device, shown, wanted)
-    return finish_picture(
+    return style.finish_picture(
         figure,
         device,
         caption,
@@ -93,31 +84,33 @@ def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequ
 def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
     place_mm = np.linspace(0.0, 1e3 * device.bar.length_m, _PLACES)
     for zone in wanted:
-        axes.axvspan(1e3 * device.zones[zone].start_m, 1e3 * device.zones[zone].stop_m, color=GREEN, alpha=0.12, lw=0)
-    for each, (colour, style) in zip(shown, CURVES, strict=False):
-        axes.plot(place_mm, each.level, color=colour, ls=style, lw=1.7, label=_label(device, each.drive))
+        axes.axvspan(
+            1e3 * device.zones[zone].start_m, 1e3 * device.zones[zone].stop_m, color=style.GREEN, alpha=0.12, lw=0
+        )
+    for each, (colour, ls) in zip(shown, style.CURVES, strict=False):
+        axes.plot(place_mm, each.level, color=colour, ls=ls, lw=1.7, label=_label(device, each.drive))
     axes.set(
         ylabel="peak acceleration (m/s²)",
         xlim=(0, place_mm[-1]),
         ylim=(0, _HEADROOM * max(float(each.level.max()) for each in shown)),
     )
-    axes.grid(color=GREY, lw=0.3)
-    draw_gravities(axes)
-    draw_zone_names(axes, device)
-    draw_actuators(axes, device)
+    axes.grid(color=style.GREY, lw=0.3)
+    style.draw_gravities(axes)
+    style.draw_zone_names(axes, device)
+    style.draw_actuators(axes, device)
     axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, 0.93))
 
 
 def _draw_factors(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
     middle_mm = np.array([500 * (zone.start_m + zone.stop_m) for zone in device.zones])
     width_mm = _BAR_SHARE / len(shown) * np.array([1e3 * zone.length_m for zone in device.zones])
-    for k, (each, (colour, _)) in enumerate(zip(shown, CURVES, strict=False)):
+    for k, (each, (colour, _)) in enumerate(zip(shown, style.CURVES, strict=False)):
         place_mm = middle_mm + (k - (len(shown) - 1) / 2) * width_mm
         axes.bar(place_mm, each.state.share, 0.92 * width_mm, color=colour, hatch=_HATCHES[k], ec="white", lw=0)
         for x_mm, share in zip(place_mm, each.state.share, strict=True):
             axes.text(x_mm, share, f"{share:.3f}", ha="center", va="bottom", fontsize="x-small")
     names = [f"{zone.name}, wanted" if k in wanted else zone.name for k, zone in enumerate(device.zones)]
-    draw_zone_names(axes, device, names)
+    style.draw_zone_names(axes, device, names)
     greatest = max(float(each.state.share.max()) for each in shown)
     axes.set(xlabel="along the bar (mm)", ylabel="localized factor\nof each zone (1)", ylim=(0, _HEADROOM * greatest))
 
@@ -141,9 +134,9 @@ def _factor_text(device: Device, shown: _Shown, wanted: Sequence[int]) -> str:
     return f"{_label(device, shown.drive)}: greatest in {first}, least in {last}"
 
 
-def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | Array]:
+def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | style.Array]:
     """The zones of the first drive, of the second, and so on."""
-    columns: dict[str, Sequence[object] | Array] = {
+    columns: dict[str, Sequence[object] | style.Array] = {
         "drive": [_label(device, each.drive) for each in shown for _ in device.zones],
         "zone": [zone.name for _ in shown for zone in device.zones],
     }

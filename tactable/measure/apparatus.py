@@ -1,14 +1,14 @@
 """The board, the sensor and the person who moves it: real ones, or a simulated bench in the place of all three."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.loop import Clock, SystemClock
+from engine.loop import SystemClock
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
@@ -27,7 +27,7 @@ from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, Sim
 from tactable.shipped import cache_folder
 
 SIMULATED = "simulated"
-_VIRTUAL_BIT_RATE_HZ = 1_000_000
+_BIT_RATE_HZ, _BOARD_BIT_RATE_HZ = 115_200, 1_000_000  # of simulated lines; an accelerometer needs the faster one
 
 
 @dataclass(frozen=True)
@@ -83,92 +83,60 @@ class Apparatus:
 def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str], None]) -> Iterator[Apparatus]:
     """Board and sensor for the length of a `with` block; `ask` tells a person what to do and returns once it is done.
 
-    Raises SensorError and LinkError.
+    The board's own accelerometer is moved by hand, or fixed. Raises SensorError and LinkError.
     """
-    most = [options.most] * len(device.actuators)
-    if is_board(options.sensor):
-        with _open_board(device, options, ask) as apparatus:
-            yield apparatus
-        return
-    if options.is_simulated:
-        bench = simulated_bench(device, options)
-        yield Apparatus(
-            SimulatedSensor(bench),
-            lambda: DrivenDevice(device, bench, bench, most, clicks=options.clicks),
-            bench.place,
-            bench.turn_over,
-        )
-        return
-    with (
-        open_port(options.port, options.bit_rate_hz) as port,
-        closing(_open_sensor(options.sensor, device)) as stream,
-    ):
-        yield Apparatus(
-            stream,
-            lambda: DrivenDevice(device, port, SystemClock(), most, port.bit_rate_hz, options.clicks),
-            lambda position_m: ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
-            lambda: ask("turn the sensor over, then Enter"),
-        )
-
-
-@contextmanager
-def _open_board(device: Device, options: ApparatusOptions, ask: Callable[[str], None]) -> Iterator[Apparatus]:
-    """A board with its own accelerometer, which is moved by hand or fixed, or the simulated bench of one."""
-    if is_audio(options.port):
+    is_own = is_board(options.sensor)
+    if is_own and is_audio(options.port):
         raise SensorError("--sensor board: a sound card has no accelerometer of its own; name a converter for one")
-    if options.is_simulated:
-        true = with_changes(device, options.changes)
-        bench = BoardBench(
-            true, options.flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine
-        )
-        with closing(open_board_sensor(device, bench, bench, _VIRTUAL_BIT_RATE_HZ)) as sensor:
-            driven = partial(_driven_by, device, bench, bench, _VIRTUAL_BIT_RATE_HZ, options, sensor)
-            yield Apparatus(sensor, driven, bench.place, bench.turn_over)
-        return
-    is_fixed, clock = fixed_position_m(options.sensor, device) is not None, SystemClock()
-    with (
-        open_port(options.port, options.bit_rate_hz) as port,
-        closing(open_board_sensor(device, port, clock, port.bit_rate_hz)) as sensor,
-    ):
+    is_fixed = is_own and fixed_position_m(options.sensor, device) is not None
+    with ExitStack() as stack:
+        bench = _simulated_bench(device, options) if options.is_simulated else None
+        port: Port
+        if bench is None:
+            opened = open_port(options.port, options.bit_rate_hz)
+            port, bit_rate_hz = opened, opened.bit_rate_hz
+            stack.callback(opened.close)
+        else:
+            port, bit_rate_hz = bench, _BOARD_BIT_RATE_HZ if is_own else _BIT_RATE_HZ
+        clock = bench or SystemClock()
+        own = open_board_sensor(device, port, clock, bit_rate_hz) if is_own else None
+        sensor = own or (SimulatedSensor(bench) if isinstance(bench, SimulatedBench) else _open_sensor(options, device))
+        stack.callback(sensor.close)
+        most = [options.most] * len(device.actuators)
+
+        def guide(position_m: float) -> None:
+            if not is_fixed:
+                ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter")
+
         yield Apparatus(
             sensor,
-            partial(_driven_by, device, port, clock, port.bit_rate_hz, options, sensor),
-            lambda position_m: None if is_fixed else ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter"),
-            lambda: ask("turn the sensor over, then Enter"),
+            partial(DrivenDevice, device, port, clock, most, bit_rate_hz, options.clicks, own),
+            guide if bench is None else bench.place,
+            bench.turn_over if bench else lambda: ask("turn the sensor over, then Enter"),
         )
 
 
-def _driven_by(
-    device: Device, port: Port, clock: Clock, bit_rate_hz: int, options: ApparatusOptions, sensor: BoardSensor
-) -> DrivenDevice:
-    most = [options.most] * len(device.actuators)
-    return DrivenDevice(device, port, clock, most, bit_rate_hz, options.clicks, sensor)
+def _open_sensor(options: ApparatusOptions, device: Device) -> SampleStream:
+    name = options.sensor
+    return AudioSensor(name, device) if is_audio(name) else SampleStream(Path(name), device)
 
 
-def simulated_bench(device: Device, options: ApparatusOptions) -> SimulatedBench:
+def _simulated_bench(device: Device, options: ApparatusOptions) -> BoardBench | SimulatedBench:
     """The bench of options that are simulated; a sound card for board and converter is one card with one clock."""
-    true, form, card = with_changes(device, options.changes), dict[str, Any](), None
+    true, flaws, card = with_changes(device, options.changes), options.flaws, None
+    form: dict[str, Any] = {"board": device, "is_fine": options.is_fine}
+    if is_board(options.sensor):
+        return BoardBench(true, flaws, options.seed, options.sensor_mass_kg, **form)
     if is_audio(options.sensor):
         source = parse_input(options.sensor, [actuator.name for actuator in device.actuators])
-        clips_at = min(options.flaws.clips_at_m_per_s2, source.scale_m_per_s2)
-        flaws = replace(options.flaws, clips_at_m_per_s2=clips_at)
-        form = {"sample_rate_hz": float(source.rate_hz), "has_loopback": bool(source.loopbacks)}
+        flaws = replace(flaws, clips_at_m_per_s2=min(flaws.clips_at_m_per_s2, source.scale_m_per_s2))
+        form |= {"sample_rate_hz": float(source.rate_hz), "has_loopback": bool(source.loopbacks)}
         form["has_sum"] = len(source.loopbacks) == 1
-    else:
-        flaws = options.flaws
     if is_audio(options.port):
-        drift = flaws.drift if is_audio(options.sensor) else 0.0
-        card = SimulatedCard(
-            core_library(cache_folder()), parse_output(options.port), CardFlaws(drift=drift), options.seed
-        )
-    return SimulatedBench(
-        true, flaws, options.seed, options.sensor_mass_kg, board=device, is_fine=options.is_fine, card=card, **form
-    )
+        drift = CardFlaws(drift=flaws.drift if is_audio(options.sensor) else 0.0)
+        card = SimulatedCard(core_library(cache_folder()), parse_output(options.port), drift, options.seed)
+    return SimulatedBench(true, flaws, options.seed, options.sensor_mass_kg, card=card, **form)
 
 
 def _is_simulated(name: str) -> bool:
     return name == SIMULATED or name.split(",", 1)[0].strip() == PREFIX + SIMULATED_CARD
-
-
-def _open_sensor(name: str, device: Device) -> SampleStream:
-    return AudioSensor(name, device) if is_audio(name) else SampleStream(Path(name), device)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -50,33 +49,22 @@ SPOILING = (
 """Faults for which a reading is repeated, and marked where that does not help."""
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """What a reading may have of each fault.
-
-    Fractions are of the tone. hum: of a line that the window tells from the tone; beside: of one that it does not,
-    judged by the hum of the bar at rest. drift: of the clock, from which on it is told.
-    """
-
-    error: float = 0.02
-    hum: float = 1.0
-    beside: float = 0.01
-    distortion: float = 0.1
-    drift: float = 20e-6
-    clip: float = 0.98
-    """Of the greatest value."""
-    phase_step_rad: float = 0.05
-    gain: float = 0.01
-    offset_m_per_s2: float = 0.5
-    latency_s: float = 0.02
-    jitter_s: float = 0.004
-    """Between starts; a block of samples is about half as long."""
+# What a reading may have of each fault; fractions are of the tone.
+MOST_ERROR = 0.02
+MOST_HUM_BESIDE = 0.01  # of a line that the window does not tell from the tone, by the hum of the bar at rest
+MOST_DISTORTION = 0.1
+MOST_DRIFT = 20e-6  # of the clock
+MOST_PHASE_STEP_RAD = 0.05
+MOST_GAIN, MOST_OFFSET_M_PER_S2 = 0.01, 0.5
+_MOST_HUM = 1.0  # of a line that the window tells from the tone
+_CLIP = 0.98  # of the greatest value
+_MOST_LATENCY_S, _MOST_JITTER_S = 0.02, 0.004  # the jitter is between starts; a block of samples is half as long
 
 
-def is_clipped(values: Array, form: SensorForm, tolerance: Tolerance) -> bool:
+def is_clipped(values: Array, form: SensorForm) -> bool:
     """Whether samples (sample, channel) reach the declared greatest value, or stand still at their extremes."""
     greatest = np.nanmax(abs(values), axis=0)
-    if (greatest >= tolerance.clip * np.array(form.clips_at)).any():
+    if (greatest >= _CLIP * np.array(form.clips_at)).any():
         return True
     # Without a declared end: a sine passes its crest, a clipped one stays there for many samples.
     acceleration = values[:, form.acceleration]
@@ -93,25 +81,25 @@ def is_stalled(acceleration: Array, most: int) -> bool:
     return bool(np.diff(changes, prepend=-1, append=len(acceleration) - 1).max() > most)
 
 
-def find_click_faults(values: Array, form: SensorForm, tolerance: Tolerance) -> tuple[Fault, ...]:
+def find_click_faults(values: Array, form: SensorForm) -> tuple[Fault, ...]:
     """Faults of the samples (sample, channel) of a click, from rest to rest."""
-    acceleration, clips = values[:, form.acceleration], is_clipped(values, form, tolerance)
+    acceleration, clips = values[:, form.acceleration], is_clipped(values, form)
     causes = {
         Fault.CLIPPING: clips,
         Fault.STALLED: not clips and is_stalled(acceleration, len(acceleration) - 1),
         Fault.LOST_SAMPLES: bool(np.isnan(values).any()),
-        Fault.OFFSET: has_offset(float(np.nanmean(acceleration)), tolerance),
+        Fault.OFFSET: has_offset(float(np.nanmean(acceleration))),
     }
     return tuple(fault for fault, is_there in causes.items() if is_there)
 
 
-def has_offset(mean_m_per_s2: float, tolerance: Tolerance) -> bool:
+def has_offset(mean_m_per_s2: float) -> bool:
     """Whether a sensor, which may lie in any way and pass direct current, reads more than gravity."""
-    return abs(mean_m_per_s2) > GRAVITY_M_PER_S2 + tolerance.offset_m_per_s2
+    return abs(mean_m_per_s2) > GRAVITY_M_PER_S2 + MOST_OFFSET_M_PER_S2
 
 
 def find_faults(
-    fit: ToneFit, values: Array, form: SensorForm, reference: int | None, tolerance: Tolerance, hum_at_rest: float
+    fit: ToneFit, values: Array, form: SensorForm, reference: int | None, hum_at_rest: float
 ) -> tuple[Fault, ...]:
     """Faults of one steady window (sample, channel), the most serious first.
 
@@ -121,31 +109,31 @@ def find_faults(
     channel, found = form.acceleration, list[Fault]()
     size = max(float(abs(fit.phasor[channel])), 1e-300)
     steady = channel if reference is None else reference
-    if is_clipped(values, form, tolerance):
+    if is_clipped(values, form):
         found.append(Fault.CLIPPING)
     # A sine leaves a value within a period, however coarse the steps of the converter.
     elif is_stalled(values[:, channel], math.ceil(form.sample_rate_hz / fit.frequency_hz)):
         found.append(Fault.STALLED)
-    has_step = fit.phase_step_rad(steady) > tolerance.phase_step_rad and fit.error(steady) > tolerance.error / 2
+    has_step = fit.phase_step_rad(steady) > MOST_PHASE_STEP_RAD and fit.error(steady) > MOST_ERROR / 2
     if has_step or np.isnan(values).any():
         found.append(Fault.LOST_SAMPLES)
-    beside = is_beside_hum(fit.frequency_hz, fit.duration_s) and hum_at_rest > tolerance.beside * size
+    beside = is_beside_hum(fit.frequency_hz, fit.duration_s) and hum_at_rest > MOST_HUM_BESIDE * size
     # Hum that the window tells from the tone is taken out by the fit; it spoils only what scatters.
-    is_loud = fit.hum[channel] > tolerance.hum * size and fit.error(channel) > tolerance.error
+    is_loud = fit.hum[channel] > _MOST_HUM * size and fit.error(channel) > MOST_ERROR
     if beside or is_loud:
         found.append(Fault.HUM)
-    if fit.error(channel) > tolerance.error and not {Fault.LOST_SAMPLES, Fault.STALLED} & {*found}:
+    if fit.error(channel) > MOST_ERROR and not {Fault.LOST_SAMPLES, Fault.STALLED} & {*found}:
         found.append(Fault.NOISE)
-    if fit.distortion[channel] > tolerance.distortion * size and Fault.NOISE not in found:
+    if fit.distortion[channel] > MOST_DISTORTION * size and Fault.NOISE not in found:
         found.append(Fault.DISTORTION)
-    if has_offset(float(fit.mean[channel]), tolerance):
+    if has_offset(float(fit.mean[channel])):
         found.append(Fault.OFFSET)
     return tuple(found)
 
 
-def find_late(latencies_s: Sequence[float], tolerance: Tolerance) -> tuple[Fault, ...]:
+def find_late(latencies_s: Sequence[float]) -> tuple[Fault, ...]:
     """LATENCY where samples come late, or later at one start than at another."""
     if not latencies_s:
         return ()
-    is_late = max(latencies_s) > tolerance.latency_s
-    return (Fault.LATENCY,) if is_late or max(latencies_s) - min(latencies_s) > tolerance.jitter_s else ()
+    is_late = max(latencies_s) > _MOST_LATENCY_S
+    return (Fault.LATENCY,) if is_late or max(latencies_s) - min(latencies_s) > _MOST_JITTER_S else ()

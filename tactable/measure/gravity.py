@@ -5,7 +5,7 @@ Level it reads g (1 + gain) + offset, turned over -g (1 + gain) + offset (ISO 16
 
 from dataclasses import dataclass
 
-from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, Tolerance
+from tactable.measure.faults import GRAVITY_M_PER_S2, MOST_GAIN, MOST_OFFSET_M_PER_S2, Fault
 
 
 @dataclass(frozen=True)
@@ -17,13 +17,13 @@ class GravityCheck:
     faults: tuple[Fault, ...]
 
 
-def check_gravity(level_m_per_s2: float, turned_m_per_s2: float, tolerance: Tolerance) -> GravityCheck:
+def check_gravity(level_m_per_s2: float, turned_m_per_s2: float) -> GravityCheck:
     """The check from the means of the sensor lying level and turned over."""
     gain = (level_m_per_s2 - turned_m_per_s2) / (2 * GRAVITY_M_PER_S2) - 1
     offset = (level_m_per_s2 + turned_m_per_s2) / 2
     found = {
         Fault.TURNED: gain < -1,
-        Fault.GAIN: gain >= -1 and abs(gain) > tolerance.gain,
-        Fault.OFFSET: abs(offset) > tolerance.offset_m_per_s2,
+        Fault.GAIN: gain >= -1 and abs(gain) > MOST_GAIN,
+        Fault.OFFSET: abs(offset) > MOST_OFFSET_M_PER_S2,
     }
     return GravityCheck(gain, offset, tuple(fault for fault, is_there in found.items() if is_there))

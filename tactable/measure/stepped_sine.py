@@ -20,7 +20,7 @@ Theory of operation. A reading holds a tone until the bar is steady, fits it, an
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -33,7 +33,14 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.faults import SPOILING, Fault, Tolerance, find_click_faults, find_faults
+from tactable.measure.faults import (
+    MOST_DRIFT,
+    MOST_PHASE_STEP_RAD,
+    SPOILING,
+    Fault,
+    find_click_faults,
+    find_faults,
+)
 from tactable.measure.recorder import LostWindowError, Recorder, known_samples
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
@@ -43,7 +50,7 @@ T = TypeVar("T")
 
 STEP_OF_LEVEL = 3.0  # 9.5 dB: from 5 % to full scale in three steps of the five attempts
 WINDOW_S = 0.2  # 12 periods of 60 Hz; lines 6 Hz apart are told from the tone (_RESOLVED of tone_fit.py)
-_SETTLED = 0.003  # of the tone: 0.026 dB, a seventh of what a reading may err (Tolerance.error)
+_SETTLED = 0.003  # of the tone: 0.026 dB, a seventh of what a reading may err (MOST_ERROR)
 _REST_HZ = 37.0  # beside every line of the mains
 LATE_S = 0.1  # what a command and its samples take at the most: 20 ms of a sound card, a block, the line
 _ONSET = 0.05  # of the amplitude: a sine passes it within 1 % of a period; a loopback has less noise
@@ -66,7 +73,6 @@ class SteppedSineOptions:
     window_s: float = WINDOW_S
     longest_settling_s: float = 6.0
     attempts: int = 5
-    tolerance: Tolerance = field(default_factory=Tolerance)
 
 
 @dataclass(frozen=True)
@@ -309,12 +315,12 @@ class SteppedSine:
         self._driven.session.link.set_play(click)
         values = self.recorder.take_window(length_s + 2 * LATE_S)
         acceleration = known_samples(values)[:, self._form.acceleration]
-        return acceleration - np.median(acceleration), find_click_faults(values, self._form, self._options.tolerance)
+        return acceleration - np.median(acceleration), find_click_faults(values, self._form)
 
     def _look_for_losses(self, window: Array, hz: float, actuator: int) -> None:
         """Count a window in which the phase of the loopback steps; the wait for a steady bar passes over it."""
-        reference, tolerance = self.reference(actuator), self._options.tolerance
-        if reference is not None and self._fit(window, hz).phase_step_rad(reference) > tolerance.phase_step_rad:
+        reference = self.reference(actuator)
+        if reference is not None and self._fit(window, hz).phase_step_rad(reference) > MOST_PHASE_STEP_RAD:
             self.lossy_windows += 1
 
     def _is_steady(self, levels: Sequence[complex], samples: int) -> bool:
@@ -336,16 +342,15 @@ class SteppedSine:
         self, values: Array, hz: float, actuator: int, is_steady: bool
     ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
         """Fit and faults of the windows that were steady; the clock's drift is followed from reading to reading."""
-        tolerance, reference = self._options.tolerance, self.reference(actuator)
-        fit = self._fit(values, hz)
-        faults = list(find_faults(fit, values, self._form, reference, tolerance, self.rest.hum))
+        fit, reference = self._fit(values, hz), self.reference(actuator)
+        faults = list(find_faults(fit, values, self._form, reference, self.rest.hum))
         if not is_steady and Fault.LOST_SAMPLES not in faults:
             faults.append(Fault.NOT_STEADY)
         if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:
             faults.append(Fault.NO_SIGNAL)
         elif reference is not None and Fault.LOST_SAMPLES not in faults:
             self.drift += fit.drift(reference)
-        if abs(self.drift) > tolerance.drift:
+        if abs(self.drift) > MOST_DRIFT:
             faults.append(Fault.CLOCK_DRIFT)
         return fit, values, tuple(faults)
 

@@ -24,7 +24,17 @@ from engine.device import Device
 from engine.render import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.faults import Fault, has_offset, is_clipped, is_stalled
+from tactable.measure.faults import (
+    MOST_DISTORTION,
+    MOST_DRIFT,
+    MOST_ERROR,
+    MOST_HUM_BESIDE,
+    MOST_PHASE_STEP_RAD,
+    Fault,
+    has_offset,
+    is_clipped,
+    is_stalled,
+)
 from tactable.measure.recorder import known_samples
 from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.stepped_sine import (
@@ -145,14 +155,12 @@ class SweptSine:
         swept = values[round(_REST_S * rate_hz) : round((_REST_S + self._sweep.sweep_s) * rate_hz), form.acceleration]
         causes = {
             Fault.STALLED: is_stalled(swept, math.ceil(rate_hz / low_hz)),
-            Fault.CLIPPING: any(
-                is_clipped(part, form, self._options.tolerance) for part in np.array_split(values, _PARTS)
-            ),
+            Fault.CLIPPING: any(is_clipped(part, form) for part in np.array_split(values, _PARTS)),
             Fault.LOST_SAMPLES: bool(np.isnan(values).any()) or has_jumps(drive),
             Fault.NO_SIGNAL: bool(abs(drive).max() < _LEAST_LOOPBACK),
         }
         faults = tuple(fault for fault, is_there in causes.items() if is_there)
-        is_noisy = float((fit.error > self._options.tolerance.error).mean()) > _FEW
+        is_noisy = float((fit.error > MOST_ERROR).mean()) > _FEW
         return _Take(amplitude, values, fit, faults, is_noisy)
 
     def _ends(self, actuator: int, frequencies_hz: Array) -> tuple[float, float]:
@@ -200,7 +208,7 @@ class SweptSine:
         values = known_samples(recorder.take_window(_CLOCK_S))
         driven.silence()
         fit = fit_tone(values, self._form.sample_rate_hz, hz / (1 + self._stepped.drift))
-        is_whole = fit.phase_step_rad(reference) < self._options.tolerance.phase_step_rad
+        is_whole = fit.phase_step_rad(reference) < MOST_PHASE_STEP_RAD
         if abs(fit.phasor[reference]) >= _LEAST_LOOPBACK and is_whole:
             self._stepped.drift += fit.drift(reference)
             self._is_clock_known = True
@@ -215,15 +223,15 @@ class SweptSine:
         single = np.array([take.fit.error for take in kept])
         error = 1 / np.sqrt((1 / np.maximum(single, 1e-12) ** 2).sum(axis=0))
         apart = abs(responses - mean).max(axis=0) / np.maximum(abs(mean), 1e-300)
-        tolerance, last = self._options.tolerance, kept[-1]
-        loud = self._hum_of(last, frequencies_hz) > tolerance.beside * abs(last.fit.response)
+        last = kept[-1]
+        loud = self._hum_of(last, frequencies_hz) > MOST_HUM_BESIDE * abs(last.fit.response)
         marks = {
             Fault.HUM: loud,
-            Fault.NOISE: (error > tolerance.error) & ~loud,
-            Fault.NOT_STEADY: apart > np.maximum(tolerance.error, _STEADY * single.max(axis=0)),
-            Fault.OFFSET: np.full(len(mean), has_offset(self._stepped.rest.mean, tolerance)),
-            Fault.DISTORTION: np.full(len(mean), last.fit.distortion > tolerance.distortion),
-            Fault.CLOCK_DRIFT: np.full(len(mean), abs(self._stepped.drift) > tolerance.drift),
+            Fault.NOISE: (error > MOST_ERROR) & ~loud,
+            Fault.NOT_STEADY: apart > np.maximum(MOST_ERROR, _STEADY * single.max(axis=0)),
+            Fault.OFFSET: np.full(len(mean), has_offset(self._stepped.rest.mean)),
+            Fault.DISTORTION: np.full(len(mean), last.fit.distortion > MOST_DISTORTION),
+            Fault.CLOCK_DRIFT: np.full(len(mean), abs(self._stepped.drift) > MOST_DRIFT),
         }
         return [
             Reading(

@@ -283,7 +283,7 @@ def study_flaws(device: Device) -> None:
 
 def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
     """Faults by how many of the readings name them, and what the converter is found to be."""
-    from tactable.measure.faults import Tolerance, find_late
+    from tactable.measure.faults import find_late
     from tactable.measure.gravity import check_gravity
     from tactable.measure.stepped_sine import SteppedSine
 
@@ -304,10 +304,10 @@ def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
                 late.append(stepped.measure_latency() or 0.0)
                 readings += [stepped.read(*tone)[0] for tone in stop.tones]
     names = [fault.name for reading in readings for fault in {*reading.faults, *reading.earlier}]
-    checked = check_gravity(means[0], means[1], Tolerance())
+    checked = check_gravity(means[0], means[1])
     counted = [f"{names.count(name)} of {len(readings)} {name}" for name in sorted(set(names))]
     counted += [f"gravity {fault.name}" for fault in checked.faults]
-    counted += [fault.name for fault in find_late(late, Tolerance())]
+    counted += [fault.name for fault in find_late(late)]
     shown = ", ".join(f"{1e3 * each:.1f}" for each in late)
     drift_ppm = 1e6 * readings[-1].drift
     return f"{'; '.join(counted) or 'no fault'} (clock {drift_ppm:+.1f} ppm, latency {shown} ms)"

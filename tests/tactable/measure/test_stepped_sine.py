@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from tactable.measure import AskedDrive, DrivenDevice
-from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, Tolerance
+from tactable.measure.faults import GRAVITY_M_PER_S2, Fault
 from tactable.measure.gravity import check_gravity
 from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
@@ -246,7 +246,7 @@ def test_noise_does_not_keep_a_bar_from_being_steady() -> None:
 
 
 def test_gravity_tells_a_sensor_that_is_turned() -> None:
-    assert check_gravity(-GRAVITY_M_PER_S2, GRAVITY_M_PER_S2, Tolerance()).faults == (Fault.TURNED,)
+    assert check_gravity(-GRAVITY_M_PER_S2, GRAVITY_M_PER_S2).faults == (Fault.TURNED,)
 
 
 def test_gravity_tells_gain_and_offset_apart() -> None:
@@ -256,11 +256,11 @@ def test_gravity_tells_gain_and_offset_apart() -> None:
         with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
             means.append(SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions()).listen().mean)
         bench.turn_over()
-    found = check_gravity(means[0], means[1], Tolerance())
+    found = check_gravity(means[0], means[1])
     assert found.gain == pytest.approx(0.03, abs=1e-4)
     assert found.offset_m_per_s2 == pytest.approx(0.7, abs=1e-3)
     assert found.faults == (Fault.GAIN, Fault.OFFSET)
-    assert check_gravity(GRAVITY_M_PER_S2, -GRAVITY_M_PER_S2, Tolerance()).faults == ()
+    assert check_gravity(GRAVITY_M_PER_S2, -GRAVITY_M_PER_S2).faults == ()
 
 
 def test_a_flaw_without_a_unit_is_refused() -> None:
