@@ -11,8 +11,9 @@ from engine.effects import DEFAULT_EFFECTS
 from engine.loop import SystemClock
 from engine.render import WhenNotAchieved
 from engine.table import Table
+from firmware_link.host.descriptor_port import DescriptorPort
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
-from tactable.bench.latency.sockets import SocketPort, SocketSource
+from tactable.bench.latency.sockets import SocketSource
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.run.live import Live, LiveOptions, fast_library
 from tactable.run.ring_recorder import ring_for
@@ -24,7 +25,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     path = Path(arguments["table"])
     effects = replace(DEFAULT_EFFECTS, others=tuple(named_effects().values()))
     descriptor, numbers = bytes.fromhex(arguments["descriptor"]), (arguments["vendor_id"], arguments["product_id"])
-    source = SocketSource(arguments["touch"], "bench", descriptor, numbers, arguments["reports"])
+    source = SocketSource(arguments["touch"], descriptor, numbers, arguments["reports"])
     with (
         tempfile.TemporaryDirectory(prefix="tactable-") as folder,
         ring_for(None, is_needed=True) as ring,
@@ -40,7 +41,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         )
         served = ControlOf(Path(folder) / "control.sock", ring.path, path)
         with ControlProcess(served) as slot:
-            port = SocketPort(arguments["link"])
+            port = DescriptorPort("the socket", arguments["link"])
             live = Live(table, source, port, SystemClock(), options, ring, control=slot)
             slot.begin_steps(live.capabilities)
             with live.armed():

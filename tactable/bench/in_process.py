@@ -118,8 +118,7 @@ class _Memory(OnClock):
         self._written.clear()
         return self._device.receive(data, now_ns) + self._device.run_until(now_ns)
 
-    def packet_fileno(self) -> int:
-        return -1
+    packet_fileno = fileno
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:  # noqa: ARG002  # a PacketSource
         return packet

@@ -29,6 +29,7 @@ from firmware_link.host.link_values import LinkConfiguration, LinkState
 from tactable.bench.in_process import measure_in_process
 from tactable.bench.inputs import HELD, replayed
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
+from tactable.bench.latency.environment import reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.run.live import fast_library
@@ -57,7 +58,7 @@ def run_step_bench(
 
     Raises what opening a digitizer or rendering the table raises.
     """
-    library = fast_library()
+    library, clock_ns = fast_library(), reading_ns()
     rules = {name: each for name, each in rules.items() if each.drives is Drives.POSITIONS or table.best_rows}
     rows = []
     for recording_name, recording in recordings.items():
@@ -79,17 +80,17 @@ def run_step_bench(
                 "reports": len(recording.reports),
                 "compiled_step": compiled[Drives.POSITIONS],
                 "compiled_step_of_zones": compiled[Drives.ZONES],
-                "rules": [_figures(name, step, np.concatenate(stamps[name])) for name, step in steps.items()],
+                "rules": [_figures(name, step, np.concatenate(stamps[name]), clock_ns) for name, step in steps.items()],
             }
         )
         _add_ratios(rows[-1], rules)
-    machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_cost_ns()}
+    machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_ns}
     return {"machine": machine, "device": table.device.name, "recordings": rows}
 
 
-def _figures(rules: str, step: "Step", stamps: Stamps) -> dict[str, Any]:
+def _figures(rules: str, step: "Step", stamps: Stamps, clock_ns: float) -> dict[str, Any]:
     """Stages and whole over the reports that brought a command, and the decoding of every report."""
-    durations = np.maximum(np.diff(stamps, axis=1) - clock_cost_ns(), 0)
+    durations = np.maximum(np.diff(stamps, axis=1) - clock_ns, 0)
     with_command = durations[np.isfinite(durations).all(axis=1)]
     return {
         "rules": rules,
@@ -199,12 +200,6 @@ def _collector_paused() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-def clock_cost_ns() -> int:
-    """What one reading of the clock costs: the median of 1000."""
-    readings = [time.perf_counter_ns() for _ in range(1001)]
-    return int(np.median(np.diff(readings)))
 
 
 def print_step_bench(out: Console, result: dict[str, Any]) -> None:

@@ -32,9 +32,11 @@ class _Asked(ABC):
         """`found` with its table and the placement that it was asked for."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)}, table=table, asked=asked)
 
-    @abstractmethod
     def _words(self) -> str:
         """The fingers that it was asked for."""
+        from tactable.explain.words import placement_text
+
+        return placement_text(self.table.device, self.asked)
 
     @abstractmethod
     def _summary(self) -> list[tuple[str, str]]:
@@ -62,11 +64,6 @@ class Drive(_Asked, SteadyDrive):
     def to_xarray(self) -> "xarray.Dataset":
         """Frequency, amplitude and phase (actuator), level (finger), and sampled_level (case, finger) in dB."""
         return drive_dataset(self.table.device, self, self.asked)
-
-    def _words(self) -> str:
-        from tactable.explain.words import placement_text
-
-        return placement_text(self.table.device, self.asked)
 
     def _summary(self) -> list[tuple[str, str]]:
         names = [actuator.name for actuator in self.table.device.actuators]
@@ -98,11 +95,6 @@ class Click(_Asked, ClickEntry):
         nothing is quiet.
         """
         return click_dataset(self.table.device, self, self.asked)
-
-    def _words(self) -> str:
-        from tactable.explain.words import placement_text
-
-        return placement_text(self.table.device, self.asked)
 
     def _summary(self) -> list[tuple[str, str]]:
         places = " and ".join(f"{1e3 * at_m:.4g}" for at_m in self.placement.position_m)

@@ -6,10 +6,11 @@ round stretches of neighbours. What the machine did to the C echo engine as well
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import sub
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, durations_of
 
@@ -32,19 +33,15 @@ class Interval:
     high: float
 
 
+def percentile(values: Values, share: float) -> float:
+    """The value that `share` percent of the known values stay within; NaN without one."""
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, share, method="inverted_cdf")) if len(known) else float("nan")
+
+
 def median(values: Values) -> float:
     """Median of the known values; NaN without one."""
     return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
-
-
-def percentile(share: float) -> Statistic:
-    """The statistic that `share` percent of the known values stay within."""
-
-    def compute(values: Values) -> float:
-        known = values[np.isfinite(values)]
-        return float(np.percentile(known, share, method="inverted_cdf")) if len(known) else float("nan")
-
-    return compute
 
 
 def compare(
@@ -68,24 +65,15 @@ def ratio(ours: float, theirs: float) -> float:
     return ours / theirs if theirs else float("nan")
 
 
-def difference(ours: float, theirs: float) -> float:
-    """Difference of two durations."""
-    return ours - theirs
-
-
 def _redraw(rounds: Sequence[Values], random: np.random.Generator) -> Values:
-    chosen = random.integers(len(rounds), size=len(rounds))
-    return np.concatenate([_redraw_blocks(rounds[index], random) for index in chosen])
-
-
-def _redraw_blocks(values: Values, random: np.random.Generator) -> Values:
-    block = min(_BLOCK, len(values))
-    if not block:
-        return values
-    starts = random.integers(len(values) - block + 1, size=-(-len(values) // block))
-    places: NDArray[np.int64] = (starts[:, None] + np.arange(block)).ravel()[: len(values)]
-    drawn: Values = values[places]
-    return drawn
+    """As many rounds, drawn again, and within each as many stretches of neighbours."""
+    drawn = []
+    for values in (rounds[index] for index in random.integers(len(rounds), size=len(rounds))):
+        block = min(_BLOCK, len(values))
+        count = -(-len(values) // block) if block else 0
+        starts = random.integers(len(values) - block + 1, size=count)
+        drawn.append(values[(starts[:, None] + np.arange(block)).ravel()[: len(values)]])
+    return np.concatenate(drawn)
 
 
 def compare_condition(now: Rounds, before: Rounds, floor: float) -> dict[str, Any]:
@@ -94,14 +82,15 @@ def compare_condition(now: Rounds, before: Rounds, floor: float) -> dict[str, An
     `floor` is the factor by which the C echo engine of the same condition got slower; 1 where it was not measured.
     """
     figures = {}
-    for name, statistic in (("median", median), ("p99", percentile(99))):
+    for name, statistic in (("median", median), ("p99", partial(percentile, share=99))):
         whole = compare(_column(now, Point.WRITTEN), _column(before, Point.WRITTEN), statistic, ratio)
         figures[name] = {"ratio": whole.value, "low": whole.low, "high": whole.high, "verdict": _verdict(whole, floor)}
-    changes = {point: _median_change(now, before, point) for point in STAGES if point <= Point.WRITTEN}
-    known = {point: change for point, change in changes.items() if np.isfinite(change)}
+    stages = {point: (_stage(now, point), _stage(before, point)) for point in STAGES if point <= Point.WRITTEN}
+    changes = {point: sub(*(median(np.concatenate(rounds)) for rounds in pair)) for point, pair in stages.items()}
+    known = [point for point in changes if np.isfinite(changes[point])]
     if known:
-        point = max(known, key=lambda point: abs(known[point]))
-        change = compare(_stage(now, point), _stage(before, point), median, difference)
+        point = max(known, key=lambda point: abs(changes[point]))
+        change = compare(*stages[point], median, sub)
         figures["stage"] = {
             "name": STAGES[point].name,
             "layer": STAGES[point].layer,
@@ -126,11 +115,6 @@ def _column(rounds: Rounds, point: Point) -> list[Values]:
 
 def _stage(rounds: Rounds, point: Point) -> list[Values]:
     return [durations_of(stamps, point) for stamps in rounds]
-
-
-def _median_change(now: Rounds, before: Rounds, point: Point) -> float:
-    ours, theirs = (median(np.concatenate(_stage(rounds, point))) for rounds in (now, before))
-    return difference(ours, theirs)
 
 
 def compare_runs(

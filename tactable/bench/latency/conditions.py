@@ -52,11 +52,6 @@ class Transport:
         """Whether reports come without a driver in between."""
         return self.name == "sockets"
 
-    @property
-    def is_pty(self) -> bool:
-        """Whether an emulator is started for it."""
-        return self.name == "pty"
-
 
 @dataclass(frozen=True)
 class Plan:

@@ -21,13 +21,14 @@ from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.host.clock import OffsetBounds
+from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import Status, decode_body
 from tactable.bench.inputs import place_of
-from tactable.bench.latency.sockets import SocketPort, SocketSource
+from tactable.bench.latency.sockets import SocketSource
 from tactable.run.live import Live, LiveOptions, fast_library
 
 NO_SEQUENCE = -1
@@ -72,9 +73,9 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
     with ExitStack() as stack:
         for descriptor in descriptors:
             stack.enter_context(socket.socket(fileno=descriptor))
-        source = SocketSource(descriptors[0], "bench", bytes.fromhex(segment.descriptor), numbers, segment.count)
+        source = SocketSource(descriptors[0], bytes.fromhex(segment.descriptor), numbers, segment.count)
         port = _ListeningPort(
-            SocketPort(descriptors[1])
+            DescriptorPort("the socket", descriptors[1])
             if segment.port is None
             else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
         )
@@ -172,7 +173,9 @@ def _samples(live: Live, source: SocketSource, changes: Sequence[CommandRecord])
         "sent_ns": np.array(source.sent_ns[: source.report_index + 1], np.int64),
         "read_ns": np.array(source.read_ns[: source.report_index + 1], np.int64),
         "change_ns": np.array([change.time_ns for change in changes], np.int64),
-        "change_report": np.array([_index(change.report_index) for change in changes], np.int64),
+        "change_report": np.array(
+            [NO_SEQUENCE if change.report_index is None else change.report_index for change in changes], np.int64
+        ),
         "change_place": np.array([place_of(change.placement) for change in changes], np.int64),
     }
 
@@ -187,7 +190,3 @@ def _predictions(table: Table | None, changes: Sequence[CommandRecord], samples:
         after_s = None if click is None else click.exceeds_at_s()
         felt_ns.append(math.nan if after_s is None else 1e9 * after_s)
     return {"prediction_ns": np.array(felt_ns)}
-
-
-def _index(report: int | None) -> int:
-    return NO_SEQUENCE if report is None else report

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 import time
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,14 +16,17 @@ _CPU = Path("/sys/devices/system/cpu")
 
 def environment_json() -> dict[str, Any]:
     """Processor, kernel, governor, versions and clock; None for what is unknown."""
+    processor, kernel = _read(Path("/proc/cpuinfo")), _read(Path("/proc/version")) or ""
+    model = re.search(r"^model name\s*: *(.*)", processor or "", re.MULTILINE)
+    clock = time.get_clock_info("monotonic")
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "system": platform.platform(),
-        "processor": _processor(),
+        "processor": model[1] if model else platform.processor() or None,
         "processors": os.cpu_count(),
         "allowed_processors": sorted(os.sched_getaffinity(0)),
-        "virtual_machine": _is_virtual(),
-        "preemption": _preemption(),
+        "virtual_machine": None if processor is None else " hypervisor" in processor,
+        "preemption": next((word for word in kernel.split() if word.startswith("PREEMPT")), None),
         "governor": _read(_CPU / "cpu0/cpufreq/scaling_governor"),
         "idle_driver": _read(_CPU / "cpuidle/current_driver"),
         "isolated_processors": _read(_CPU / "isolated"),
@@ -30,37 +34,13 @@ def environment_json() -> dict[str, Any]:
         "load_average": [round(load, 2) for load in os.getloadavg()],
         "python": platform.python_version(),
         "versions": {name: version(name) for name in ("tactable", "numpy", "pyserial", "cobs")},
-        "clock": clock_json(),
+        "clock": {"name": "CLOCK_MONOTONIC", "resolution_ns": 1e9 * clock.resolution, "reading_ns": reading_ns()},
     }
 
 
-def clock_json() -> dict[str, Any]:
-    """The clock of all stamps: its resolution, and the cost of one reading."""
-    readings = np.array([time.monotonic_ns() for _ in range(2001)])
-    resolution_ns = time.get_clock_info("monotonic").resolution * 1e9
-    return {
-        "name": "CLOCK_MONOTONIC",
-        "resolution_ns": resolution_ns,
-        "reading_ns": float(np.median(np.diff(readings))),
-    }
-
-
-def _processor() -> str | None:
-    for line in (_read(Path("/proc/cpuinfo")) or "").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor() or None
-
-
-def _is_virtual() -> bool | None:
-    text = _read(Path("/proc/cpuinfo"))
-    return None if text is None else " hypervisor" in text
-
-
-def _preemption() -> str | None:
-    """Such as PREEMPT_DYNAMIC, from the kernel's own line."""
-    words = (_read(Path("/proc/version")) or "").split()
-    return next((word for word in words if word.startswith("PREEMPT")), None)
+def reading_ns() -> float:
+    """What one reading of the clock of all stamps costs: the median of 2000."""
+    return float(np.median(np.diff([time.monotonic_ns() for _ in range(2001)])))
 
 
 def _read(path: Path) -> str | None:

@@ -1,9 +1,14 @@
-"""Small C programs that are compiled on the spot."""
+"""Small C programs that are compiled on the spot: the C echo engine, a floor, and the exchange between processors."""
 
 import subprocess
+from collections.abc import Collection
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from base.c_library import find_compiler
+from engine.loop.realtime import PRIORITY, Step
 
 
 def build_program(name: str, folder: Path) -> Path | None:
@@ -25,3 +30,28 @@ def exchange_ns(program: Path | None, first: int, second: int) -> int | None:
         return None
     done = subprocess.run([str(program), str(first), str(second)], capture_output=True, text=True, check=False)
     return int(done.stdout) if done.returncode == 0 else None
+
+
+def start_echo_engine(
+    program: Path,
+    touch: int,
+    link: int,
+    every: int,
+    size: int,
+    samples: Path,
+    steps: Collection[Step],
+    processor: int,
+) -> "subprocess.Popen[bytes]":
+    """Run it on two descriptors until `touch` ends, with those of the real-time steps that a C program can take.
+
+    Each of its answers has `size` bytes.
+    """
+    priority = PRIORITY if Step.PRIORITY in steps else 0
+    chosen = processor if Step.AFFINITY in steps else -1
+    numbers = (touch, link, every, size, samples, priority, chosen, int(Step.MEMORY in steps))
+    return subprocess.Popen([str(program), *map(str, numbers)], pass_fds=(touch, link))
+
+
+def read_echo_samples(path: Path) -> NDArray[np.int64]:
+    """Shape (answer, 4): when each was due, sent, read and written, ns."""
+    return np.fromfile(path, np.int64).reshape(-1, 4)

@@ -25,10 +25,9 @@ from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, Condition, Transport
-from tactable.bench.latency.echo_engine import read_echo_samples, start_echo_engine
 from tactable.bench.latency.engine import Segment
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
-from tactable.bench.latency.programs import build_program, exchange_ns
+from tactable.bench.latency.programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
     Times,
@@ -67,7 +66,9 @@ class Bench:
         self._streams, self._folder, self._transport, self._echo = streams, folder, transport, echo
         self._device: Device = table.device
         self._table_path = table.path
-        self._command_size = _size_of_commands(table)
+        count = table.clicks.weights.shape[1]
+        self._command_size = len(encode_message(Play(0, 0, 1, 0, count, (0,) * count), 0))
+        """Bytes of the longest PLAY on the line."""
         allowed = sorted(os.sched_getaffinity(0))
         self._own_processor, self._engine_processor = allowed[0], allowed[-1]
         self._stack = ExitStack()
@@ -110,7 +111,7 @@ class Bench:
         with ExitStack() as stack:
             touch, their_touch = _touch_pair(stack)
             link, their_link, far_end, emulator = None, None, None, None
-            if self._transport.is_pty:
+            if self._transport.name == "pty":
                 emulator = stack.enter_context(run_emulator(len(self._device.actuators)))
             if self._transport.is_sockets:
                 link, their_link = _link_pair(stack)
@@ -206,12 +207,6 @@ class Bench:
         stamps = stamps_of_echoes(samples, np.array(receiver.arrivals.time_ns[1:], np.int64))
         facts = {"reports_sent": schedule.next, "commands": len(samples)}
         return Measured(stamps, samples[:, 0].copy(), facts, outcomes)
-
-
-def _size_of_commands(table: Table) -> int:
-    """Bytes of the longest PLAY on the line."""
-    count = table.clicks.weights.shape[1]
-    return len(encode_message(Play(0, 0, 1, 0, count, (0,) * count), 0))
 
 
 def _touch_pair(stack: ExitStack) -> tuple[socket.socket, socket.socket]:

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable
 
 from engine.touch.sources import OnClock
-from firmware_link.host.descriptor_port import READ_SIZE, DescriptorPort
+from firmware_link.host.descriptor_port import READ_SIZE
 
 STAMPS = struct.Struct("<qq")
 """Leads each report on its socket: when it was due, and when it was sent, ns."""
@@ -22,13 +22,12 @@ class SocketSource(OnClock):
     def __init__(
         self,
         descriptor_of_socket: int,
-        name: str,
         descriptor: bytes,
         numbers: tuple[int, int],
         capacity: int,
         monotonic_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.name, self.descriptor = name, descriptor
+        self.name, self.descriptor = "bench", descriptor
         self.vendor_id, self.product_id = numbers
         self.ended = False
         self.report_index = -1
@@ -58,9 +57,7 @@ class SocketSource(OnClock):
 
     packet_head = STAMPS.size
 
-    def packet_fileno(self) -> int:
-        """The socket."""
-        return self._socket
+    packet_fileno = fileno
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:  # noqa: ARG002  # a PacketSource
         """The report in a packet that was read at `now_ns`."""
@@ -68,10 +65,3 @@ class SocketSource(OnClock):
         self.read_ns[self.report_index] = now_ns
         self.report_time_ns, self.sent_ns[self.report_index] = STAMPS.unpack_from(packet)
         return packet[STAMPS.size :]
-
-
-class SocketPort(DescriptorPort):
-    """One end of a pair of sockets as a port."""
-
-    def __init__(self, descriptor: int) -> None:
-        super().__init__("the socket", descriptor)

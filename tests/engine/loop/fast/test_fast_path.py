@@ -20,7 +20,7 @@ from engine.loop.fast.layout import NONE
 from engine.loop.fast.session import FastSession
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause
-from tactable.bench.latency.sockets import SocketPort
+from firmware_link.host.descriptor_port import DescriptorPort
 from tests.engine.loop.fast.virtual_fast_path import Packets
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.engine.made_clicks import every_click
@@ -87,7 +87,7 @@ def on_sockets(library: ctypes.CDLL, clock: Clock | None = None) -> Iterator[End
         (ours, touch), (device, port) = [[stack.enter_context(end) for end in pair] for pair in pairs]
         stack.callback(library.fast_set_time, NONE)
         source, session = Sockets(touch.fileno()), rig.session
-        session.port = SocketPort(port.fileno())
+        session.port = DescriptorPort("the socket", port.fileno())
         pipeline = open_pipeline(source, DEVICE, DEFAULT_EFFECTS, rig.renderer)
         dispatcher = Dispatcher(session, clock.now_ns)
         fast = FastPath(library, source, pipeline, dispatcher, clock, DEFAULT_EFFECTS, rig.rendering)

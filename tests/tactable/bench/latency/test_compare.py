@@ -1,5 +1,7 @@
 """Laws of comparing two measurements: the same is no change, worse is worse, and the machine's share is not ours."""
 
+from functools import partial
+
 import numpy as np
 
 from tactable.bench.latency.compare import (
@@ -67,5 +69,5 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says() -> None:
 
 def test_nothing_measured_has_no_figures() -> None:
     nothing: list[Values] = [np.full(5, np.nan)]
-    found = compare(nothing, nothing, percentile(99), ratio)
+    found = compare(nothing, nothing, partial(percentile, share=99), ratio)
     assert np.isnan([found.value, found.low, found.high]).all()

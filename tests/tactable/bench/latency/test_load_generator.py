@@ -36,7 +36,7 @@ class Run:
             pairs = (socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET), socket.socketpair(), socket.socketpair())
             (ours, theirs), (link, _), (done, _) = [[stack.enter_context(end) for end in pair] for pair in pairs]
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-            self.source = SocketSource(theirs.fileno(), "bench", b"", (1, 2), count, clock.now_ns)
+            self.source = SocketSource(theirs.fileno(), b"", (1, 2), count, clock.now_ns)
             schedule = Schedule(cycle(PACKETS), rate_hz, count, self.start_ns)
             generator = LoadGenerator(
                 schedule, ours, None if far_end is None else link, far_end, stall=stall, clock=clock
