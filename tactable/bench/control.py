@@ -66,7 +66,8 @@ class _Bench:
         self._program = stack.enter_context(socket.socket(socket.AF_UNIX))
         self._program.connect(self._engine.read()["socket"])
         self._said = b""
-        self._ask(_HELLO)
+        self._send(_HELLO)
+        self._answered()
         self._length_m = table.device.bar.length_m
         self._start_ns = time.monotonic_ns()
 
@@ -82,7 +83,7 @@ class _Bench:
         """Ns from a message to its PLAY, and to its answer."""
         message = {"type": "trigger", "effect": "click", "at": f"{place * self._length_m:.6f} m"}
         sent_ns = time.monotonic_ns()
-        took_ns = self._until_click(lambda: self._program.sendall(json.dumps(message).encode() + b"\n"))
+        took_ns = self._until_click(lambda: self._send(message))
         answered_ns = self._answered() - sent_ns
         self._serve(lambda: False, _PAUSE_NS)
         return took_ns, answered_ns
@@ -105,9 +106,8 @@ class _Bench:
         self._serve(lambda: len(times_ns) > before, _LONGEST_NS)
         return times_ns[before] - start_ns if len(times_ns) > before else None
 
-    def _ask(self, message: dict[str, Any]) -> None:
+    def _send(self, message: dict[str, Any]) -> None:
         self._program.sendall(json.dumps(message).encode() + b"\n")
-        self._answered()
 
     def _answered(self) -> int:
         """When the next answer was here."""

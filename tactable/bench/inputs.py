@@ -71,24 +71,15 @@ def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
     at_rest, tapped = places[: fingers - 1], places[fingers - 1 :]
     every = max(2, rate_hz // MOST_COMMANDS_HZ)
     lift = every // 2
+    rest = [(number, True, place) for number, place in enumerate(at_rest)]
     frames = [
-        _frame(at_rest, place if report < lift else None, place if report == lift else None)
+        [*rest, (len(rest), report < lift, place)] if report <= lift else rest
         for place in tapped
         for report in range(every)
     ]
     reports = tuple(report_of(frame, i / rate_hz, MOST_FINGERS) for i, frame in enumerate(frames))
-    plural = "s" if fingers > 1 else ""
-    name = f"{fingers} finger{plural}, one tapping"
+    name = f"{fingers} finger{'s' * (fingers > 1)}, one tapping"
     return Stream(name, descriptor_of(MOST_FINGERS), VENDOR_ID, PRODUCT_ID, reports, every, simulated=True)
-
-
-def _frame(at_rest: list[float], down: float | None, lifted: float | None) -> list[tuple[int, bool, float]]:
-    fingers = [(number, True, place) for number, place in enumerate(at_rest)]
-    if down is not None:
-        fingers.append((len(at_rest), True, down))
-    if lifted is not None:
-        fingers.append((len(at_rest), False, lifted))
-    return fingers
 
 
 def replayed(recording: Recording) -> Stream:

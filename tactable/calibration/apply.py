@@ -63,42 +63,21 @@ class TableTarget:
         with Table.open(self.path, verify=False) as table:
             return is_current(table, device, self._options)
 
-    def put_in_place(self, device: Device, progress: Progress, verify: Verify | None = None) -> None:
-        """Build the table for `device` as it was built before, with the clicks of one finger alone.
+    def put_in_place(
+        self, device: Device, progress: Progress, verify: Verify | None = None, *, completes: bool = False
+    ) -> None:
+        """Build the table for `device` as it was built before: with the clicks of one finger alone, or all of them.
 
         Raises TableError, PromiseError for a table that `verify` refuses.
         """
-        self._build(device, self._first, progress, verify)
 
-    def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
-        """Add the clicks of two fingers; the seconds that it took. Raises as `put_in_place`."""
-        times = StepTimes(progress, "clicks")
-        self._build(device, self._options, times.tell_step, verify, completes=True)
-        return times.total_s
-
-    def diff(self) -> TableDiff | None:
-        """Compare the table with the previous one; None where that is not kept."""
-        before = previous_of(self.path)
-        if not before.is_file():
-            return None
-        with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
-            return compare_tables(own, other)
-
-    def _build(
-        self,
-        device: Device,
-        options: BuildOptions,
-        progress: Progress,
-        verify: Verify | None,
-        *,
-        completes: bool = False,
-    ) -> None:
         def accept(written: Path) -> None:
             if verify is not None:
                 progress("verify on the bar", 0.98)
                 if doubt := verify(written):
                     raise PromiseError(doubt)
 
+        options = self._options if completes else self._first
         build_table(
             device,
             self.path,
@@ -110,6 +89,20 @@ class TableTarget:
             progress=progress,
             accept=accept,
         )
+
+    def complete(self, device: Device, progress: Progress, verify: Verify | None = None) -> float:
+        """Add the clicks of two fingers; the seconds that it took. Raises as `put_in_place`."""
+        times = StepTimes(progress, "clicks")
+        self.put_in_place(device, times.tell_step, verify, completes=True)
+        return times.total_s
+
+    def diff(self) -> TableDiff | None:
+        """Compare the table with the previous one; None where that is not kept."""
+        before = previous_of(self.path)
+        if not before.is_file():
+            return None
+        with Table.open(before, verify=False) as own, Table.open(self.path, verify=False) as other:
+            return compare_tables(own, other)
 
 
 @dataclass(frozen=True)

@@ -166,16 +166,10 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def _draw(summary: dict[str, Any], outputs: "Outputs") -> None:
-    import numpy as np
-
     from tactable.figures.file import write_outputs
     from tactable.figures.verify import plot_verification
 
-    shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]
-    keys = (f"{name}_m_per_s2" for name in ("read", "promised", "low", "high", "error"))
-    read, promised, low, high, error = (np.array([point[key] for point in shown]) for key in keys)
     marked = " SIMULATED" if summary["simulated"] else ""
-    title = f"{summary['device']}{marked}: {summary['judgement']}"
-    outcomes = [point["outcome"] for point in shown]
-    picture = plot_verification(title, [point["kind"] for point in shown], read, promised, low, high, error, outcomes)
+    shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]
+    picture = plot_verification(f"{summary['device']}{marked}: {summary['judgement']}", shown)
     write_outputs(picture, outputs)

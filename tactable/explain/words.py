@@ -23,6 +23,12 @@ def finger_names(device: Device, placement: Placement) -> list[str]:
     return [f"{1e3 * at_m:.4g} mm{name}" for at_m, name in zip(placement.position_m, names, strict=True)]
 
 
+def finger_roles(device: Device, placement: Placement) -> list[str]:
+    """Each finger with its role, such as "35 mm (I) felt"."""
+    names = zip(finger_names(device, placement), placement.is_felt, strict=True)
+    return [f"{name} {'felt' if is_felt else 'quiet'}" for name, is_felt in names]
+
+
 def placement_text(device: Device, placement: Placement) -> str:
     """A placement in words, such as "35 mm (I) felt, 120 mm (III) quiet"; felt fingers come first."""
     names = finger_names(device, placement)

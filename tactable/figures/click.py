@@ -9,7 +9,7 @@ from engine.table import ClickEntry
 from engine.touch import Placement
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
-from tactable.explain.words import finger_names, placement_json, placement_text, zone_lists
+from tactable.explain.words import finger_roles, placement_json, placement_text, zone_lists
 from tactable.figures import style
 from tactable.figures.file import Picture
 
@@ -66,11 +66,6 @@ def _made_for(click: ClickEntry) -> str:
     return f"{places} mm, {'each' if len(click.fingers) > 1 else 'the'} finger within {1e3 * click.tolerance_m:.3g} mm"
 
 
-def _finger_name(device: Device, course: Course, finger: int) -> str:
-    role = "felt" if course.placement.is_felt[finger] else "quiet"
-    return f"{finger_names(device, course.placement)[finger]} {role}"
-
-
 def _draw_waveform(axes: Axes, device: Device, course: Course) -> None:
     for i, (actuator, moved) in enumerate(zip(device.actuators, course.displacement, strict=True)):
         colour, ls = _PLAYERS[i % len(_PLAYERS)], _STYLES[i % len(_STYLES)]
@@ -86,7 +81,7 @@ def _draw_nominal(axes: Axes, device: Device, course: Course) -> None:
     click, drawn = course.click, {True: 0, False: 0}
     for finger in course.felt_first:
         is_felt = course.placement.is_felt[finger]
-        name, ls = _finger_name(device, course, finger), _STYLES[drawn[is_felt] % len(_STYLES)]
+        name, ls = finger_roles(device, course.placement)[finger], _STYLES[drawn[is_felt] % len(_STYLES)]
         drawn[is_felt] += 1
         nominal = course.weighted[0, finger]
         axes.plot(1e3 * course.time_s, nominal, color=style.ROLE_COLOUR[is_felt], ls=ls, lw=1.4, label=name)
@@ -110,7 +105,7 @@ def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
     low_limit, high_limit = axes.get_ylim()
     axes.set(ylabel="1 = threshold", xlabel="time (ms)", ylim=(low_limit, _LEGEND_ROOM * high_limit))
     peaks = " / ".join(f"{peak_db:z.1f}" for peak_db in peaks_db)
-    title = f"{_finger_name(device, course, finger)}: {course.weighted.shape[0] - 1} fresh plants"
+    title = f"{finger_roles(device, course.placement)[finger]}: {course.weighted.shape[0] - 1} fresh plants"
     _finish(axes, course, f"{title}, peaks {peaks} dB (5 / 50 / 95 %)")
     axes.legend(fontsize="x-small", loc="upper right", ncols=2)
 
@@ -132,7 +127,7 @@ def _columns(device: Device, course: Course) -> dict[str, style.Array]:
     for actuator, moved in zip(device.actuators, course.displacement, strict=True):
         columns[f"{actuator.name} (fraction of full scale)"] = moved
     for finger in course.felt_first:
-        name = _finger_name(device, course, finger)
+        name = finger_roles(device, course.placement)[finger]
         columns[f"{name}, nominal (acceleration over threshold)"] = course.weighted[0, finger]
         for percent, curve in zip((5, 50, 95), course.fan(finger), strict=True):
             columns[f"{name}, {percent} % of plants (acceleration over threshold)"] = curve

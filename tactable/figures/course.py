@@ -10,7 +10,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import compute_rise_model
-from tactable.explain.words import finger_names, placement_json, rise_text, zone_lists
+from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import PlayedDrive
 from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, Array, finish_picture, level_text
@@ -46,11 +46,12 @@ def plot_course(played: PlayedDrive) -> Picture:
     if rising.contrast_db is not None:
         _draw_contrast(panels[1], played, rising.time_s, rising.contrast_db)
     panels[-1].set_xlabel("time from rest (ms)")
+    who = placement_text(device, played.placement)
     words = f"risen after {rise_text(played.figures.t90_s)}{_contrast_text(played, rising)}"
     return finish_picture(
         figure,
         device,
-        f"{device.name}: {played.who}, {level_text(played.drive.wanted_level_db)}, from rest",
+        f"{device.name}: {who}, {level_text(played.drive.wanted_level_db)}, from rest",
         words,
         _columns(played, rising),
         {
@@ -80,19 +81,12 @@ def compute_rising(played: PlayedDrive) -> Rising:
     return Rising(time_s, level_db, contrast_db)
 
 
-def _names(played: PlayedDrive) -> list[str]:
-    """Each finger in words, such as "28 mm (I) felt"."""
-    names = finger_names(played.device, played.placement)
-    return [
-        f"{name} {'felt' if is_felt else 'quiet'}"
-        for name, is_felt in zip(names, played.placement.is_felt, strict=True)
-    ]
-
-
 def _draw_levels(axes: Axes, played: PlayedDrive, rising: Rising) -> None:
     _draw_prompt(axes)
     drawn = {True: 0, False: 1}
-    for name, finger, level_db in zip(_names(played), played.fingers, rising.level_db, strict=True):
+    for name, finger, level_db in zip(
+        finger_roles(played.device, played.placement), played.fingers, rising.level_db, strict=True
+    ):
         style, colour = _STYLES[drawn[finger.is_felt] % len(_STYLES)], ROLE_COLOUR[finger.is_felt]
         drawn[finger.is_felt] += 1
         axes.plot(1e3 * rising.time_s, level_db, color=colour, ls=style, lw=1.6, label=name)
@@ -138,7 +132,7 @@ def _contrast_text(played: PlayedDrive, rising: Rising) -> str:
 
 def _columns(played: PlayedDrive, rising: Rising) -> dict[str, Array]:
     columns = {"time (s)": rising.time_s}
-    for name, level_db in zip(_names(played), rising.level_db, strict=True):
+    for name, level_db in zip(finger_roles(played.device, played.placement), rising.level_db, strict=True):
         columns[f"level of {name} (dB above threshold)"] = level_db
     if rising.contrast_db is not None:
         columns["contrast (dB)"] = rising.contrast_db

@@ -7,14 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from base.files import replace_file
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
-from tactable.explain.words import finger_names
-from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION
+from tactable.explain.words import finger_roles
+from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION, draw_zone_names
 from tactable.rig.bar import Felt, is_felt
 from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import ClickReport, DriveReport
@@ -90,21 +89,18 @@ def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
 
 
 def _draw_held(axes: Axes, device: Device, report: DriveReport, *, legend: bool) -> None:
-    for zone in device.zones:
-        for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5)
-        middle_mm, above = 500 * (zone.start_m + zone.stop_m), axes.get_xaxis_transform()
-        axes.text(middle_mm, 0.98, zone.name, ha="center", va="top", transform=above)
+    draw_zone_names(axes, device)
     position_m = np.linspace(0, device.bar.length_m, 400)
-    axes.plot(1e3 * position_m, _envelope(device, report, position_m), color=BLUE, label="promised")
-    simulated, placement = report.simulated, report.placement
+    simulated, placement, drive = report.simulated, report.placement, report.drive
+    loaded = assemble(device).with_fingers(placement.position_m, device.finger)
+    peak = peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, position_m)
+    axes.plot(1e3 * position_m, peak, color=BLUE, label="promised")
     axes.plot(1e3 * simulated.position_m, simulated.acceleration, "o", ms=4, color=VERMILLION, label="simulated")
     finger_mm = 1e3 * np.array(placement.position_m)
     axes.plot(finger_mm, report.promise.acceleration_m_per_s2, "_", ms=14, color=BLUE)
     for finger, is_felt_here in enumerate(placement.is_felt):
         colour, label = (GREEN, "simulated, felt finger") if is_felt_here else (GREY, "simulated, quiet finger")
         axes.plot(finger_mm[finger], simulated.at_finger[finger], "D", ms=6, color=colour, label=label)
-    drive = report.drive
     parts = "+".join(f"{100 * amplitude:.3g}" for amplitude in drive.amplitudes)
     factor = f"Λ {report.promised_factor:.3f} promised, {report.simulated_factor:.3f} simulated"
     title = f"{_fingers_text(device, report)}\n{factor}; {report.frequency_text} {parts} %"
@@ -124,12 +120,9 @@ def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
     right = axes.twinx()
     right.plot(time_ms, 100 * simulated.drive[shown], color=GREY, lw=0.6)
     right.set(ylim=(-110, 110), ylabel="base (% of full scale)")
-    for finger, name in enumerate(finger_names(device, placement)):
-        is_felt_here = placement.is_felt[finger]
-        colour, role = (VERMILLION, "felt") if is_felt_here else (BLUE, "quiet")
-        style = _STYLES[finger % len(_STYLES)]
-        course = simulated.acceleration[shown, finger]
-        axes.plot(time_ms, course, style, lw=1.2, color=colour, label=f"{name} {role}")
+    for finger, name in enumerate(finger_roles(device, placement)):
+        colour, style = VERMILLION if placement.is_felt[finger] else BLUE, _STYLES[finger % len(_STYLES)]
+        axes.plot(time_ms, simulated.acceleration[shown, finger], style, lw=1.2, color=colour, label=name)
         peak = found.promise.acceleration_m_per_s2[finger]
         for sign in (-1, 1):
             axes.axhline(sign * peak, color=colour, lw=0.8, ls=":")
@@ -144,15 +137,6 @@ def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
 
 def _fingers_text(device: Device, report: DriveReport | ClickReport) -> str:
     """The fingers in words, such as "140 mm (III) felt 20.0 dB, 28 mm (I) quiet -4.2 dB"."""
-    placement, names = report.placement, finger_names(device, report.placement)
-    return ", ".join(
-        f"{names[finger]} {'felt' if placement.is_felt[finger] else 'quiet'} {report.promise.level_db[finger]:z.1f} dB"
-        for finger in (*placement.felt, *placement.quiet)
-    )
-
-
-def _envelope(device: Device, report: DriveReport, position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Peak steady acceleration of the drive along the bar and its fingers, m/s^2."""
-    drive = report.drive
-    loaded = assemble(device).with_fingers(report.placement.position_m, device.finger)
-    return peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, position_m)
+    placement, names = report.placement, finger_roles(device, report.placement)
+    fingers = (*placement.felt, *placement.quiet)
+    return ", ".join(f"{names[finger]} {report.promise.level_db[finger]:z.1f} dB" for finger in fingers)

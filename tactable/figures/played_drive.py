@@ -15,7 +15,6 @@ from precompute.model.steady import compute_steady_state
 from precompute.predict.at_positions import PlacementFigures
 from precompute.sampling.fingers import SAMPLES
 from tactable.explain.placed_drive import designer_of
-from tactable.explain.words import placement_text
 
 Load = Sequence[tuple[float, Finger]]
 """Position in metres and finger, for each finger."""
@@ -36,12 +35,11 @@ class PlayedFinger:
 class PlayedDrive:
     """A steady drive with the fingers that it is for.
 
-    who: the fingers in words. cases: the standard fingers, then the sampled ones. worst_contrast_db: over the sampled
+    cases: the standard fingers, then the sampled ones. worst_contrast_db: over the sampled
     fingers, None where nothing is quiet.
     """
 
     device: Device
-    who: str
     placement: Placement
     figures: PlacementFigures
     threshold_m_per_s2: float
@@ -71,7 +69,6 @@ def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedD
     cases = cases_at(position_m, sample_deviations(len(position_m), SAMPLES), device.finger, device.bar.length_m)
     return PlayedDrive(
         device=device,
-        who=placement_text(device, placement),
         placement=placement,
         figures=figures,
         threshold_m_per_s2=threshold_m_per_s2,

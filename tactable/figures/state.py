@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
-from tactable.explain.words import placement_json, zone_lists
+from tactable.explain.words import placement_json, placement_text, zone_lists
 from tactable.figures import style
 from tactable.figures.file import Picture
 from tactable.figures.played_drive import Load, PlayedDrive
@@ -46,7 +46,7 @@ def plot_state(played: PlayedDrive) -> Picture:
     return style.finish_picture(
         figure,
         device,
-        f"{device.name}: {played.who}, {style.level_text(played.drive.wanted_level_db)}",
+        f"{device.name}: {placement_text(device, played.placement)}, {style.level_text(played.drive.wanted_level_db)}",
         _promise_text(played),
         _columns(envelope),
         _summary(played),
