@@ -108,10 +108,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _conditions_table(conditions: Sequence[Mapping[str, Any]], whole: str) -> str:
     keys = ("p50_us", "p90_us", "p99_us", "p99_9_us", "p99_99_us", "max_us", "jitter_us")
-    rows = []
-    for condition in conditions:
-        figures = condition["stages"].get(whole, {})
-        rows.append([condition["name"], str(figures.get("count", 0)), *(us(figures.get(key)) for key in keys)])
+    figures = [(condition["name"], condition["stages"].get(whole, {})) for condition in conditions]
+    rows = [[name, str(each.get("count", 0)), *(us(each.get(key)) for key in keys)] for name, each in figures]
     return _table(["condition", "samples", "median", "p90", "p99", "p99.9", "p99.99", "max", "p90 - p10"], rows)
 
 
@@ -123,33 +121,31 @@ def _ratios_table(ratios: Sequence[Mapping[str, Any]]) -> str:
     return _table(["condition", "against", "way", "median ratio (95 %)", "p99.9 ratio (95 %)"], rows)
 
 
-def _interval(found: Mapping[str, float] | None) -> str:
-    return "too few samples" if found is None else f"{found['value']:.2f} ({found['low']:.2f} - {found['high']:.2f})"
+def _interval(found: Mapping[str, float] | None, key: str = "value") -> str:
+    return "too few samples" if found is None else f"{found[key]:.2f} ({found['low']:.2f} - {found['high']:.2f})"
+
+
+def _median_and_p99(figures: Mapping[str, float | None] | None) -> str:
+    return "-" if figures is None else f"{us(figures['p50_us'])} / {us(figures['p99_us'])}"
 
 
 def _stages_table(conditions: Sequence[Mapping[str, Any]]) -> str:
     names = list(dict.fromkeys(name for c in conditions for name in c["stages"] if " to " not in name))
-    rows = []
-    for condition in conditions:
-        cells = [condition["stages"].get(name) for name in names]
-        rows.append(
-            [condition["name"], *("-" if c is None else f"{us(c['p50_us'])} / {us(c['p99_us'])}" for c in cells)]
-        )
-    return _table(["condition", *names], rows)
+    return _table(
+        ["condition", *names],
+        [[c["name"], *(_median_and_p99(c["stages"].get(name)) for name in names)] for c in conditions],
+    )
 
 
 def _blames(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
-    lines = []
-    for condition in conditions:
-        found = condition["blame"]
-        if found is not None:
-            typical, slowest = found["typical"], found["slowest"]
-            lines.append(
-                f"{condition['name']}: mostly {typical['layer']} ({typical['stage']}, {100 * typical['share']:.0f} %); "
-                f"the slowest hundredth lost its time in {slowest['layer']} ({slowest['stage']}, "
-                f"{100 * slowest['share']:.0f} %)"
-            )
-    return lines
+    def named(found: Mapping[str, Any]) -> str:
+        return f"{found['layer']} ({found['stage']}, {100 * found['share']:.0f} %)"
+
+    blamed = [(c["name"], c["blame"]) for c in conditions if c["blame"] is not None]
+    return [
+        f"{name}: mostly {named(blame['typical'])}; the slowest hundredth lost its time in {named(blame['slowest'])}"
+        for name, blame in blamed
+    ]
 
 
 def _misses_table(conditions: Sequence[Mapping[str, Any]]) -> str:
@@ -159,54 +155,37 @@ def _misses_table(conditions: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _facts(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
-    lines = []
-    for c in conditions:
-        if "reports_lost" in c:
-            order = {True: "order kept", False: "ORDER NOT KEPT", None: "order not judged: the watchdog released"}
-            lines.append(
-                f"{c['name']}: {c['reports_sent']} reports, {c['reports_lost']} lost, {c['commands']} commands, "
-                f"{c.get('answered_by_fast_path', 0)} by the fast path, {c['replaced_unsent']} replaced unsent "
-                f"by newer ones, {c['stale_sent']} stale ones sent, "
-                f"{c['sessions_lost']} sessions lost, {order[c['order_kept']]}, "
-                f"clocks within {c['clock_bounds_us']:.0f} us"
-            )
-    return lines
+    order = {True: "order kept", False: "ORDER NOT KEPT", None: "order not judged: the watchdog released"}
+    return [
+        f"{c['name']}: {c['reports_sent']} reports, {c['reports_lost']} lost, {c['commands']} commands, "
+        f"{c.get('answered_by_fast_path', 0)} by the fast path, {c['replaced_unsent']} replaced unsent "
+        f"by newer ones, {c['stale_sent']} stale ones sent, {c['sessions_lost']} sessions lost, "
+        f"{order[c['order_kept']]}, clocks within {c['clock_bounds_us']:.0f} us"
+        for c in conditions
+        if "reports_lost" in c
+    ]
 
 
 def _process_table(rows: Sequence[Mapping[str, Any]]) -> str:
     names = ("report_to_bytes", "report_to_answer", "of_one_finger", "of_ten_fingers")
-    cells = []
-    for row in rows:
-        found = [row[name] or {} for name in names]
-        figures = [f"{us(figures.get('p50_us'))} / {us(figures.get('p99_us'))}" for figures in found]
-        cells.append([row["stream"], str(row["reports"]), *figures])
     head = ["stream", "reports", "to a command: median / p99", "until the loop is done", "one finger", "ten fingers"]
-    return _table(head, cells)
+    return _table(head, [[r["stream"], str(r["reports"]), *(_median_and_p99(r[name]) for name in names)] for r in rows])
 
 
 def _comparison_table(comparison: Mapping[str, Any]) -> str:
     rows = []
     for name, found in comparison.items():
+        verdicts = [f"{_interval(found[key], 'ratio')} {found[key]['verdict']}" for key in ("median", "p99")]
         stage = found.get("stage")
-        cells = [
-            f"{found[key]['ratio']:.2f} ({found[key]['low']:.2f} - {found[key]['high']:.2f}) {found[key]['verdict']}"
-            for key in ("median", "p99")
-        ]
-        cells.append(
-            "-" if stage is None else f"{stage['name']} ({stage['layer']}): {stage['median_change_us']:+.1f} us"
-        )
-        rows.append([name, *cells, f"{found['floor_ratio']:.2f}"])
+        changed = f"{stage['name']} ({stage['layer']}): {stage['median_change_us']:+.1f} us" if stage else "-"
+        rows.append([name, *verdicts, changed, f"{found['floor_ratio']:.2f}"])
     return _table(["condition", "median", "p99", "stage that changed most", "floor"], rows)
 
 
 def _steps(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
-    found = {}
-    for condition in conditions:
-        for step in condition["steps"]:
-            found[step["step"]] = f"{step['step']}: {step['finding']}" + (
-                f"; {step['remedy']}" if step["remedy"] else ""
-            )
-    return list(found.values()) or ["none asked for"]
+    steps = {step["step"]: step for condition in conditions for step in condition["steps"]}
+    lines = [f"{s['step']}: {s['finding']}" + (f"; {s['remedy']}" if s["remedy"] else "") for s in steps.values()]
+    return lines or ["none asked for"]
 
 
 def _machine(document: Mapping[str, Any]) -> str:
