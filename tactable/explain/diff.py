@@ -100,11 +100,11 @@ def _change_text(change: Change) -> str:
     return f"{change.key}: {_text(change.before)} -> {_text(change.after)}{percent}"
 
 
-def _text(value: Value) -> str:
+def _text(value: Value, digits: int = 6) -> str:
     if value is None:
         return "none"
     number = number_of(value)
-    return str(value)[:_LONGEST] if number is None else f"{number:.6g}"
+    return str(value)[:_LONGEST] if number is None else f"{number:.{digits}g}"
 
 
 def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
@@ -122,7 +122,9 @@ def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
     print_lines(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
     for state in part.changed[:_SHOWN]:
         figures = sorted(state.figures, key=lambda f: (f.unit == "", f.unit == "dB", f.size), reverse=True)
-        texts = (f"{_named(f.figure)[0]} {_short(f.before)} -> {_short(f.after)}{_unit(f)}" for f in figures[:_FIGURES])
+        texts = (
+            f"{_named(f.figure)[0]} {_text(f.before, 3)} -> {_text(f.after, 3)}{_unit(f)}" for f in figures[:_FIGURES]
+        )
         print_lines(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
 
 
@@ -148,8 +150,3 @@ def _named(figure: str) -> tuple[str, str]:
 def _unit(figure: FigureChange) -> str:
     unit = "%" if figure.figure == "waveform" else _named(figure.figure)[1]
     return f" {unit}" if unit else ""
-
-
-def _short(value: Value) -> str:
-    number = number_of(value)
-    return _text(value) if number is None else f"{number:.3g}"

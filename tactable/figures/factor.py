@@ -62,11 +62,12 @@ def plot_factor(
     Raises DeviceError for unknown zones, TableError where the table has no sweep.
     """
     device = table.device
-    maps = {
-        _map_name(zones, state, len(combinations) > 1): factor
-        for zones in combinations
-        for state, factor in _maps_of(table, zones, fingers, drive).items()
-    }
+    maps = dict[str, Array]()
+    for zones in combinations:
+        of = f"{', '.join(zones)} " if len(combinations) > 1 else ""
+        maps[f"{of}untouched"] = read_factor(table, zones, drive)
+        if fingers:
+            maps[f"{of}with a finger in {' and '.join(fingers)}"] = compute_factor(device, zones, fingers, drive)
     columns = min(len(maps), _PANELS if len(combinations) > 1 else len(maps))
     rows = -(-len(maps) // columns)
     size = _PANEL_INCHES if len(combinations) > 1 else _LARGE_PANEL_INCHES
@@ -106,18 +107,6 @@ def plot_factor(
         notes=(FINGER_NOTE,) if fingers else (),
         subtitle=f"({legend})",
     )
-
-
-def _maps_of(table: Table, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> dict[str, Array]:
-    """Factors (frequency_1, frequency_2) by what lies on the bar."""
-    maps = {"untouched": read_factor(table, zones, drive)}
-    if fingers:
-        maps[f"with a finger in {' and '.join(fingers)}"] = compute_factor(table.device, zones, fingers, drive)
-    return maps
-
-
-def _map_name(zones: Sequence[str], state: str, is_one_of_many: bool) -> str:
-    return f"{', '.join(zones)} {state}" if is_one_of_many else state
 
 
 def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:

@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from base.child import Parent
 from tactable.audio.board import CardPace
@@ -30,7 +29,8 @@ class Taker:
 
     def __init__(self, source: AudioInput, actuators: list[str], pipe: int) -> None:
         self.form = form_of(source, actuators)
-        self._columns = [source.acceleration, *_loopback_columns(source, actuators)]
+        repeats = len(actuators) if len(source.loopbacks) == 1 else 1
+        self._columns = [source.acceleration, *repeats * source.loopbacks]
         scales = [source.scale_m_per_s2, *[source.loopback_scale] * (len(self._columns) - 1)]
         self._scales = np.array(scales, np.float32)
         self._pipe, self._pace = pipe, CardPace(source.rate_hz)
@@ -51,12 +51,10 @@ class Taker:
         # Where nobody read, how long does not matter: one mark says that samples do not follow each other.
         marks = max(lost, int(overflowed), int(self._was_full))
         self._was_full = False
-        block = np.vstack([self._marked(marks), data[:, self._columns] * self._scales])
+        marked = np.full((marks, len(self._columns)), np.nan, np.float32)
+        block = np.vstack([marked, data[:, self._columns] * self._scales])
         self._unwritten = block.astype("<f4").tobytes()
         self._write()
-
-    def _marked(self, count: int) -> NDArray[np.float32]:
-        return np.full((count, len(self._columns)), np.nan, np.float32)
 
     def _write(self) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -69,10 +67,6 @@ def form_of(source: AudioInput, actuators: list[str]) -> SensorForm:
     loopbacks = tuple(LOOPBACK + name for name in actuators) if source.loopbacks else ()
     clips_at = (source.scale_m_per_s2, *[source.loopback_scale] * len(loopbacks))
     return SensorForm(source.rate_hz, (ACCELERATION, *loopbacks), clips_at, source.is_simulated)
-
-
-def _loopback_columns(source: AudioInput, actuators: list[str]) -> list[int]:
-    return list(source.loopbacks) * (len(actuators) if len(source.loopbacks) == 1 else 1)
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:

@@ -172,7 +172,8 @@ class DrivenDevice:
                 self.applied_device_us = event.status.applied_time_us
         self.session.send()
         if self.session.link.state is not LinkState.READY:
-            raise LinkError(f"the board stopped itself{_reason(events)}: see to the cause, then start again")
+            faults = "".join(f" ({event.fault.name})" for event in events if isinstance(event, FaultReceived))
+            raise LinkError(f"the board stopped itself{faults}: see to the cause, then start again")
         return readable
 
     def _wait_for_port(self, until_ns: int | None, watched: Sequence[int]) -> Container[int] | None:
@@ -192,7 +193,3 @@ def _limited(
     factors = scales or (1.0,) * len(most)
     limits = tuple(min(1.0, least * factor) for least, factor in zip(most, factors, strict=True))
     return replace(configuration, amplitude_limits=limits)
-
-
-def _reason(events: Sequence[Event]) -> str:
-    return "".join(f" ({event.fault.name})" for event in events if isinstance(event, FaultReceived))

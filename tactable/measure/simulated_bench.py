@@ -30,6 +30,7 @@ MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (do
 _BLOCK_S = 0.05  # in which samples come; the bar is moved a block at a time
 _PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
 """Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
+_DROP_S = 0.003  # of samples that are lost at once
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6
 
@@ -40,9 +41,8 @@ class ConverterFlaws:
 
     drift: pace of its clock over the board's, less 1. gain: less 1. noise: root mean square. hum: amplitude of the
     mains line at hum_hz, with a third of it at the third harmonic. clips_at: greatest magnitude of the acceleration.
-    drops_per_s: how often samples of the length drop_s are lost without a trace. stalls_at_s: from when on
-    the sensor repeats its last value. has_gravity: the sensor lies level and
-    shows gravity, as sensors that pass direct current do.
+    drops_per_s: how often samples are lost without a trace. stalls_at_s: from when on the sensor repeats its value.
+    has_gravity: the sensor lies level and shows gravity, as sensors that pass direct current do.
     """
 
     latency_s: float = 0.008
@@ -55,7 +55,6 @@ class ConverterFlaws:
     hum_hz: float = 50.0
     clips_at_m_per_s2: float = math.inf
     drops_per_s: float = 0.0
-    drop_s: float = 0.003
     stalls_at_s: float = math.inf
     has_gravity: bool = False
 
@@ -71,7 +70,11 @@ class ConverterFlaws:
             if key not in _WORDS:
                 raise SensorError(f"flaw {key!r} is not known; known are {', '.join(_WORDS)}")
             name, unit = _WORDS[key]
-            found[name] = _read_flaw(key, value, unit)
+            try:
+                number = float(value) if unit == "ppm" else read_quantity(value, unit)
+            except (QuantityError, ValueError) as error:
+                raise SensorError(f"flaw {key}={value}: {error}") from None
+            found[name] = number * 1e-6 if key == "drift" else number
         return replace(cls(), **found)  # type: ignore[arg-type]  # fields of plain numbers only
 
 
@@ -114,7 +117,7 @@ class SimulatedBench(VirtualLine):
         has_sum: bool = False,
     ) -> None:
         self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
-        self._sensor_mass_kg = sensor_mass_kg
+        self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
         full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
         full_scales_pm = tuple(round(each_m * PM_PER_M) for each_m in full_scales_m)
         self.firmware = EmulatedFirmware(
@@ -134,15 +137,13 @@ class SimulatedBench(VirtualLine):
         loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
-        self._true_rate_hz = sample_rate_hz * (1 + flaws.drift)
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
-        self._plant = TransientPlant(basis, np.zeros(1), self._true_rate_hz * self._plant_samples)
+        self._plant = TransientPlant(basis, np.zeros(1), sample_rate_hz * (1 + flaws.drift) * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
         self._ready: list[tuple[int, Array]] = []
         self._made_us = self._last_m_per_s2 = 0.0
-        self.position_m = 0.0
-        self.is_turned_over = False
+        self._upright = 1.0  # -1 when it is turned over
         self.place(0.5 * true.bar.length_m)
 
     # ---- what a person does at the bench ----
@@ -153,22 +154,23 @@ class SimulatedBench(VirtualLine):
             raise SensorError(f"{1e3 * position_m:g} mm is off the bar of {1e3 * self._device.bar.length_m:g} mm")
         self.run_to(self.time_ns + MOVING_NS)
         self._make_samples()
-        self.position_m = position_m
         self._plant.rest()
         self._plant.look_at(np.array([position_m]))
-        sensor = Finger(mass_kg=self._sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
-        self._plant.touch([(position_m, sensor)])
+        self._plant.touch([(position_m, self._sensor)])
 
     def turn_over(self) -> None:
         """Turn the sensor over, so that gravity shows with the other sign."""
         self._make_samples()
-        self.is_turned_over = not self.is_turned_over
+        self._upright = -self._upright
 
     # ---- the samples ----
 
     def _ready_of(self, readable: Sequence[int]) -> list[int]:
         found = super()._ready_of(readable)
-        return [*found, SENSOR] if SENSOR in readable and self.has_samples() else found
+        if SENSOR in readable:
+            self._make_samples()
+            found += [SENSOR for time_ns, _ in self._ready[:1] if time_ns <= self.time_ns]
+        return found
 
     def _next_ns(self, readable: Sequence[int]) -> int:
         time_ns = super()._next_ns(readable)
@@ -176,11 +178,6 @@ class SimulatedBench(VirtualLine):
             return time_ns
         block_ns = self._ready[0][0] if self._ready else self.time_ns + int(_BLOCK_S * _NS_PER_S)
         return max(self.time_ns + 1, min(time_ns, block_ns))
-
-    def has_samples(self) -> bool:
-        """Whether samples have come."""
-        self._make_samples()
-        return bool(self._ready) and self._ready[0][0] <= self.time_ns
 
     def take_samples(self) -> Array | None:
         """The samples that have come (sample, channel), or None if none have."""
@@ -215,8 +212,7 @@ class SimulatedBench(VirtualLine):
         acceleration = self._plant.accelerate(drive)[:, 0]
         kept = index % self._plant_samples == 0
         time_s = index[kept] / rate_hz
-        out = acceleration[kept] * (-1.0 if self.is_turned_over else 1.0)
-        out = out + flaws.has_gravity * GRAVITY_M_PER_S2 * (-1.0 if self.is_turned_over else 1.0)
+        out = self._upright * (acceleration[kept] + flaws.has_gravity * GRAVITY_M_PER_S2)
         out = out * (1 + flaws.gain) + flaws.offset_m_per_s2
         turns = 2 * np.pi * flaws.hum_hz * time_s
         out = out + flaws.hum_m_per_s2 * (np.sin(turns) + np.sin(3 * turns) / 3)
@@ -244,7 +240,7 @@ class SimulatedBench(VirtualLine):
         flaws, count = self._flaws, len(values)
         if self._random.random() >= flaws.drops_per_s * _BLOCK_S:
             return values
-        lost = min(count, round(flaws.drop_s * self.form.sample_rate_hz))
+        lost = min(count, round(_DROP_S * self.form.sample_rate_hz))
         start = int(self._random.integers(0, count - lost + 1))
         return np.delete(values, slice(start, start + lost), axis=0)
 
@@ -270,11 +266,3 @@ class SimulatedSensor:
 
     def close(self) -> None:
         """Nothing is open."""
-
-
-def _read_flaw(key: str, text: str, unit: str) -> float:
-    try:
-        value = float(text) if unit == "ppm" else read_quantity(text, unit)
-    except (QuantityError, ValueError) as error:
-        raise SensorError(f"flaw {key}={text}: {error}") from None
-    return value * 1e-6 if key == "drift" else value

@@ -104,24 +104,19 @@ def fit_tone(values: Array, sample_rate_hz: float, frequency_hz: float) -> ToneF
             for start, stop in itertools.pairwise(edges)
         ]
     )
-    after = 1 + len(harmonics_hz)
-    none = np.zeros(values.shape[1])
+    after, none, noise = 1 + len(harmonics_hz), np.zeros(values.shape[1]), np.sqrt((rest**2).mean(axis=0))
+    # Only a line that stands out of the noise by more than chance is hum.
+    hum = abs(lines[after:]).max(axis=0) if hum_hz else none
     return ToneFit(
         frequency_hz=frequency_hz,
         duration_s=duration_s,
         phasor=phasor,
         parts=parts,
-        hum=_above_noise(np.abs(lines[after:]).max(axis=0), rest, count) if hum_hz else none,
+        hum=np.where(hum > _STANDS_OUT * noise * math.sqrt(2 / count), hum, 0.0),
         distortion=np.sqrt((abs(lines[1:after]) ** 2).sum(axis=0)) if harmonics_hz else none,
-        rest=np.sqrt((rest**2).mean(axis=0)),
+        rest=noise,
         mean=solution[-1],
     )
-
-
-def _above_noise(amplitude: Array, rest: Array, count: int) -> Array:
-    """Amplitudes (channel,) of lines that stand out of the noise by more than chance, 0 for the others."""
-    floor = _STANDS_OUT * np.sqrt((rest**2).mean(axis=0) * 2 / count)
-    return np.where(amplitude > floor, amplitude, 0.0)
 
 
 def hum_lines(frequency_hz: float, duration_s: float, others_hz: list[float]) -> list[float]:

@@ -78,21 +78,13 @@ class Plan:
             return (Condition(TACTABLE, self.middle_hz, load, self.steps),)
         engines = (TACTABLE, ECHO) if self.has_echo else (TACTABLE,)
         found = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
-        if self.ablates and load is self._ablation_load:
-            found += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in self._ablations()]
+        ablated = BackgroundLoad.STRESS if BackgroundLoad.STRESS in self.loads else BackgroundLoad.IDLE
+        if self.ablates and load is ablated:
+            one_less = [tuple(s for s in self.steps if s is not out) for out in self.steps if len(self.steps) > 1]
+            found += [Condition(TACTABLE, self.middle_hz, load, steps) for steps in ((), *one_less)]
             others = (WITHOUT_FAST_PATH, ZONES) if self.has_zones else (WITHOUT_FAST_PATH,)
             found += [Condition(engine, self.middle_hz, load, self.steps) for engine in others]
         return tuple(found)
-
-    @property
-    def _ablation_load(self) -> BackgroundLoad:
-        return BackgroundLoad.STRESS if BackgroundLoad.STRESS in self.loads else BackgroundLoad.IDLE
-
-    def _ablations(self) -> Iterator[tuple[Step, ...]]:
-        yield ()
-        if len(self.steps) > 1:
-            for left_out in self.steps:
-                yield tuple(step for step in self.steps if step is not left_out)
 
     def rounds(self, count: int) -> Iterator[tuple[int, BackgroundLoad, Sequence[Condition]]]:
         """Round, load and its conditions; each round begins with another condition, so that none is always first."""
