@@ -4,11 +4,9 @@ Every report of a recording passes all stages once a round. The sets of rules ta
 them meet the same machine; each figure stands beside the compiled step and beside the plainest rules of the same run.
 """
 
-import gc
 import platform
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +17,7 @@ from rich.table import Table as Grid
 
 from engine.device import Device
 from engine.effects import DEFAULT_EFFECTS, Drives, Effects
-from engine.loop import open_pipeline
+from engine.loop import open_pipeline, realtime
 from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
 from engine.table import Table
 from engine.touch import FingerTracker, Touch, TouchFrame
@@ -64,7 +62,7 @@ def run_step_bench(
     for recording_name, recording in recordings.items():
         steps = {name: Step(table, recording, effects) for name, effects in rules.items()}
         stamps: dict[str, list[Stamps]] = {name: [] for name in steps}
-        with _collector_paused():
+        with realtime.real_time((realtime.Step.COLLECTOR,)):  # as in a run
             for _ in range(rounds):
                 for name, step in steps.items():
                     stamps[name].append(step.run())
@@ -188,18 +186,6 @@ def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link,
         now_ns += _HANDSHAKE_STEP_NS
         link.receive(far_end.receive(link.outgoing(now_ns), now_ns) + far_end.run_until(now_ns), now_ns)
     return link, far_end, now_ns
-
-
-@contextmanager
-def _collector_paused() -> Iterator[None]:
-    """Garbage waits, as it does in the loop."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 def print_step_bench(out: Console, result: dict[str, Any]) -> None:

@@ -29,7 +29,9 @@ def list_devices(machine: Machine) -> dict[str, list[Any]]:
         }
         for port in machine.ports()
     ]
-    cards = [*_card_rows(machine, problems), _simulated_card_row()]
+    form = {"outputs": 2, "inputs": 0, "rate_hz": 48_000.0, "output_latency_ms": 10.0, "simulated": True}
+    simulated_card = {"name": f"no card ({_MARK})", "choose_by": PREFIX + SIMULATED_CARD, **form}
+    cards = [*_card_rows(machine, problems), simulated_card]
     return {"digitizers": digitizers, "serial_ports": ports, "sound_cards": cards, "problems": problems}
 
 
@@ -51,11 +53,6 @@ def _card_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
         }
         for card in cards
     ]
-
-
-def _simulated_card_row() -> dict[str, Any]:
-    form = {"outputs": 2, "inputs": 0, "rate_hz": 48_000.0, "output_latency_ms": 10.0, "simulated": True}
-    return {"name": f"no card ({_MARK})", "choose_by": PREFIX + SIMULATED_CARD, **form}
 
 
 def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
@@ -101,16 +98,16 @@ def _simulated_row() -> dict[str, Any]:
 def _row(
     name: str, path: str, stable_id: str, source: str, problem: str | None, digitizer: Digitizer | None
 ) -> dict[str, Any]:
-    surface = None if digitizer is None else digitizer.surface
+    known = dict[str, Any].fromkeys(("kind", "width_mm", "height_mm", "contact_maximum"))
+    if digitizer is not None:
+        surface, most = digitizer.surface, digitizer.maximum_contacts
+        known = dict(zip(known, (surface.kind.name.lower(), surface.width_mm, surface.height_mm, most), strict=True))
     return {
         "name": name,
         "path": path,
         "stable_id": stable_id,
         "source": source,
-        "kind": None if surface is None else surface.kind.name.lower(),
-        "width_mm": None if surface is None else surface.width_mm,
-        "height_mm": None if surface is None else surface.height_mm,
-        "contact_maximum": None if digitizer is None else digitizer.maximum_contacts,
+        **known,
         "usable": problem is None,
         "problem": problem,
         "simulated": _MARK in name,

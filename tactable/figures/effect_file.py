@@ -29,14 +29,22 @@ def plot_effect_file(converted: Converted, full_level_db: float) -> Picture:
         if report.event.kind is Kind.CONTINUOUS:
             time_ms = np.linspace(points[0][0], points[-1][0], 400)
             course = np.interp(time_ms / 1e3, *np.array(report.event.points).T)
-            axes.plot(time_ms, [_level(intensity, full_level_db) for intensity in course], color=GREY, lw=1)
+            axes.plot(
+                time_ms,
+                [_level(intensity, full_level_db) for intensity in course],
+                color=GREY,
+                lw=1,
+                label="the file's envelope",
+            )
         colour, mark = _FATES[report.fate]
         at_ms, level_db = max(points, key=lambda point: point[1], default=(0.0, LOWEST_DB))
         # A transient and an envelope often begin together: the transient's mark is larger, and hollow.
         face, size = ("none", 10) if report.event.kind is Kind.TRANSIENT else (colour, 5)
-        axes.plot(at_ms, level_db, mark, color=colour, markerfacecolor=face, ms=size, zorder=4)
+        label = f"{report.fate} (hollow: transient)"
+        axes.plot(at_ms, level_db, mark, color=colour, markerfacecolor=face, ms=size, zorder=4, label=label)
     rows = _draw_effect(axes, converted)
-    _draw_legend(axes, converted)
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each word once
+    axes.legend(named.values(), named, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", frameon=False)
     axes.axhline(0.0, color="black", lw=0.8, ls=":")
     axes.set(xlabel="time (ms)", ylabel="level (dB above threshold)", ylim=(LOWEST_DB, None), xlim=(-5, None))
     caption = f"{converted.name} ({converted.pattern.format})"
@@ -65,25 +73,7 @@ def _draw_effect(axes: Any, converted: Converted) -> list[tuple[float, float, st
         length_ms = CLICK_MS if segment.duration_ns is None else segment.duration_ns / NS_PER_MS
         if segment.level_db is not None:
             rows.append((at_ms, at_ms + length_ms, "click" if segment.is_click else "drive", segment.level_db))
-            colour = GREEN if segment.is_click else BLUE
-            axes.bar(at_ms, segment.level_db, length_ms, align="edge", color=colour, alpha=0.3, lw=0)
+            colour, label = (GREEN, f"click, {CLICK_MS} ms") if segment.is_click else (BLUE, "steady drive")
+            axes.bar(at_ms, segment.level_db, length_ms, align="edge", color=colour, alpha=0.3, lw=0, label=label)
         at_ms += length_ms
     return rows
-
-
-def _draw_legend(axes: Any, converted: Converted) -> None:
-    """Name the colours and the marks that are in the picture."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = [
-        Patch(color=GREEN, alpha=0.3, label=f"click, {CLICK_MS} ms"),
-        Patch(color=BLUE, alpha=0.3, label="steady drive"),
-        Line2D([], [], color=GREY, lw=1, label="the file's envelope"),
-    ]
-    handles += [
-        Line2D([], [], color=colour, marker=mark, ls="", label=f"{fate} (hollow: transient)")
-        for fate, (colour, mark) in _FATES.items()
-        if converted.number(fate)
-    ]
-    axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", frameon=False)

@@ -269,19 +269,15 @@ class SteppedSine:
         self._driven.play(check_drive(asked, self._device))
         end_ns = self._driven.clock.now_ns() + _LAPSING_NS
         while self._driven.clock.now_ns() < end_ns:
-            lapses = self._begin()
+            # From here on the samples are those of the drive.
+            self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
+            lapses = self._driven.confirm_lapses()
+            self.recorder.drop()
             values, is_steady = self._settle(hz, actuator, lapses, windows)
             if self._driven.confirm_lapses() == lapses:
                 return self._judge(values, hz, actuator, is_steady)
             self.lapsed += 1
         return self._fit(values, hz), values, (Fault.LAPSED,)
-
-    def _begin(self) -> int:
-        """Wait until the samples are those of the drive; the lapses that the board has counted by then."""
-        self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
-        lapses = self._driven.confirm_lapses()
-        self.recorder.drop()
-        return lapses
 
     def _settle(self, hz: float, actuator: int, lapses: int, windows: int) -> tuple[Array, bool]:
         """The samples (sample, channel) of this many windows of a steady bar, and whether it became steady.

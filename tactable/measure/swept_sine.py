@@ -137,9 +137,11 @@ class SweptSine:
 
     def _take(self, actuator: int, reference: int, frequencies_hz: Array) -> "_Take":
         """One sweep at the present level; a board that stopped itself is armed again."""
-        low_hz, high_hz = self._ends(actuator, frequencies_hz)
+        lowest_hz, highest_hz = self._device.actuators[actuator].band_hz
+        low_hz = max(lowest_hz, float(frequencies_hz.min()) * (1 - _MARGIN))
+        high_hz = min(highest_hz, float(frequencies_hz.max()) * (1 + _MARGIN))
         stretch_s = self._sweep.sweep_s / math.log(high_hz / low_hz)
-        values = self._record(actuator, low_hz, stretch_s)
+        values = self._stepped.while_armed(lambda: self._record(actuator, low_hz, stretch_s))
         known, form = known_samples(values), self._form
         drive, amplitude = known[:, reference], self._amplitude
         fit = fit_sweep(
@@ -163,19 +165,8 @@ class SweptSine:
         is_noisy = float((fit.error > MOST_ERROR).mean()) > _FEW
         return _Take(amplitude, values, fit, faults, is_noisy)
 
-    def _ends(self, actuator: int, frequencies_hz: Array) -> tuple[float, float]:
-        """Lowest and highest frequency of the sweep: beyond the wanted ones as far as the band allows."""
-        low_hz, high_hz = self._device.actuators[actuator].band_hz
-        return (
-            max(low_hz, float(frequencies_hz.min()) * (1 - _MARGIN)),
-            min(high_hz, float(frequencies_hz.max()) * (1 + _MARGIN)),
-        )
-
     def _record(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         """Samples (sample, channel) of one sweep, from rest to rest."""
-        return self._stepped.while_armed(lambda: self._record_once(actuator, low_hz, stretch_s))
-
-    def _record_once(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         driven, recorder, sweep_s = self._driven, self._stepped.recorder, self._sweep.sweep_s
         driven.silence()
         driven.wait(driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
