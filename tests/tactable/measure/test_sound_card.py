@@ -44,11 +44,6 @@ def read(bench: SimulatedBench, actuator: int, hz: float) -> tuple[Reading, floa
         return stepped.read(actuator, hz)[0], latency_s
 
 
-@pytest.mark.parametrize(("actuator", "hz"), [(0, 70.0), (1, 209.0)])
-def test_a_response_through_a_card_is_that_of_the_bar(actuator: int, hz: float) -> None:
-    assert all(errors(read(bench_of(CardFlaws()), actuator, hz)[0]) < NEAR)
-
-
 def test_two_starts_with_other_latencies_give_the_same_response() -> None:
     starts = [
         read(bench_of(CardFlaws(latency_s=out_s), f"latency={in_ms}ms"), 1, 209)
