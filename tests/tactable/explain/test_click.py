@@ -11,11 +11,11 @@ from rich.console import Console
 from engine.touch import Placement
 from tactable.explain.click import Explained, click_json, explain_click, print_click
 from tactable.explain.click_source import ClickSource
+from tests.tactable.click_table import placed
 
 
 def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf, rivals: bool = False) -> Explained:
-    placement = Placement.named(source.table.device, felt.split(), quiet.split())
-    return explain_click(source, placement, level_db, rivals=rivals)
+    return explain_click(source, placed(source, felt, quiet), level_db, rivals=rivals)
 
 
 def page_of(source: ClickSource, explained: Explained) -> str:

@@ -6,17 +6,15 @@ from math import inf
 import pytest
 
 from engine.table import ClickEntry
-from engine.table.click import played_at
-from engine.touch import Placement
 from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
+from tests.tactable.click_table import click_of, placed
 
 
 def course_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> tuple[ClickEntry, Course]:
-    placement = Placement.named(source.table.device, felt.split(), quiet.split())
-    click = played_at(source.click_of(placement), level_db)
-    return click, compute_course(source, click, placement)
+    click = click_of(source, felt, quiet, level_db)
+    return click, compute_course(source, click, placed(source, felt, quiet))
 
 
 @pytest.mark.parametrize("level_db", [inf, 3.0])

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.table import ClickEntry
-from engine.table.click import played_at
-from engine.touch import Placement
 from precompute.clicks.basis import EVALUATION_RATE_HZ, RINGDOWN_S
 from tactable.explain.click_course import compute_course
 from tactable.explain.click_sound import (
@@ -25,10 +22,7 @@ from tactable.explain.click_sound import (
     write_sound,
 )
 from tactable.explain.click_source import ClickSource
-
-
-def click_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> ClickEntry:
-    return played_at(source.click_of(Placement.named(source.table.device, felt.split(), quiet.split())), level_db)
+from tests.tactable.click_table import click_of
 
 
 def peaks(course: NDArray[np.float64]) -> list[float]:
@@ -101,6 +95,6 @@ def test_what_makes_no_sound_is_refused(source: ClickSource, tmp_path: Path) -> 
         with pytest.raises(SoundError, match=says):
             check_sound_path(path)
     for felt in ("I", "I II"):
-        click = click_of(source, felt, "")
+        click = click_of(source, felt)
         with pytest.raises(SoundError, match="one felt and one quiet"):
             make_sound(source.table.device, click, click.placement, is_weighted=True, is_stereo=True)

@@ -5,16 +5,15 @@ from math import inf
 import numpy as np
 import pytest
 
-from engine.table.click import played_at
 from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click import plot_click
 from tactable.figures.file import Picture
+from tests.tactable.click_table import click_of, placed
 
 
 def picture_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> Picture:
-    placement = Placement.named(source.table.device, felt.split(), quiet.split())
-    return plot_click(source, played_at(source.click_of(placement), level_db), placement)
+    return plot_click(source, click_of(source, felt, quiet, level_db), placed(source, felt, quiet))
 
 
 def test_the_data_have_the_level_of_the_table(source: ClickSource) -> None:

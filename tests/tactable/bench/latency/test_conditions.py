@@ -9,22 +9,13 @@ from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, Condition, 
 PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True, has_zones=True)
 
 
-def test_every_step_is_left_out_once_and_all_once_at_the_middle_rate_under_stress() -> None:
-    left_out = [
-        condition
-        for load in PLAN.loads
-        for condition in PLAN.conditions(load)
-        if condition.steps != ALL_STEPS and condition.engine == TACTABLE
-    ]
-    assert {(condition.rate_hz, condition.load) for condition in left_out} == {(1000, BackgroundLoad.STRESS)}
-    assert [condition.steps_text for condition in left_out] == ["none", *(f"all but {step}" for step in Step)]
-
-
-def test_drives_of_zones_are_measured_once_where_the_table_has_them() -> None:
-    def count(plan: Plan) -> int:
-        return sum(each.engine == ZONES for load in plan.loads for each in plan.conditions(load))
-
-    assert (count(PLAN), count(replace(PLAN, has_zones=False)), count(replace(PLAN, ablates=False))) == (1, 0, 0)
+def test_steps_are_left_out_and_zones_played_once_at_the_middle_rate_under_stress() -> None:
+    every = [condition for load in PLAN.loads for condition in PLAN.conditions(load)]
+    left_out = [each for each in every if each.steps != ALL_STEPS and each.engine == TACTABLE]
+    assert {(each.rate_hz, each.load) for each in left_out} == {(1000, BackgroundLoad.STRESS)}
+    assert [each.steps_text for each in left_out] == ["none", *(f"all but {step}" for step in Step)]
+    for plan, count in ((PLAN, 1), (replace(PLAN, has_zones=False), 0), (replace(PLAN, ablates=False), 0)):
+        assert sum(each.engine == ZONES for load in plan.loads for each in plan.conditions(load)) == count
 
 
 def test_each_engine_is_next_to_its_floor() -> None:
