@@ -1,12 +1,10 @@
 """The picture of a calibration: a panel a drive, the curve through noiseless readings, wrong readings set apart."""
 
 import numpy as np
-import pytest
 
 from precompute.calibration.calibrate import calibrate
 from precompute.measurements import Kind
 from tactable.figures.calibration import plot_calibration
-from tactable.figures.response import reading_along
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import NAN, read_bar
 
@@ -19,16 +17,6 @@ def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
     assert all(line["measured"] + line["measured, taken for wrong"] == 22 for line in lines)
     assert sum(line["measured, taken for wrong"] for line in lines) == 3
     assert "SIMULATED" in picture.caption
-
-
-def test_the_curve_goes_through_noiseless_readings() -> None:
-    read = read_bar(DEVICE, {"actuator.full_scale": 0.4e-6}, points=41)
-    found = calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
-    place_m, level = reading_along(found.device, read, 50)
-    first = slice(41, 82)
-    assert np.interp(read.position_m[first], place_m, level) == pytest.approx(
-        np.abs(read.acceleration[first]), rel=0.05
-    )
 
 
 def test_of_very_many_drives_a_dozen_are_drawn() -> None:
