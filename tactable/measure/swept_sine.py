@@ -37,13 +37,7 @@ from tactable.measure.faults import (
 )
 from tactable.measure.recorder import known_samples
 from tactable.measure.sensor import Sensor, SensorError
-from tactable.measure.stepped_sine import (
-    LATE_S,
-    STEP_OF_LEVEL,
-    Reading,
-    SteppedSine,
-    SteppedSineOptions,
-)
+from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
 
