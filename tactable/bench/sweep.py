@@ -1,14 +1,9 @@
-"""Speed of computing a table: each figure beside a floor or a rival measured in the same run."""
+"""Speed of the sweep of a table: each figure beside a floor or a rival measured in the same run."""
 
-import json
 import platform
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -20,9 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from base.work_folder import work_folder
 from engine.device import Device
-from precompute.builder.build import MEMORY_BUDGET_BYTES, build_table
 from precompute.model.assembly import Plant, assemble
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
@@ -69,7 +62,6 @@ def run_sweep_bench(device: Device) -> dict[str, Any]:
         "point_by_point_s": point_s * points,
         "point_by_point_note": f"EXTRAPOLATED from {SAMPLED_POINTS} points, {1e3 * point_s:.2f} ms each",
         "times_faster_than_point_by_point": point_s * points / ours,
-        **_rebuild(device),
     }
 
 
@@ -148,49 +140,6 @@ def solve_point(
     return energy[:-1] / energy.sum(), level.max(axis=1)
 
 
-def _rebuild(device: Device) -> dict[str, Any]:
-    """Time a whole rebuild from a changed device with warm kernels; its peak memory in a fresh process."""
-    with work_folder("bench") as folder:
-        path = folder / "table.nc"
-        times = []
-        for round_ in range(3):
-            text = device.text.replace(f'name = "{device.name}"', f'name = "{device.name}-{round_}"')
-            changed = replace(device, name=f"{device.name}-{round_}", text=text)
-            start = time.perf_counter()
-            build_table(changed, path, created="bench", clicks_up_to=0)
-            times.append(time.perf_counter() - start)
-        size = path.stat().st_size
-        peak = _peak_memory(device, folder)
-    return {
-        "rebuild_s": statistics.median(times[1:]),
-        "table_file_bytes": size,
-        "memory_budget_bytes": MEMORY_BUDGET_BYTES,
-        "build_peak_memory_bytes": peak["peak"],
-        "build_memory_over_imports_bytes": peak["peak"] - peak["before"],
-    }
-
-
-_MEMORY_SCRIPT = """
-import json, re, sys
-from pathlib import Path
-from engine.device import Device
-from precompute.builder.build import build_table
-def peak():  # ru_maxrss would count the parent, too
-    return 1024 * int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
-device = Device.parse(sys.stdin.read(), "bench")
-before = peak()
-build_table(device, Path(sys.argv[1]), created="bench", clicks_up_to=0)
-print(json.dumps({"before": before, "peak": peak()}))
-"""
-
-
-def _peak_memory(device: Device, folder: Path) -> dict[str, int]:
-    command = [sys.executable, "-c", _MEMORY_SCRIPT, str(folder / "memory.nc")]
-    done = subprocess.run(command, input=device.text, capture_output=True, text=True, check=True)
-    figures: dict[str, int] = json.loads(done.stdout)
-    return figures
-
-
 def print_sweep_bench(out: Console, result: dict[str, Any]) -> None:
     """The same as a table."""
     grid = Grid("what", "time", "ratio to ours", title=f"{result['values']:.3g} values, {result['device']}")
@@ -209,6 +158,3 @@ def print_sweep_bench(out: Console, result: dict[str, Any]) -> None:
         grid.add_row(name, f"{seconds:.4g} s", ratio)
     out.print(grid)
     out.print(f"{result['values_per_s']:.3g} table values a second on {result['machine']['threads']} threads")
-    size, over = result["table_file_bytes"] / 1e6, result["build_memory_over_imports_bytes"] / 1e6
-    out.print(f"rebuild from a changed device, {size:.0f} MB written and verified: {result['rebuild_s']:.2f} s")
-    out.print(f"memory of a build beyond its imports: {over:.0f} MB, sweep buffers {MEMORY_BUDGET_BYTES / 1e6:.0f} MB")

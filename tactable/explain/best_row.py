@@ -42,7 +42,7 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
     fingers = zip(
         words.placement_json(device, placement), explained.level_db[0].tolist(), explained.percentiles_db, strict=True
     )
-    values: dict[str, Any] = to_plain(
+    return to_plain(
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
@@ -70,7 +70,6 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
             "estimated": [*device.estimated_values, "detection threshold"],
         }
     )
-    return values
 
 
 def print_best_row(out: Console, explained: ExplainedRow) -> None:

@@ -11,8 +11,6 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
 from tactable.explain.words import level_text as level_text
-from tactable.explain.words import zone_lists as zone_lists
-from tactable.explain.words import zone_names as zone_names
 from tactable.figures.file import Picture
 
 if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw nothing
@@ -88,17 +86,6 @@ def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:
     return secondary(side, functions=(forth, back))
 
 
-def draw_note(figure: "Figure", device: Device, *estimates: str, origin: str = COMPUTED) -> None:
-    """Write below everything that the picture is computed, and what in it rests on estimates."""
-    listed = (
-        [f"{len(device.estimated_values)} values of the device that its file names"] if device.estimated_values else []
-    )
-    known = [device.threshold.note if each == THRESHOLD_NOTE else each for each in (*estimates, *listed)]
-    note = f"{origin} ESTIMATES: {', '.join(known)}." if known else origin
-    wrapped = textwrap.fill(note, round(_NOTE_LETTERS_PER_INCH * figure.get_figwidth()))
-    figure.supxlabel(wrapped, fontsize="x-small", color="dimgrey", x=0.01, ha="left")
-
-
 def finish_picture(
     figure: "Figure",
     device: Device,
@@ -116,7 +103,12 @@ def finish_picture(
     `words` follow the caption in the one line that describes the picture; `subtitle` stands below it in the picture.
     """
     figure.suptitle(caption if subtitle is None else f"{caption}\n{subtitle}", fontsize="medium")
-    draw_note(figure, device, *notes, origin=origin)
+    number = len(device.estimated_values)
+    estimates = [device.threshold.note if each == THRESHOLD_NOTE else each for each in notes]
+    estimates += [f"{number} values of the device that its file names"] if number else []
+    note = f"{origin} ESTIMATES: {', '.join(estimates)}." if estimates else origin
+    wrapped = textwrap.fill(note, round(_NOTE_LETTERS_PER_INCH * figure.get_figwidth()))
+    figure.supxlabel(wrapped, fontsize="x-small", color="dimgrey", x=0.01, ha="left")
     named = {"device": device.name, "fingerprint": device.fingerprint, **summary}
     if THRESHOLD_NOTE in notes:
         named["threshold"] = device.threshold.title

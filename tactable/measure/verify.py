@@ -228,11 +228,8 @@ def verify_table(
     sensor_mass_kg: float,
 ) -> tuple[Point, ...]:
     """Play everything at every place, and compare."""
-    bars, points, decay_per_s = (
-        PossibleBars(table.device, sensor_mass_kg),
-        list[Point](),
-        slowest_decay_per_s(table.device),
-    )
+    bars, decay_per_s = PossibleBars(table.device, sensor_mass_kg), slowest_decay_per_s(table.device)
+    points = []
     for place_m in position_m:
         apparatus.guide(place_m)
         with apparatus.open_driven() as driven:

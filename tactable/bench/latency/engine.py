@@ -91,10 +91,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         try:
             bounds = live.link.clock.offset_bounds(SystemClock().now_ns())
         except ValueError as error:
-            lost = (
-                "the device was lost and not back when the touches ended: it, or this machine, is too slow for the rate"
-            )
-            raise LinkError(lost) from error
+            lost = "the device was lost and not back when the touches ended"
+            raise LinkError(f"{lost}: it, or this machine, is too slow for the rate") from error
         # A finger that lifts ends what is wanted, but its click ends by itself: the device holds silence already.
         changes = [change for change in trace if change.fate is not Fate.SAME]
         samples = _samples(live, source, changes)

@@ -215,12 +215,8 @@ class LoadGenerator:
                 self._packet = next(schedule.reports)
             try:
                 os.write(self._touch.fileno(), STAMPS.pack(due_ns, self._now_ns()) + self._packet)
-            except (
-                BlockingIOError,
-                BrokenPipeError,
-                ConnectionResetError,
-            ):  # full; or the engine has ended: it says why
-                self._is_full = True
+            except (BlockingIOError, BrokenPipeError, ConnectionResetError):
+                self._is_full = True  # or the engine has ended: it says why
                 return
             self._packet = None
             self._awake_until_ns = self._now_ns() + AWAKE_NS if self._link is not None else 0
