@@ -94,6 +94,36 @@ _WORDS = {
 assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}
 
 
+class _Converter:
+    """The samples that a converter with its flaws makes of the acceleration of a sensor and of what drives the bar."""
+
+    def __init__(self, flaws: ConverterFlaws, form: SensorForm, has_sum: bool, random: np.random.Generator) -> None:
+        self._flaws, self._form, self._has_sum, self._random = flaws, form, has_sum, random
+        self._last_m_per_s2 = 0.0
+
+    def latency_s(self) -> float:
+        """How late the next block comes."""
+        return max(0.0, self._flaws.latency_s + self._flaws.jitter_s * self._random.standard_normal())
+
+    def convert(self, acceleration: Array, drive: Array, time_s: Array) -> Array:
+        """Samples (sample, channel) of an acceleration (sample,) and displacements (sample, actuator)."""
+        flaws, random, turns = self._flaws, self._random, 2 * np.pi * self._flaws.hum_hz * time_s
+        out = acceleration * (1 + flaws.gain) + flaws.offset_m_per_s2
+        out += flaws.hum_m_per_s2 * (np.sin(turns) + np.sin(3 * turns) / 3)
+        out += flaws.noise_m_per_s2 * random.standard_normal(len(out))
+        if time_s[0] >= flaws.stalls_at_s:
+            out[:] = self._last_m_per_s2
+        self._last_m_per_s2 = float(out[-1])
+        out = np.clip(out, -flaws.clips_at_m_per_s2, flaws.clips_at_m_per_s2)
+        heard = np.repeat(drive.sum(axis=1, keepdims=True), drive.shape[1], axis=1) if self._has_sum else drive
+        values = np.column_stack([out, *heard.T[: len(self._form.channels) - 1]])
+        if random.random() >= flaws.drops_per_s * _BLOCK_S:
+            return values
+        lost = min(len(values), round(_DROP_S * self._form.sample_rate_hz))
+        start = int(random.integers(0, len(values) - lost + 1))
+        return np.delete(values, slice(start, start + lost), axis=0)
+
+
 class SimulatedBench(VirtualLine):
     """Port, clock and sensor of the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
 
@@ -116,7 +146,7 @@ class SimulatedBench(VirtualLine):
         card: SimulatedCard | None = None,
         has_sum: bool = False,
     ) -> None:
-        self._device, self._flaws, self._random = true, flaws, np.random.default_rng(seed)
+        self._device = true
         self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
         full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
         full_scales_pm = tuple(round(each_m * PM_PER_M) for each_m in full_scales_m)
@@ -129,7 +159,7 @@ class SimulatedBench(VirtualLine):
                 electrode_bias=board_bias(actuator.electrodes for actuator in true.actuators),
             )
         )
-        self.card, self._has_sum = card, has_sum
+        self.card = card
         super().__init__(card or self.firmware)
         self._of_card = (
             [] if card is None else np.divide(card.output.full_scales_m[: len(full_scales_m)], full_scales_m)
@@ -137,12 +167,14 @@ class SimulatedBench(VirtualLine):
         loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
+        self._converter = _Converter(flaws, self.form, has_sum, np.random.default_rng(seed))
+        self._gravity_m_per_s2 = flaws.has_gravity * GRAVITY_M_PER_S2
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._plant = TransientPlant(basis, np.zeros(1), sample_rate_hz * (1 + flaws.drift) * self._plant_samples)
         self._synthesis, self._taken_events = Synthesis(), 0
         self._ready: list[tuple[int, Array]] = []
-        self._made_us = self._last_m_per_s2 = 0.0
+        self._made_us = 0.0
         self._upright = 1.0  # -1 when it is turned over
         self.place(0.5 * true.bar.length_m)
 
@@ -193,9 +225,8 @@ class SimulatedBench(VirtualLine):
         self._taken_events = len(log)
         while self._made_us + _BLOCK_S * _US_PER_S <= now_us:
             stop_us = self._made_us + _BLOCK_S * _US_PER_S
-            values = self._convert(self._made_us, stop_us)
-            late_s = max(0.0, self._flaws.latency_s + self._flaws.jitter_s * self._random.standard_normal())
-            arrives_ns = int(1000 * stop_us + late_s * _NS_PER_S)
+            values = self._sense(self._made_us, stop_us)
+            arrives_ns = int(1000 * stop_us + self._converter.latency_s() * _NS_PER_S)
             # A block never overtakes the one before.
             self._ready.append((max([arrives_ns, *(time_ns for time_ns, _ in self._ready[-1:])]), values))
             self._synthesis.forget(stop_us)
@@ -203,46 +234,18 @@ class SimulatedBench(VirtualLine):
                 self.card.forget(stop_us)
             self._made_us = stop_us
 
-    def _convert(self, start_us: float, stop_us: float) -> Array:
+    def _sense(self, start_us: float, stop_us: float) -> Array:
         """Samples (sample, channel) of a stretch of time, as the converter delivers them."""
-        flaws, random = self._flaws, self._random
-        rate_hz = self._plant.sample_rate_hz
-        drive = self._drive(start_us, stop_us, rate_hz)
-        index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
-        acceleration = self._plant.accelerate(drive)[:, 0]
-        kept = index % self._plant_samples == 0
-        time_s = index[kept] / rate_hz
-        out = self._upright * (acceleration[kept] + flaws.has_gravity * GRAVITY_M_PER_S2)
-        out = out * (1 + flaws.gain) + flaws.offset_m_per_s2
-        turns = 2 * np.pi * flaws.hum_hz * time_s
-        out = out + flaws.hum_m_per_s2 * (np.sin(turns) + np.sin(3 * turns) / 3)
-        out = out + flaws.noise_m_per_s2 * random.standard_normal(len(out))
-        if start_us >= flaws.stalls_at_s * _US_PER_S:
-            out[:] = self._last_m_per_s2
-        else:
-            self._last_m_per_s2 = float(out[-1])
-        if math.isfinite(flaws.clips_at_m_per_s2):
-            out = np.clip(out, -flaws.clips_at_m_per_s2, flaws.clips_at_m_per_s2)
-        heard = np.repeat(drive.sum(axis=1, keepdims=True), drive.shape[1], axis=1) if self._has_sum else drive
-        values = np.column_stack([out, *heard[kept].T[: len(self.form.channels) - 1]])
-        return self._drop(values)
-
-    def _drive(self, start_us: float, stop_us: float, rate_hz: float) -> Array:
-        """Displacements (time, actuator) of the actuators, in fractions of their full scales."""
-        count = len(self._device.actuators)
+        rate_hz, count = self._plant.sample_rate_hz, len(self._device.actuators)
         if self.card is not None:
-            return self.card.drive(start_us, stop_us, rate_hz)[:, :count] * self._of_card
-        drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
-        return drive if drive.shape[1] else np.zeros((len(drive), count))  # nothing was ever driven
-
-    def _drop(self, values: Array) -> Array:
-        """Lose a run of samples now and then."""
-        flaws, count = self._flaws, len(values)
-        if self._random.random() >= flaws.drops_per_s * _BLOCK_S:
-            return values
-        lost = min(count, round(_DROP_S * self.form.sample_rate_hz))
-        start = int(self._random.integers(0, count - lost + 1))
-        return np.delete(values, slice(start, start + lost), axis=0)
+            drive = self.card.drive(start_us, stop_us, rate_hz)[:, :count] * self._of_card
+        else:
+            drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
+            drive = drive if drive.shape[1] else np.zeros((len(drive), count))  # nothing was ever driven
+        index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
+        felt = self._upright * (self._plant.accelerate(drive)[:, 0] + self._gravity_m_per_s2)
+        kept = index % self._plant_samples == 0
+        return self._converter.convert(felt[kept], drive[kept], index[kept] / rate_hz)
 
 
 class SimulatedSensor:
