@@ -11,7 +11,4 @@ def test_every_moment_belongs_to_a_step() -> None:
     assert told == [(step, 0.5) for step in ("fit", "fit", "entries", "fit")]
     assert list(times.read().items()) == [("start", 1.0), ("fit", 2.0 + 4.0), ("entries", 3.0)]
     assert times.total_s == 10.0
-
-
-def test_what_took_no_time_is_not_said() -> None:
     assert times_text({"fit": 0.71, "put in place": 0.0001, "entries": 5.94}) == "fit 0.71 s, entries 5.9 s"

@@ -17,9 +17,9 @@ FIFTH = AskedDrive((150.0, 130.0), (0.2, 0.05), (0.0, 1.0))
 MOST = (0.2, 0.2)
 
 
-def held_for(line: VirtualLine, duration_ns: int, asked: AskedDrive = FIFTH) -> None:
-    with DrivenDevice(DEVICE, line, line, MOST) as driven:
-        driven.play(check_drive(asked, DEVICE))
+def held_for(line: VirtualLine, duration_ns: int, most: tuple[float, float] = MOST) -> None:
+    with DrivenDevice(DEVICE, line, line, most) as driven:
+        driven.play(check_drive(FIFTH, DEVICE))
         driven.wait(line.now_ns() + duration_ns)
 
 
@@ -39,19 +39,16 @@ def test_a_drive_is_held_as_asked_and_ends_in_silence() -> None:
     assert line.firmware.counters.trips == 0
 
 
-def test_the_board_itself_refuses_more_than_it_was_armed_for() -> None:
-    line = VirtualLine()
-    with DrivenDevice(DEVICE, line, line, (0.1, 0.1)) as driven:
-        driven.play(check_drive(FIFTH, DEVICE))
-        driven.wait(line.now_ns() + 100 * MS)
-    amplitudes = [channel.amplitude for channel in line.firmware.drive_log[0].channels]
-    assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
-
-
-def test_a_board_of_another_full_scale_gets_the_displacements_that_were_asked_for() -> None:
-    full_scales_pm = (2 * 520_000, 520_000)
-    line = VirtualLine(DeviceConfiguration(0, full_scales_pm=full_scales_pm))
-    held_for(line, 100 * MS)
+@pytest.mark.parametrize(
+    ("most", "full_scale_pm"),
+    [((0.1, 0.1), 520_000), (MOST, 2 * 520_000)],
+    ids=["armed for less", "of another full scale"],
+)
+def test_the_board_plays_no_more_than_it_was_armed_for_and_as_much_displacement_as_was_asked_for(
+    most: tuple[float, float], full_scale_pm: int
+) -> None:
+    line = VirtualLine(DeviceConfiguration(0, full_scales_pm=(full_scale_pm, 520_000)))
+    held_for(line, 100 * MS, most=most)
     amplitudes = [channel.amplitude for channel in line.firmware.drive_log[0].channels]
     assert amplitudes == pytest.approx([0.1, 0.05], abs=1e-5)
 

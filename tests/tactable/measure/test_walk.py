@@ -85,9 +85,8 @@ def test_an_interrupted_walk_goes_on_where_it_stopped_and_reads_the_responses_of
 
 def test_a_swept_walk_reads_the_same_responses_of_both_actuators(tmp_path: Path) -> None:
     walk, method = even_walk(DEVICE, 1, [170.0, 209.0, 230.0]), Method(OPTIONS, SweepOptions(2.0))
-    found = measurements_of(
-        walked(tmp_path / "raw", walk, method=method), DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True
-    )
+    records = walked(tmp_path / "raw", walk, method=method)
+    found = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
     assert len(found) == 2 * 3
     true = np.exp(MeasurementModel(DEVICE, found, ()).predict(np.zeros(0)).log_acceleration)
     np.testing.assert_allclose(found.acceleration, true, rtol=0.01)
@@ -98,6 +97,9 @@ def test_a_folder_of_another_measurement_is_refused(tmp_path: Path) -> None:
     RawFolder(tmp_path / "raw", DEVICE, WALK, {"flaws": ""})
     with pytest.raises(MeasurementError, match="holds another measurement"):
         RawFolder(tmp_path / "raw", DEVICE, WALK[:2], {"flaws": ""})
+    (tmp_path / "raw" / "measurement.json").write_bytes(b"\xff\xfe")  # no text
+    with pytest.raises(MeasurementError, match="remove the folder"):
+        RawFolder(tmp_path / "raw", DEVICE, WALK, {"flaws": ""})
 
 
 @pytest.mark.parametrize("first", first_quick(range(5)))
@@ -132,13 +134,6 @@ def test_a_stop_without_one_of_its_columns_or_of_another_measurement_is_refused_
     there.write_bytes(here.read_bytes())
     with pytest.raises(MeasurementError, match=f"{there.name}: is of another .* place"):
         other.read(WALK[1])
-
-
-def test_a_folder_whose_description_is_no_text_is_refused_by_name(tmp_path: Path) -> None:
-    RawFolder(tmp_path, DEVICE, WALK, {})
-    (tmp_path / "measurement.json").write_bytes(b"\xff\xfe")
-    with pytest.raises(MeasurementError, match="remove the folder"):
-        RawFolder(tmp_path, DEVICE, WALK, {})
 
 
 def test_spoiled_readings_are_left_out_unless_they_are_wanted(tmp_path: Path) -> None:
