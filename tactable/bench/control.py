@@ -89,7 +89,7 @@ class _Bench:
         return took_ns, answered_ns
 
     def end(self) -> dict[str, Any]:
-        """What the engine counted."""
+        """End the touches; the counters of the engine."""
         self._touch.shutdown(socket.SHUT_WR)
         self._serve_until_readable(self._engine, 10 * _LONGEST_NS)
         return self._engine.read()

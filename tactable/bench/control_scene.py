@@ -37,9 +37,9 @@ class _Loop:
         rules = [Rule(on, effect, after_ns=10**8, every_m=_WIDTH_M) for on, effect in zip(names, chosen, strict=True)]
         region = Region(f"r{number}", tuple(rules), None, (start_m, start_m + _WIDTH_M), True, -3.0, False)
         self._scene.set_region(region, 1)
-        return [self._take(part) for part in self._encoder.parts(self._scene)]
+        return [self._take_part(part) for part in self._encoder.parts(self._scene)]
 
-    def _take(self, part: bytes) -> int:
+    def _take_part(self, part: bytes) -> int:
         start_ns = time.perf_counter_ns()
         step = self._decoder.decode(part)
         if step is not None:

@@ -1,4 +1,4 @@
-"""What the benches of the engine play: a table, and reports of fingers that tap or of a recording.
+"""Inputs of the benches of the engine: a table, and reports of fingers that tap or of a recording.
 
 Each tap brings a click by the default rule, and its lift brings no command: the click ends by itself.
 """

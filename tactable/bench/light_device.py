@@ -45,11 +45,11 @@ class LightDevice:
         return self._firmware.receive(DELIMITER.join([*shown, b""]), self._us(now_ns))
 
     def run_until(self, now_ns: int) -> bytes:
-        """What it says by itself by now, such as a STATUS."""
+        """Let time pass; the bytes that it sends by itself until now, such as a STATUS."""
         return self._firmware.run_until(self._us(now_ns))
 
     def next_deadline_ns(self) -> int | None:
-        """When it has something to say."""
+        """Time at which it sends by itself next; None while it waits."""
         deadline_us = self._firmware.next_deadline_us()
         return None if deadline_us is None else self._zero_ns + deadline_us * _NS_PER_US
 

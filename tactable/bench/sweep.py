@@ -66,7 +66,7 @@ def run_sweep_bench(device: Device) -> dict[str, Any]:
 
 
 def numpy_twin(sweep: PairSweep, rows: slice, out: Sequence[Single]) -> None:
-    """The same sweep in vectorised NumPy: one pass a ratio and row, then scaled to the amplitudes."""
+    """Pair sweep in vectorised NumPy: one pass for each ratio and row, then scaled to the amplitudes."""
     ratios = sweep.ratios
     factor, peak, dead = out
     level_2, energy_2, total_2 = sweep.level_2, sweep.energy_2, sweep.total_2
@@ -141,7 +141,7 @@ def solve_point(
 
 
 def print_sweep_bench(out: Console, result: dict[str, Any]) -> None:
-    """The same as a table."""
+    """Print the figures as a table."""
     grid = Grid("what", "time", "ratio to ours", title=f"{result['values']:.3g} values, {result['device']}")
     ours = result["sweep_s"]
     rows = (

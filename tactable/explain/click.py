@@ -211,7 +211,7 @@ def _finger_grid(table: Table, explained: Explained) -> Grid:
 
 
 def _table_words(table: Table, explained: Explained) -> str:
-    """What the table itself plays for these fingers, and what it promises for its places."""
+    """Click that the table itself plays for these fingers, with its promise, in words."""
     if explained.tabulated is None:
         return "the table has no click for these fingers: a run solves the click of their places when they come"
     click = explained.tabulated.click
@@ -261,7 +261,7 @@ def _rival_figures(felt: LevelSpread, quiet: LevelSpread | None, passed_s: float
 
 
 def _option_words(options: ClickOptions, spread: Spread) -> str:
-    """What clicks were made with, in words: limits, plants and their spreads."""
+    """Options of clicks in words: limits, plants and their spreads."""
     within_m = spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
     return (
         f"{1e3 * options.length_s:g} ms, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, "

@@ -63,7 +63,7 @@ class ClickSource:
         return self.solver.solve_entry(placement)
 
     def fingers_of(self, click: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
-        """What standard fingers at these positions get of a click, in the nominal plant."""
+        """Levels of a click under standard fingers at these positions, in the nominal plant."""
         return self._nominal.under(click, placement.position_m)
 
     def solve_baseline(self, placement: Placement, name: str) -> Click:

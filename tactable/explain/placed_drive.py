@@ -87,7 +87,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
 def finger_grid(
     device: Device, placement: Placement, standard_db: Sequence[float], spreads: Sequence[Sequence[float]], cases: int
 ) -> Grid:
-    """What each finger feels: a standard one, and percentiles over `cases` sampled ones."""
+    """Levels of each finger: a standard one, and percentiles over `cases` sampled ones."""
     caption = (
         f"dB {device.threshold.above}; percentiles over {cases} sampled fingers, "
         f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"

@@ -51,7 +51,7 @@ def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]
 
 
 def drive_lines(device: Device, drive: SteadyDrive | BestRow) -> list[str]:
-    """What each actuator plays, a line each."""
+    """Drive of each actuator in words, a line each."""
     outputs = zip(device.actuators, drive.frequencies_hz, drive.amplitudes, drive.phases_rad, strict=True)
     return [
         f"  {actuator.name}: " + (f"{hz:.2f} Hz at {100 * size:.1f} %, {phase:+.3f} rad" if size else "still")
@@ -103,7 +103,7 @@ def model_figures(table: Table) -> dict[str, int | float]:
 
 
 def model_text(table: Table) -> str:
-    """The same in words."""
+    """Mesh and modes of a table in words."""
     model = model_figures(table)
     if not model:
         return "the table does not state its mesh and modes"

@@ -51,7 +51,7 @@ def plot_click(source: ClickSource, click: ClickEntry, placement: Placement) -> 
 
 
 def promise_text(click: ClickEntry) -> str:
-    """What a click promises, in one line."""
+    """Promise of a click in one line."""
     wanted = f" ({style.level_text(click.wanted_level_db)} wanted)" if np.isfinite(click.wanted_level_db) else ""
     parts = [] if click.achieved else [f"NOT ACHIEVED{wanted}"]
     parts.append(f"felt {click.felt.low_db:z.1f} dB above threshold (5 % of fresh plants are below)")

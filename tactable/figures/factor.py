@@ -118,7 +118,7 @@ def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:
 
 
 def compute_factor(device: Device, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> Array:
-    """The same, standard fingers at the middles of zones `fingers`; the paper's sum of energies (eq. (10)).
+    """The factor with standard fingers at the middles of zones `fingers`: the paper's sum of energies (eq. (10)).
 
     Where both play one frequency their fields add, at phase 0.
     """

@@ -40,19 +40,19 @@ class Picture:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where a picture and its data go; None: nowhere."""
+    """Files of a picture and of its data; None: not written."""
 
     picture: Path | None
     data: Path | None
 
     @property
     def paths(self) -> list[Path]:
-        """Those that are written."""
+        """The files that are written."""
         return [path for path in (self.picture, self.data) if path is not None]
 
 
 def outputs_of(paths: Sequence[Path]) -> Outputs:
-    """What the endings say: a picture, its data (.csv), or one of each.
+    """Outputs by the endings of paths: a picture, its data (.csv), or one of each.
 
     Raises FigureError before work is done: for an ending that says no format, two of a kind, and a missing folder.
     """

@@ -90,7 +90,7 @@ def _draw_distribution(axes: Axes, searches: Sequence[PlacementSearch]) -> None:
         best_db = search.evaluated[0].fingers.worst_db
         axes.plot(best_db, 0, "*", ms=12, color=colour, mec=style.BLACK, mew=0.5, clip_on=False, zorder=4)
     axes.plot([], [], "*", ms=10, color="white", mec=style.BLACK, label="the best, judged")
-    axes.set(xlabel="worst contrast (dB)", ylabel="placements of the grid\nthat give so much (%)", ylim=(0, 100))
+    axes.set(xlabel="worst contrast (dB)", ylabel="placements of the grid\nthat reach it (%)", ylim=(0, 100))
     axes.grid(alpha=0.25)
     axes.legend(fontsize="x-small", loc="upper right")
 

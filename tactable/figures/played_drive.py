@@ -22,7 +22,7 @@ Load = Sequence[tuple[float, Finger]]
 
 @dataclass(frozen=True)
 class PlayedFinger:
-    """What a standard finger gets; range_db: least and greatest level of the sampled ones."""
+    """Level under a standard finger; range_db: least and greatest level of the sampled ones."""
 
     position_m: float
     is_felt: bool

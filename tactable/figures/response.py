@@ -71,7 +71,7 @@ def find_nodes(position_m: style.Array, level: style.Array) -> style.Array:
 
 
 def drive_text(device: Device, measurements: Measurements, row: int) -> str:
-    """What a row drives, such as "left 150 Hz, right 130 Hz at 60 %"."""
+    """Drive of a row in words, such as "left 150 Hz, right 130 Hz at 60 %"."""
     parts = []
     for i, actuator in enumerate(device.actuators):
         size = abs(measurements.amplitude[row, i])

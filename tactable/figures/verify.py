@@ -1,4 +1,4 @@
-"""What a table promises at the sensor against what it read, a panel for steady drives and one for clicks."""
+"""Promises of a table at the sensor against the readings, a panel for steady drives and one for clicks."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -49,7 +49,7 @@ class ApparatusOptions:
     changes: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
     is_fine: bool = False
-    """Whether the simulated bar has so many modes and samples that it errs by less than 0.001 dB."""
+    """Whether the simulated bar has enough modes and samples to err by less than 0.001 dB."""
     clicks: Basis | None = None
     """The basis of clicks that the board is to hold."""
 
@@ -75,7 +75,7 @@ class Apparatus:
 
     @property
     def losses(self) -> Losses | None:
-        """What line and board lost of the samples of the board's accelerometer; None for another sensor."""
+        """Samples of the board's accelerometer that line and board lost; None for another sensor."""
         return self.sensor.losses if isinstance(self.sensor, BoardSensor) else None
 
 

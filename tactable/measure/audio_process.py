@@ -38,17 +38,17 @@ class Taker:
         self._unwritten = write_header(self.form)
         self._was_full = False
         os.set_blocking(pipe, False)
-        with contextlib.suppress(OSError):  # not every user may have so much
+        with contextlib.suppress(OSError):  # a user may be allowed less
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
 
     def take_block(self, data: Samples, frames: int, overflowed: bool) -> None:
         """Take a block (sample, channel) of the card."""
         lost = min(self._pace.lost(time.monotonic_ns(), frames, ran_dry=overflowed), self._longest)
         self._write()
-        if self._unwritten:  # nobody reads: this block is lost
+        if self._unwritten:  # the measurement reads nothing: this block is lost
             self._was_full = True
             return
-        # Where nobody read, how long does not matter: one mark says that samples do not follow each other.
+        # One mark is enough there: it says that the samples beside it do not follow each other.
         marks = max(lost, int(overflowed), int(self._was_full))
         self._was_full = False
         marked = np.full((marks, len(self._columns)), np.nan, np.float32)

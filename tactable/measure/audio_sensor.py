@@ -35,7 +35,7 @@ class AudioSensor(SampleStream):
             os.close(reader)
 
     def read(self) -> Block | None:
-        """What has come; None for nothing. Raises SensorError when the card is gone."""
+        """New samples, or None. Raises SensorError when the card is gone."""
         try:
             return super().read()
         except SensorError:

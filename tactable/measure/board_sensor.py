@@ -42,7 +42,7 @@ def is_board(name: str) -> bool:
 
 
 def fixed_position_m(name: str, device: Device) -> float | None:
-    """Where "board:35mm" or "board:25%" is fixed; None for "board", which is moved. Raises SensorError."""
+    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for "board", which is moved. Raises SensorError."""
     _, _, text = name.partition(":")
     if name == NAME:
         return None
@@ -115,10 +115,10 @@ class BoardSensor:
     def take_event(self, event: Event) -> None:
         """Take an event of the link."""
         if isinstance(event, AccelerationReceived):
-            self._take(event.samples)
+            self._take_frame(event.samples)
 
     def read(self) -> Block | None:
-        """What has come; None for nothing."""
+        """New samples, or None."""
         if not self._waiting:
             return None
         os.eventfd_read(self._signal)
@@ -139,14 +139,14 @@ class BoardSensor:
         """Close the descriptor."""
         os.close(self._signal)
 
-    def _take(self, frame: Acceleration) -> None:
+    def _take_frame(self, frame: Acceleration) -> None:
         count = len(frame.values) // self._values
         if not count:
             return
         lost = self._count_losses(frame)
         raw = np.array(frame.values[: count * self._values], float).reshape(count, self._values)
         rows = raw[:, : len(self._units)] * self._units
-        # Long ones need not be told sample by sample: what follows a gap does not belong to what came before.
+        # A long gap needs no mark for every sample: what follows does not continue what came before.
         marks = min(lost, round(_LONGEST_GAP_S * self.form.sample_rate_hz))
         if not self._waiting:
             os.eventfd_write(self._signal, 1)
@@ -178,7 +178,7 @@ class BoardSensor:
 
 
 class _Probe:
-    """What a board says of its accelerometer, before there is a sensor."""
+    """Takes the description of a board's accelerometer, before there is a sensor."""
 
     described: AccelerometerDescribed | None = None
 

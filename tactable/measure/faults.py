@@ -1,4 +1,4 @@
-"""What spoils a reading, named: clipping, noise, hum, lost samples, a drive that lapsed, a bar that is not steady."""
+"""Faults that spoil a reading: clipping, noise, hum, lost samples, a drive that lapsed, a bar that is not steady."""
 
 import math
 from collections.abc import Sequence

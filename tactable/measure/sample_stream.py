@@ -55,7 +55,7 @@ class SampleStream:
         return self._descriptor
 
     def read(self) -> Block | None:
-        """What has come; None for nothing. Raises SensorError at the end of the stream."""
+        """New samples, or None. Raises SensorError at the end of the stream."""
         data, is_ended = self._rest, False
         self._rest = b""
         while True:

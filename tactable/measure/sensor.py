@@ -26,7 +26,7 @@ class SensorError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class SensorForm:
-    """What the samples of a sensor are.
+    """Form of the samples of a sensor: rate, channels and their ends.
 
     channels: "acceleration" in m/s^2, and "loopback NAME" in fractions of full scale for an actuator NAME whose drive
     is recorded. clips_at (channel,): the greatest value that each can have, infinite where that is not known.
@@ -64,13 +64,13 @@ class Sensor(Protocol):
 
     @property
     def form(self) -> SensorForm:
-        """What the samples are."""
+        """Form of the samples."""
 
     def fileno(self) -> int:
         """The descriptor, to poll."""
 
     def read(self) -> Block | None:
-        """What has come since the last call; None for nothing. Raises SensorError at the end of the stream."""
+        """New samples since the last call, or None. Raises SensorError at the end of the stream."""
 
     def pace(self) -> float:
         """The pace of its clock over the board's, less 1, where it knows it already; 0 where not."""

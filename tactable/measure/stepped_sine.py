@@ -238,7 +238,7 @@ class SteppedSine:
         return self.while_armed(lambda: self._hold_once(asked, windows))
 
     def while_armed(self, take: Callable[[], T]) -> T:
-        """What `take` returns; called again after a lost window, and once a board that stopped itself is armed again.
+        """Call `take`, again after a lost window or once a board that stopped itself is armed again; its result.
 
         Raises the error of a board that stops itself again and again, and of a channel that stays lost.
         """

@@ -103,33 +103,33 @@ class SweptSine:
             )
         if not self._is_clock_known:
             self._stepped.while_armed(lambda: self._compare_clocks(actuator, reference))
-        kept, earlier, attempts = list[_Take](), dict[Fault, None](), 0
+        kept, earlier, attempts = list[_Sweep](), dict[Fault, None](), 0
         most, is_complete = self._options.most, False
         while not is_complete:
             attempts += 1
-            take = self._take(actuator, reference, frequencies_hz)
-            earlier |= dict.fromkeys(take.faults)
-            if Fault.CLIPPING in take.faults:
+            sweep = self._take_sweep(actuator, reference, frequencies_hz)
+            earlier |= dict.fromkeys(sweep.faults)
+            if Fault.CLIPPING in sweep.faults:
                 # What clipped once is not tried again.
-                most = min(most, max(self._options.least, take.amplitude / STEP_OF_LEVEL))
+                most = min(most, max(self._options.least, sweep.amplitude / STEP_OF_LEVEL))
                 self._amplitude = most
-            elif not take.faults and take.is_noisy and take.amplitude < most:
+            elif not sweep.faults and sweep.is_noisy and sweep.amplitude < most:
                 earlier[Fault.NOISE] = None
-                self._amplitude = min(most, take.amplitude * STEP_OF_LEVEL)
-            elif not take.faults:
-                kept.append(take)
+                self._amplitude = min(most, sweep.amplitude * STEP_OF_LEVEL)
+            elif not sweep.faults:
+                kept.append(sweep)
             # Noise at full level is averaged out as far as the attempts go.
-            wanted = self._sweep.repeats + (self._options.attempts if take.is_noisy else 0)
+            wanted = self._sweep.repeats + (self._options.attempts if sweep.is_noisy else 0)
             is_complete = len(kept) >= wanted or attempts == self._options.attempts + self._sweep.repeats
         seconds = (self._driven.clock.now_ns() - start_ns) / _NS_PER_S
         if not kept:
-            kept = [take]
+            kept = [sweep]
         readings = self._readings(kept, actuator, frequencies_hz)
         share_s, named = seconds / len(readings), tuple(earlier)
         whole = [replace(each, seconds=share_s, attempts=attempts, earlier=named) for each in readings]
         return whole, [each.values for each in kept]
 
-    def _take(self, actuator: int, reference: int, frequencies_hz: Array) -> "_Take":
+    def _take_sweep(self, actuator: int, reference: int, frequencies_hz: Array) -> "_Sweep":
         """One sweep at the present level; a board that stopped itself is armed again."""
         lowest_hz, highest_hz = self._device.actuators[actuator].band_hz
         low_hz = max(lowest_hz, float(frequencies_hz.min()) * (1 - _MARGIN))
@@ -157,7 +157,7 @@ class SweptSine:
         }
         faults = tuple(fault for fault, is_there in causes.items() if is_there)
         is_noisy = float((fit.error > MOST_ERROR).mean()) > _FEW
-        return _Take(amplitude, values, fit, faults, is_noisy)
+        return _Sweep(amplitude, values, fit, faults, is_noisy)
 
     def _record(self, actuator: int, low_hz: float, stretch_s: float) -> Array:
         """Samples (sample, channel) of one sweep, from rest to rest."""
@@ -198,14 +198,14 @@ class SweptSine:
             self._stepped.drift += fit.drift(reference)
             self._is_clock_known = True
 
-    def _readings(self, kept: "list[_Take]", actuator: int, frequencies_hz: Array) -> list[Reading]:
+    def _readings(self, kept: "list[_Sweep]", actuator: int, frequencies_hz: Array) -> list[Reading]:
         """The mean of the repeats at each frequency, their coherence, and what spoils it."""
-        responses = np.array([take.fit.response for take in kept])
-        weight = np.array([take.amplitude for take in kept]) ** 2
+        responses = np.array([sweep.fit.response for sweep in kept])
+        weight = np.array([sweep.amplitude for sweep in kept]) ** 2
         mean = weight @ responses / weight.sum()
         power = (abs(responses) ** 2).mean(axis=0)
         coherence = abs(responses.mean(axis=0)) ** 2 / np.maximum(power, 1e-300)
-        single = np.array([take.fit.error for take in kept])
+        single = np.array([sweep.fit.error for sweep in kept])
         error = 1 / np.sqrt((1 / np.maximum(single, 1e-12) ** 2).sum(axis=0))
         apart = abs(responses - mean).max(axis=0) / np.maximum(abs(mean), 1e-300)
         last = kept[-1]
@@ -234,17 +234,17 @@ class SweptSine:
             for i, hz in enumerate(frequencies_hz)
         ]
 
-    def _hum_of(self, take: "_Take", frequencies_hz: Array) -> Array:
-        """What the hum of the bar at rest adds to the response at each frequency (frequency,), beside its lines."""
+    def _hum_of(self, sweep: "_Sweep", frequencies_hz: Array) -> Array:
+        """Part of the response (frequency,) that the hum of the bar at rest may be, near lines of the mains."""
         lines_hz = np.array([k * hz for hz in MAINS_HZ for k in range(1, HUM_LINES + 1)])
         apart_hz = abs(frequencies_hz[:, None] - lines_hz).min(axis=1)
         gate_s = self._gate_s + BEFORE_S
-        line = self._stepped.rest.hum * gate_s * self._form.sample_rate_hz / 2 / np.maximum(take.fit.drive, 1e-300)
+        line = self._stepped.rest.hum * gate_s * self._form.sample_rate_hz / 2 / np.maximum(sweep.fit.drive, 1e-300)
         return np.where(apart_hz < _BESIDE / gate_s, line, 0.0)
 
 
 @dataclass(frozen=True)
-class _Take:
+class _Sweep:
     """One sweep: its samples (sample, channel), its fit, what spoils all of it, whether noise hides many of it."""
 
     amplitude: float

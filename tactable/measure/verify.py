@@ -1,6 +1,6 @@
 """A table's promise compared with what a sensor reads: steady drives and clicks of random placements, point by point.
 
-The untouched bar is compared, with the sensor's mass on it: fingers would load it by an amount that nobody knows. What
+The untouched bar is compared, with the sensor's mass on it: fingers would load it by an unknown amount. What
 is played is what a run would play for the placements. The promise at a point is an interval, the range over bars that
 the table holds for possible: those that its calibration leaves, or those within `[spread]`, each with the sensor up to
 about a millimetre beside its place.
@@ -78,7 +78,7 @@ class Played:
 
 
 class Outcome(StrEnum):
-    """What a reading says of its promise, as the module has it."""
+    """Outcome of one reading, as the head of this module defines it."""
 
     KEPT = "kept"
     BROKEN = "broken"
@@ -87,7 +87,7 @@ class Outcome(StrEnum):
 
 
 class Verdict(StrEnum):
-    """What all readings say of the promise."""
+    """Outcome of all readings together."""
 
     KEPT = "kept"
     BROKEN = "broken"
@@ -113,7 +113,7 @@ class Point:
 
     @property
     def outcome(self) -> Outcome:
-        """What the reading says of its promise."""
+        """Outcome of the reading."""
         if any(fault in SPOILING for fault in self.faults):
             return Outcome.SPOILED
         read, off = self.read_m_per_s2, self.error_m_per_s2 + LEAST_M_PER_S2

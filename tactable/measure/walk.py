@@ -60,7 +60,7 @@ class Stop:
 
 @dataclass(frozen=True)
 class StopRecord:
-    """What was read at a stop. latency_s: from drive to samples, None without loopback."""
+    """Readings of a stop. latency_s: from drive to samples, None without loopback."""
 
     position_m: float
     rest: AtRest

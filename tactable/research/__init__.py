@@ -1,1 +1,1 @@
-"""What notebooks import of `tactable`: bars, tables and what is played, as labelled arrays and pictures."""
+"""Objects of `tactable` for notebooks: bars, tables and what is played, as labelled arrays and pictures."""

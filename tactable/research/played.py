@@ -1,4 +1,4 @@
-"""What fingers at positions get of a table: a steady drive or a click, with pictures and labelled arrays."""
+"""Output of a table for fingers at positions: a steady drive or a click, with pictures and labelled arrays."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
@@ -40,7 +40,7 @@ class _Asked(ABC):
 
     @abstractmethod
     def _summary(self) -> list[tuple[str, str]]:
-        """What it is in short: names and values."""
+        """Short description: names and values."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self._words()}: {'; '.join(' '.join(row) for row in self._summary())}>"

@@ -12,7 +12,7 @@ _MEMORY_BYTES = 1 << 26  # 64 MiB: more than a cache holds, so the copies go to 
 
 
 class BackgroundLoad(StrEnum):
-    """What runs beside the engine under measurement."""
+    """Kind of load beside the engine under measurement."""
 
     IDLE = "idle"
     """Only what the machine does anyway."""

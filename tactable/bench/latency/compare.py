@@ -66,7 +66,7 @@ def ratio(ours: float, theirs: float) -> float:
 
 
 def _redraw(rounds: Sequence[Values], random: np.random.Generator) -> Values:
-    """As many rounds, drawn again, and within each as many stretches of neighbours."""
+    """Resample the rounds with replacement, and stretches of neighbours within each (block bootstrap)."""
     drawn = []
     for values in (rounds[index] for index in random.integers(len(rounds), size=len(rounds))):
         block = min(_BLOCK, len(values))

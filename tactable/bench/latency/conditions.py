@@ -41,7 +41,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class Transport:
-    """What commands go over: a socket pair, an emulated firmware behind a pseudo-terminal, or a given port."""
+    """Line of the commands: a socket pair, an emulated firmware behind a pseudo-terminal, or a given port."""
 
     name: str
     """`sockets`, `pty`, or the name of a port."""

@@ -39,7 +39,7 @@ def environment_json() -> dict[str, Any]:
 
 
 def reading_ns() -> float:
-    """What one reading of the clock of all stamps costs: the median of 2000."""
+    """Cost of one reading of the clock of all stamps, the median of 2000."""
     return float(np.median(np.diff([time.monotonic_ns() for _ in range(2001)])))
 
 

@@ -40,10 +40,10 @@ class FarEnd(Protocol):
         """Take bytes in; the answer."""
 
     def run_until(self, now_ns: int) -> bytes:
-        """What it says by itself by now."""
+        """Let time pass; the bytes that it sends by itself until now, such as a STATUS."""
 
     def next_deadline_ns(self) -> int | None:
-        """When it has something to say."""
+        """Time at which it sends by itself next; None while it waits."""
 
 
 class EchoReceiver:
@@ -60,7 +60,7 @@ class EchoReceiver:
         return b""
 
     def run_until(self, now_ns: int) -> bytes:  # noqa: ARG002  # a FarEnd
-        """It says nothing by itself."""
+        """The echo engine gets no bytes."""
         return b""
 
     def next_deadline_ns(self) -> None:
@@ -68,7 +68,7 @@ class EchoReceiver:
 
 
 class StalledLayer(StrEnum):
-    """Where a stall is injected."""
+    """Layer into which a stall is injected."""
 
     DIGITIZER = "digitizer"
     """Reports are held back, then all come at once."""
@@ -87,11 +87,11 @@ class Stall:
     period_ns: int = 250_000_000
 
     def is_on(self, since_start_ns: int) -> bool:
-        """Whether it stands still."""
+        """Whether the layer stands still at this time after the start."""
         return since_start_ns > 0 and since_start_ns % self.period_ns >= self.period_ns - self.duration_ns
 
     def next_change_ns(self, since_start_ns: int) -> int:
-        """When that changes."""
+        """Time after the start at which `is_on` changes next."""
         phase_ns = max(0, since_start_ns) % self.period_ns
         on_ns = self.period_ns - self.duration_ns
         return max(0, since_start_ns) - phase_ns + (on_ns if phase_ns < on_ns else self.period_ns)

@@ -42,7 +42,7 @@ def start_echo_engine(
     steps: Collection[Step],
     processor: int,
 ) -> "subprocess.Popen[bytes]":
-    """Run it on two descriptors until `touch` ends, with those of the real-time steps that a C program can take.
+    """Start the C echo engine on two descriptors, with the real-time steps that a C program can take.
 
     Each of its answers has `size` bytes.
     """

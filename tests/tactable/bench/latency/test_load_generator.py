@@ -41,9 +41,9 @@ class Run:
             generator = LoadGenerator(
                 schedule, ours, None if far_end is None else link, far_end, stall=stall, clock=clock
             )
-            generator.run(done.fileno(), lambda: self.take() and clock.time_ns > self.start_ns + 100 * MS)
+            generator.run(done.fileno(), lambda: self.take_reports() and clock.time_ns > self.start_ns + 100 * MS)
 
-    def take(self) -> bool:
+    def take_reports(self) -> bool:
         while (report := self.source.read(0)) is not None:
             self.reports.append(report)
             self.due_ns.append(self.source.report_time_ns)
