@@ -12,7 +12,7 @@ SECONDS = 0.4
 
 def samples(hz: float, phasor: complex) -> NDArray[np.float64]:
     time_s = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
-    return (phasor * np.exp(2j * np.pi * hz * time_s)).real[:, None]
+    return np.asarray((phasor * np.exp(2j * np.pi * hz * time_s)).real[:, None])
 
 
 @pytest.mark.parametrize("hz", [60.0, 150.0, 209.37, 299.5])
