@@ -10,7 +10,7 @@ import platform
 import select
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
 
@@ -154,9 +154,9 @@ def run_control_bench(table: Table, rounds: int = ROUNDS) -> dict[str, Any]:
             counted = bench.end()
         row = {
             "compiled_step": has_fast_path,
-            "touch": figures_of(_known(touched)),
-            "message": figures_of(_known(triggered)),
-            "answer": figures_of(_known(answered)),
+            "touch": figures_of(np.array(touched, np.float64)),
+            "message": figures_of(np.array(triggered, np.float64)),
+            "answer": figures_of(np.array(answered, np.float64)),
             "without_a_command": touched.count(None) + triggered.count(None),
             "control_steps": counted["loop"]["controlled"],
             "answered_by_compiled_step": counted["fast_path"]["answered"],
@@ -168,10 +168,6 @@ def run_control_bench(table: Table, rounds: int = ROUNDS) -> dict[str, Any]:
         rows.append(row)
     machine = {"python": platform.python_version(), "rounds": rounds}
     return {"machine": machine, "device": table.device.name, "rows": rows, "region": run_scene_bench(rounds)}
-
-
-def _known(durations_ns: Sequence[int | None]) -> Any:
-    return np.array([each for each in durations_ns if each is not None], np.float64)
 
 
 def print_control_bench(out: Console, result: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import math
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -32,17 +32,11 @@ def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
         recording = read_recording(DEMO_RECORDING)
         yield Playback(recording), recording.bus
     elif name.startswith(_EVDEV_FOLDER):
-        source = open_evdev(name, machine.evdev())
-        try:
+        with closing(open_evdev(name, machine.evdev())) as source:
             yield source, 0
-        finally:
-            source.close()
     else:
-        hidraw = open_hidraw(machine.hid(), name, reconnect=False)
-        try:
+        with closing(open_hidraw(machine.hid(), name, reconnect=False)) as hidraw:
             yield hidraw, hidraw.device.bus
-        finally:
-            hidraw.close()
 
 
 def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterator[bytes | None]:

@@ -33,8 +33,7 @@ class Recorder:
         """Forget the samples that have come so far."""
         while self._sensor.read() is not None:
             pass
-        self._values, self._size = self._values[:1], 0
-        self._values[0] = self._values[0][:0]
+        self._values, self._size = [self._values[0][:0]], 0
 
     def follow(self, until_ns: int) -> None:
         """Take in what comes until this time, while the drive changes."""

@@ -9,6 +9,7 @@ channels of an instant beside each other (tables/MEASUREMENTS.md, *Samples*):
 `scale` says what a sample of 1 stands for, so that a converter may write volts; `clips_at` is its greatest value.
 """
 
+import contextlib
 import json
 import math
 import os
@@ -58,15 +59,10 @@ class SampleStream:
         """New samples, or None. Raises SensorError at the end of the stream."""
         data, is_ended = self._rest, False
         self._rest = b""
-        while True:
-            try:
-                part = os.read(self._descriptor, _READ_SIZE)
-            except BlockingIOError:
-                break
-            is_ended = not part
-            if is_ended:
-                break
-            data += part
+        with contextlib.suppress(BlockingIOError):
+            while part := os.read(self._descriptor, _READ_SIZE):
+                data += part
+            is_ended = True
         size = 4 * len(self._scale)
         whole = len(data) // size * size
         self._rest = data[whole:]

@@ -83,7 +83,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         steps = tuple(Step(step) for step in segment.steps)
         effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if segment.has_zones else DEFAULT_EFFECTS
         options = LiveOptions(effects, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
-        stack.enter_context(_busy_thread(segment.has_busy_thread))
+        if segment.has_busy_thread:
+            stack.enter_context(_busy_thread())
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
             parent.say({"board": live.capabilities.board})
@@ -111,7 +112,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
 
 
 @contextmanager
-def _busy_thread(is_wanted: bool) -> Iterator[None]:
+def _busy_thread() -> Iterator[None]:
     """Run another Python thread of this process that never waits."""
     end = threading.Event()
 
@@ -120,14 +121,12 @@ def _busy_thread(is_wanted: bool) -> Iterator[None]:
             sum(range(100))
 
     thread = threading.Thread(target=burn, daemon=True)
-    if is_wanted:
-        thread.start()
+    thread.start()
     try:
         yield
     finally:
         end.set()
-        if is_wanted:
-            thread.join()
+        thread.join()
 
 
 class _ListeningPort:

@@ -36,6 +36,8 @@ FORMAT, REVISION = "tactable latency", 2
 _IN_PROCESS_REPORTS = 4_000  # p99 has forty samples beyond it; p99.9 is a dash
 _LEAST_FOR_P99_9 = 10_000  # ten samples lie beyond it (docs/latency.md)
 _US = 1e3
+_PROVENANCE = ("code_fingerprint", "format_revision", "created")
+"""Attributes of a table that the report repeats."""
 _METHOD = (
     "Open loop: each report has a time at which it is due, whatever became of those before it, and all times count "
     "from there. One clock for all stages but the device's. A change whose command a newer one replaced unsent counts "
@@ -122,7 +124,12 @@ def measure(
             "rounds": rounds,
             "stall": stall,
         },
-        "table": _table_json(table),
+        "table": {
+            "path": table.path,
+            "device": table.device.name,
+            "device_fingerprint": table.fingerprint,
+            **{name: str(table.attributes[name]) for name in _PROVENANCE if name in table.attributes},
+        },
         "in_process": _in_process(table, recordings),
     }
     return to_plain(document), run
@@ -158,12 +165,6 @@ def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]
     read = [recording for recording in map(read_recording, recordings) if recording.reports]
     recorded = [measure_in_process(table, replayed(recording), len(recording.reports), fast) for recording in read]
     return [part.figures_json() for part in (*made, *recorded, *([together(recorded)] if len(recorded) > 1 else []))]
-
-
-def _table_json(table: Table) -> dict[str, Any]:
-    names = ("code_fingerprint", "format_revision", "created")
-    attributes = {name: str(table.attributes[name]) for name in names if name in table.attributes}
-    return {"path": table.path, "device": table.device.name, "device_fingerprint": table.fingerprint} | attributes
 
 
 def _floor_note(has_echo: bool, transport: Transport) -> str:
