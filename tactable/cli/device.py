@@ -48,10 +48,9 @@ def modes(
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
     from precompute.model.modes import compute_modes
-    from tactable.figures.file import outputs_of, write_picture
+    from tactable.figures.file import outputs_of, write_outputs
 
-    if output is not None:
-        outputs_of([output])
+    outputs = outputs_of([] if output is None else [output])
     device = find_device(device_name)
     at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
     position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
@@ -68,7 +67,7 @@ def modes(
     if output is not None:
         from tactable.figures.modes import plot_modes
 
-        write_picture(plot_modes(device, position_m, at_m, untouched, touched), output)
+        write_outputs(plot_modes(device, position_m, at_m, untouched, touched), outputs)
     show(found, as_json, _print_modes)
     if output is not None and not as_json:
         say(f"written: {output}")

@@ -8,15 +8,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from precompute.calibration.calibrate import Calibration
-from tactable.figures.file import Picture
 from tactable.figures.response import reading_along
-from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, Array, draw_actuators
+from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
 
 _DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
 
 
-def plot_calibration(calibration: Calibration) -> Picture:
+def plot_calibration(calibration: Calibration) -> Figure:
     """At most a dozen drives, evenly chosen; the curve has the sensor at each place, as the readings had."""
     measurements, device = calibration.measurements, calibration.device
     drive = measurements.drive_of_row
@@ -32,23 +31,18 @@ def plot_calibration(calibration: Calibration) -> Picture:
     panels[0].legend(fontsize="x-small")
     typical = 100 * float(np.median(np.abs(calibration.log_residual)))
     simulated = " SIMULATED" if measurements.is_simulated else ""
-    caption = (
+    figure.suptitle(
         f"{device.name}{simulated}: {len(measurements)} readings, typical misfit {typical:.2g} %; "
-        f"{len(drives)} of {int(drive.max()) + 1} drives"
+        f"{len(drives)} of {int(drive.max()) + 1} drives",
+        fontsize="medium",
     )
-    figure.suptitle(caption, fontsize="medium")
-    return Picture(
-        figure,
-        _columns(calibration),
-        {"device": device.name, "simulated": measurements.is_simulated, "typical_misfit_percent": typical},
-        caption,
-    )
+    return figure
 
 
 def calibration_png(calibration: Calibration) -> bytes:
     """The picture as a file."""
     buffer = io.BytesIO()
-    plot_calibration(calibration).figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    plot_calibration(calibration).savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
     return buffer.getvalue()
 
 
@@ -66,15 +60,3 @@ def _draw(axes: Axes, calibration: Calibration, rows: NDArray[np.int64]) -> None
     axes.set_xlabel("along the bar (mm)", fontsize="small")
     axes.set_ylabel("peak acceleration (m/s²)", fontsize="small")
     axes.grid(color=GREY, lw=0.3)
-
-
-def _columns(calibration: Calibration) -> dict[str, Array]:
-    measurements = calibration.measurements
-    names = [actuator.name for actuator in calibration.device.actuators]
-    return {
-        "position (m)": measurements.position_m,
-        **{f"frequency {name} (Hz)": measurements.frequency_hz[:, i] for i, name in enumerate(names)},
-        "measured (m/s^2)": np.abs(measurements.acceleration),
-        "fitted (m/s^2)": np.abs(calibration.predicted),
-        "ln measured over fitted (1)": calibration.log_residual,
-    }

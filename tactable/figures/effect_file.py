@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from base.plain import to_plain
 from engine.effects.files import Converted, Fate
 from engine.effects.files.conversion import CLICK_MS
 from engine.effects.files.pattern import Kind
@@ -52,13 +51,7 @@ def plot_effect_file(converted: Converted, full_level_db: float) -> Picture:
     columns = {
         name: [row[number] for row in rows] for number, name in enumerate(("start (ms)", "stop (ms)", "kind", "dB"))
     }
-    summary = {
-        "effect": converted.name,
-        "format": converted.pattern.format,
-        "events": [report.plain() for report in converted.reports],
-        "full_level_db": full_level_db,
-    }
-    return Picture(figure, columns, to_plain(summary), f"{caption}: {converted.summary}")
+    return Picture(figure, columns, {}, f"{caption}: {converted.summary}")
 
 
 def _level(intensity: float, full_level_db: float) -> float:

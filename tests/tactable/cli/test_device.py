@@ -32,9 +32,10 @@ def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -
     assert frequencies == sorted(frequencies) and frequencies[-1] <= 400 and len(frequencies) == 6
     assert found["with_finger"][1]["damping_ratio"] > found["untouched"][1]["damping_ratio"]
     assert picture.stat().st_size > 10_000
-    done = run("modes", "reference-a", "--finger", "III")
+    done = run("modes", "reference-a", "--finger", "III", "-o", str(tmp_path / "modes.csv"))
     assert done.exit_code == 0 and f"{frequencies[0]:.2f} Hz" in done.stdout
     assert "Computed, not measured" in done.stdout
+    assert (tmp_path / "modes.csv").read_text(encoding="utf-8").startswith("position (mm),mode 1 untouched")
 
 
 def test_a_check_says_what_drivers_and_electrodes_make_of_a_command(tmp_path: Path) -> None:
