@@ -203,7 +203,8 @@ def describe(device: Device, wanted: Anywhere, result: dict[str, Any]) -> list[s
 def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str, Any]]) -> Figure:
     """Levels and the share that keeps both aims against the distance between two fingers."""
     figure, distance_mm = Figure(figsize=(9, 4.6), layout="constrained"), 1e3 * np.array(distances_m)
-    figure.suptitle(f"{device.name}: two fingers anywhere, one felt, SIMULATED; dB above the {device.threshold.title}")
+    what = f"{device.name}: two fingers anywhere, one felt, SIMULATED"
+    figure.suptitle(f"{what}\ndB above the {device.threshold.title}", fontsize="medium")
     left, right = figure.subplots(1, 2)
     for way, line in (("by_position", "-"), ("by_zone", ":")):
         for key, colour, name in (("felt_db", "C0", "felt (5 %)"), ("quiet_db", "C1", "quiet (95 %)")):
@@ -219,7 +220,9 @@ def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str,
     right.set_title(f"felt >= {AIM_FELT_DB:g} dB and quiet <= {AIM_QUIET_DB:g} dB", fontsize="small", loc="left")
     for axes in (left, right):
         axes.grid(alpha=0.25)
-        axes.legend(fontsize="x-small")
+    left.set_ylim(top=48)  # room for the legend
+    left.legend(fontsize="x-small", loc="upper right")
+    right.legend(fontsize="x-small")
     return figure
 
 
