@@ -78,9 +78,10 @@ def _read(path: str) -> bytes:
 
 
 def _checked(locator: type[Any]) -> type[Any]:
-    """A locator of numba that keeps machine code only where nobody else can write, and compares sources by contents.
+    """A class that tells numba where to keep machine code: nowhere that others can write; sources count by contents.
 
-    Kept code is pickled: whoever wrote it runs as its reader. Beside the sources it is trusted as these are.
+    Kept code is unpickled, so whoever can write the file runs code as its reader. Code that lies beside the sources is
+    trusted as they are.
     """
 
     class Checked(locator):  # type: ignore[misc]  # numba has no types

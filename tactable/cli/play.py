@@ -64,7 +64,7 @@ def play(
 
 
 def read_asked_drive(device: "Device", frequency: str, amplitude: str, phase: str) -> "AskedDrive":
-    """The drive of the three options. Raises OptionError for a text that is none."""
+    """The drive of --frequency, --amplitude and --phase. Raises OptionError where one of them cannot be read."""
     from tactable.measure import AskedDrive
 
     frequencies = _each(device, "--frequency", frequency)

@@ -199,7 +199,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 
 def map_json(learnt: LearntAxis) -> dict[str, Any]:
-    """The axis that was learnt; lengths are None where neither bar nor device states one."""
+    """The learnt axis for JSON; a length is None where neither the bar nor the digitizer states one."""
     bar_mm = learnt.bar_mm
     return {
         "axis": learnt.axis,

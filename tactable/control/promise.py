@@ -40,7 +40,7 @@ class Board:
 
 
 def promise_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
-    """The promise of a record's command as values of an event; None where there is none to be had in time."""
+    """What an event says of the levels that a command promises; None where they cannot be computed in time."""
     found = _figures_of(table, record, board)
     return None if found is None else {**found, "threshold": table.device.threshold.title}
 

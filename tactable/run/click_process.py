@@ -17,8 +17,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
-import numpy as np
-
 from base.child import Child, ChildError, Parent, decode_line
 from base.printable import printable
 from engine.device import Device
@@ -159,8 +157,8 @@ class Service:
         if self._solver is None:  # the run learns that from the end of this process
             return
         # Its kernels are loaded, or compiled, before the first question.
-        places_m = self._solver.device.bar.length_m * np.array([0.2, 0.5, 0.8])
-        self._solver.solve(Placement(tuple(places_m.tolist()), (True, True, False)))
+        length_m = self._solver.device.bar.length_m
+        self._solver.solve(Placement((0.2 * length_m, 0.5 * length_m, 0.8 * length_m), (True, True, False)))
         self._parent.say({"is_ready": True})
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():

@@ -40,8 +40,8 @@ class BuildOrder:
         return asdict(self) | {"path": str(self.path), "first": str(self.first)}
 
 
-def build(order: BuildOrder, parent: Parent, head_start_s: float = 0.0) -> None:
-    """Build it, unless it is there; kernels come first, and head_start_s after a table with a first click.
+def build(order: BuildOrder, parent: Parent) -> None:
+    """Build it, unless it is there; kernels come first.
 
     Says {"step", "fraction"} as it goes on, {"compiled": true} once those that play takes are, and {"usable": path} for
     each usable table.
@@ -52,8 +52,7 @@ def build(order: BuildOrder, parent: Parent, head_start_s: float = 0.0) -> None:
     if found is None:
         write_first_table(device, order.first, clicks)
         parent.say({"usable": str(order.first)})
-        if head_start_s:
-            time.sleep(head_start_s)
+        time.sleep(_HEAD_START_S)
     compile_all((*STEADY, *SWEEP), say)
     parent.say({"compiled": True})
     compile_all(BUILDS, say)
@@ -102,6 +101,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     parent.end_with_it()
     os.nice(10)  # the page comes first
     try:
-        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent, _HEAD_START_S)
+        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent)
     except KeyboardInterrupt:
         raise SystemExit(1) from None

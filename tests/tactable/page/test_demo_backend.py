@@ -192,6 +192,7 @@ def test_the_demo_plays_on_through_runs_and_kernels_and_the_deaths_of_its_proces
         steps: tuple[Callable[[Rig], None], ...] = (
             switches_change_over_without_a_new_process,
             fingers_that_rest_while_one_run_follows_another_play_in_both,
+            a_finger_that_lifts_between_two_runs_rests_in_neither,
             fingers_that_load_nothing_break_the_promise,
             a_drive_goes_on_without_a_jolt_when_kernels_are_adopted,
             partial(a_process_that_dies_is_started_again, which=0),  # the emulated firmware
@@ -255,6 +256,19 @@ def fingers_that_rest_while_one_run_follows_another_play_in_both(rig: Rig) -> No
         rig.until(lambda picture: picture.is_playing and picture.wanted_db == 20 and _is_first_felt(picture))
         rig.choose(level_db=10)
         rig.until(lambda picture: picture.is_playing and picture.wanted_db == 10 and _is_first_felt(picture))
+
+
+def a_finger_that_lifts_between_two_runs_rests_in_neither(rig: Rig) -> None:
+    """The last records of the run before, in which it rested, are still unread then."""
+    rig.press(FIRST)
+    rig.until(lambda picture: len(picture.fingers) == 1)
+    rig.backend.choose({"level_db": 10})
+    rig.wait(lambda: rig.backend._is_between)
+    rig.lift()
+    rig.choose(level_db=10)
+    ticks = iter(range(5))
+    rig.wait(lambda: next(ticks, None) is None)  # the records that are there are read
+    rig.until(lambda picture: not picture.fingers)
 
 
 def fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
