@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,7 +34,7 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Page:
     """The page of a process that compiles nothing and changes nothing of this one."""
     monkeypatch.setattr(os, "nice", lambda _: 0)
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    monkeypatch.setattr(build.time, "sleep", lambda _: None)
+    monkeypatch.setattr(time, "sleep", lambda _: None)
     for name in ("compile_for_clicks", "compile_all", "write_first_table"):
         monkeypatch.setattr(build, name, lambda *_: None)
     return Page()
