@@ -91,7 +91,7 @@ def calibrate(
         bool, typer.Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")
     ] = False,
     clicks: Annotated[
-        bool, typer.Option(help="With --apply: remake the clicks once the rest is in place. Takes some minutes.")
+        bool, typer.Option(help="With --apply: remake the clicks once the rest is in place. Takes about a minute.")
     ] = True,
     measures: Annotated[
         bool,
