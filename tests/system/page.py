@@ -14,11 +14,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page
 
 from tactable.page.server import listen_at
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+IN_CHROMIUM = [
+    pytest.mark.machine(stall_s=0.25),
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
+]
+"""Tests wait for what is late. A stall excuses them where it outlasts the watchdog, for then a run begins anew."""
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 # Only against a page that hangs.
 PATIENCE_S = 120

@@ -6,12 +6,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.system.page import CHROMIUM, Demo, Visit, choose, opened
+from tests.system.page import IN_CHROMIUM, Demo, Visit, choose, opened
 
-pytestmark = [
-    pytest.mark.machine,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
-]
+pytestmark = IN_CHROMIUM
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "buttons.html"
 HITS = 6
 PATIENCE_MS = 120_000

@@ -17,11 +17,11 @@ from playwright.sync_api import Browser, expect
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.process import run_emulator
 from tests.system.page import (
-    CHROMIUM,
     CLICK,
     DESKTOP,
     FELT,
     FIRST,
+    IN_CHROMIUM,
     PATIENCE_S,
     PHONE,
     QUIET,
@@ -40,10 +40,7 @@ from tests.system.page import (
 )
 from tests.tactable.rig.strokes import Stroke, make_recording
 
-pytestmark = [
-    pytest.mark.machine,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
-]
+pytestmark = IN_CHROMIUM
 DRAWN = ["bar", "paper-bar", "course"]
 SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 HOUR_PICTURES = 3600 * 60

@@ -14,12 +14,9 @@ from playwright.sync_api import Browser
 
 from tactable.page.messages import VERSION
 from tactable.shipped import find_device_file
-from tests.system.page import CHROMIUM, FIRST, SECOND, STEADY, THIRD, Demo, Visit, choose, clicked, lift, opened
+from tests.system.page import FIRST, IN_CHROMIUM, SECOND, STEADY, THIRD, Demo, Visit, choose, clicked, lift, opened
 
-pytestmark = [
-    pytest.mark.machine,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
-]
+pytestmark = IN_CHROMIUM
 # Shorter than the watchdog, longer than it, and longer than fingers are kept; the lid is closed for longer.
 STALLS_S = (0.1, 0.5, 2.0)
 LID_S = 5.0

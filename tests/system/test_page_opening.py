@@ -13,12 +13,9 @@ import httpx
 import pytest
 from playwright.sync_api import expect, sync_playwright
 
-from tests.system.page import CHROMIUM, PATIENCE_S, Demo, Visit
+from tests.system.page import CHROMIUM, IN_CHROMIUM, PATIENCE_S, Demo, Visit
 
-pytestmark = [
-    pytest.mark.machine,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
-]
+pytestmark = IN_CHROMIUM
 PORT_FILE = "DevToolsActivePort"
 
 
