@@ -18,7 +18,7 @@ def to_plain(value: "Mapping[Any, object] | DataclassInstance") -> dict[str, Any
 @overload
 def to_plain(value: object) -> Any: ...
 def to_plain(value: object) -> Any:
-    """The same as dicts, lists, strings, finite numbers, booleans and None.
+    """A value as dicts, lists, strings, finite numbers, booleans and None.
 
     A dataclass becomes a dict of its fields, an enum its value, an array nested lists, a path its text, a set a sorted
     list; infinite and undefined numbers become None, since JSON has none. Raises TypeError for anything else.

@@ -96,7 +96,7 @@ class TomlTable:
         return self.checked(key, self.take_value(key, default), unit, least=least, exclusive=exclusive)
 
     def checked(self, key: str, text: object, unit: str, *, least: float = 0.0, exclusive: bool = False) -> float:
-        """The same as `quantity`, for a value that was taken already."""
+        """As `quantity`, for a value that the caller has taken from the file."""
         try:
             value = read_quantity(text, unit)
         except QuantityError as error:
@@ -115,7 +115,7 @@ class TomlTable:
         return self.checked_position(key, self.take_value(key, default), length_m, least=least)
 
     def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
-        """The same as `position`, for a value that was taken already."""
+        """As `position`, for a value that the caller has taken from the file."""
         if isinstance(text, str) and text.rstrip().endswith("%"):
             value = self.checked(key, text, "", least=least) * length_m
         else:

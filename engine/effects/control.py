@@ -7,7 +7,7 @@ from engine.effects.rules import Effect, Rule
 
 
 class Outcome(StrEnum):
-    """What became of a control step."""
+    """Result of a control step: done, or why not."""
 
     DONE = "done"
     NO_FINGER = "no finger"

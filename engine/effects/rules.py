@@ -34,7 +34,7 @@ class Trigger(StrEnum):
 
 
 class Drives(StrEnum):
-    """Where steady drives come from."""
+    """Source of steady drives: positions or zones."""
 
     POSITIONS = "positions"
     """They are solved for where the fingers are, with the fingers on the bar."""

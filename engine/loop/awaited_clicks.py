@@ -16,7 +16,7 @@ from engine.touch import Placement
 
 
 class ClickSolving(Protocol):
-    """What solves clicks beside a loop; nothing of it waits."""
+    """Solver of clicks beside a loop; none of its methods waits."""
 
     @property
     def is_there(self) -> bool:

@@ -16,7 +16,7 @@ from engine.render import Command
 
 
 class ControlSlot(Protocol):
-    """Where control steps come from; nothing of it waits."""
+    """Source of control steps; none of its methods waits."""
 
     def scene(self) -> ControlStep:
         """What programs want already when the loop begins: it holds from the first touch on."""

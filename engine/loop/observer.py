@@ -17,7 +17,7 @@ from engine.touch.scan_time import ScanTimes
 
 
 class Fate(Enum):
-    """What became of the command of a record."""
+    """Outcome of the command of a record."""
 
     NONE = "none"
     """The report changed nothing that is wanted."""

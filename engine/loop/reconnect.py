@@ -30,7 +30,7 @@ class Reopening(Protocol):
         """The port, opened now if it is time to try; None while it is gone."""
 
     def next_attempt_ns(self) -> int | None:
-        """When `poll` tries next; None while the port is open."""
+        """Time at which `poll` tries next; None while the port is open."""
 
 
 class Reconnection:

@@ -88,7 +88,7 @@ class Record(NamedTuple):
 
     @property
     def time_ns(self) -> int:
-        """When the report was read, or the change that time brought was known."""
+        """Time at which the report was read, or a change without a report was known."""
         return self.stamps_ns[1]
 
 

@@ -25,7 +25,7 @@ from firmware_link.protocol.basis import Basis
 
 
 class Updates(Protocol):
-    """Where new tables come from while a loop runs."""
+    """Source of new tables while a loop runs."""
 
     def fileno(self) -> int:
         """Readable when `poll` has something to do."""

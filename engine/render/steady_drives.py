@@ -24,7 +24,7 @@ MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved ag
 
 
 class Solver(Protocol):
-    """What solves steady drives."""
+    """Solver of steady drives."""
 
     def prepare(self) -> None:
         """Load or compile what a solve needs."""

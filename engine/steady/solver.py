@@ -100,7 +100,7 @@ class SteadySolver:
     def solve_cases(
         self, cases: FingerCases, felt: tuple[bool, ...], level_db: float, held_hz: float | None = None
     ) -> SteadyDrive:
-        """The same as `solve`, for given cases of the fingers."""
+        """As `solve`, for given cases of the fingers."""
         limit, pitch_m = self.device.limits.amplitude, self.pitch_m
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape

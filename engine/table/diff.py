@@ -144,7 +144,7 @@ class PartDiff:
 
 @dataclass(frozen=True)
 class TableDiff:
-    """What changed from one table to another.
+    """All differences between two tables.
 
     notes: what could not be compared, in sentences. response_percent: greatest change of a unit response by actuator,
     relative to its greatest; those beyond the tolerance. arrays: of groups that are not compared value by value, such

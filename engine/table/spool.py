@@ -29,7 +29,7 @@ class SpoolFile(io.RawIOBase):
         return True
 
     def writable(self) -> bool:
-        """It is written to."""
+        """Whether bytes can be written to it: always."""
         return True
 
     def seekable(self) -> bool:

@@ -24,7 +24,7 @@ class Places:
 
     @classmethod
     def every(cls, length_m: float, pitch_m: float) -> "Places":
-        """As few places as are at most `pitch_m` apart, at least two."""
+        """The fewest places that are at most `pitch_m` apart, at least two."""
         return cls(length_m, 1 + max(1, math.ceil(length_m / pitch_m - _ROUNDING)))
 
     @property

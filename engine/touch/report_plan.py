@@ -42,7 +42,7 @@ class SlotPlan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ReportPlan:
-    """Where everything is in one report, prepared for decoding."""
+    """Places of all fields in one report, prepared for decoding."""
 
     needed_bytes: int
     slots: tuple[SlotPlan, ...]

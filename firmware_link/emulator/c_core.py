@@ -93,7 +93,7 @@ class CompiledFirmware:
 
     @property
     def state(self) -> DeviceState:
-        """What the firmware allows."""
+        """State of the firmware: what it allows."""
         return DeviceState(self._library.host_state(self._host))
 
     @property
@@ -103,7 +103,7 @@ class CompiledFirmware:
 
     @property
     def counters(self) -> DeviceCounters:
-        """What the firmware counted since boot."""
+        """Counters of the firmware since boot."""
         return DeviceCounters(*self._counters()[:4])
 
     @property
@@ -148,7 +148,7 @@ class CompiledFirmware:
         return self._take_sent()
 
     def next_deadline_us(self) -> int | None:
-        """When the device acts by itself next; None while it waits for a host."""
+        """Time at which the device acts by itself next; None while it waits for a host."""
         deadline_us: int = self._library.host_next_deadline_us(self._host)
         return None if deadline_us == _NEVER_US else deadline_us
 

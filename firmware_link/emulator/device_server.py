@@ -68,7 +68,7 @@ class DeviceServer(Generic[C, T]):
         self._follow_plug()
 
     def next_ns(self) -> int | None:
-        """When a step is due that no host brings; None while the device waits."""
+        """Time at which the device acts by itself next; None while it waits."""
         deadline_us = self.device.next_deadline_us()
         return None if deadline_us is None else self.host_ns_at_zero + deadline_us * NS_PER_US
 
@@ -92,7 +92,7 @@ class DeviceServer(Generic[C, T]):
                 terminal.close()
 
     def log(self: "DeviceServer[EmulatedFirmware, T]") -> dict[str, Any]:
-        """What the device did, for JSON: `EmulatorLog` is made of it."""
+        """Actions of the device as JSON, from which `EmulatorLog` is made."""
         return {
             "simulated": True,
             "number_of_actuators": self.device.core.configuration.number_of_actuators,

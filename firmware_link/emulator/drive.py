@@ -109,7 +109,7 @@ class Drive:
         return Outcome.ACCEPTED if is_fresh else Outcome.STALE
 
     def _take_over(self) -> None:
-        """What played goes on only to fade."""
+        """Fade out the drive that played until now."""
         self.player.take_over(self._device.now_us, self.channels.slew_per_s)
 
     def _applied(self, sequence: int, state: DeviceState) -> None:

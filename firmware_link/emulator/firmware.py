@@ -40,12 +40,12 @@ class EmulatedFirmware:
 
     @property
     def state(self) -> DeviceState:
-        """What the firmware allows."""
+        """State of the firmware: what it allows."""
         return self._device.state
 
     @property
     def counters(self) -> DeviceCounters:
-        """What the firmware counted since boot, beside the frames."""
+        """Counters of the firmware since boot, without those of frames."""
         return self._device.counters
 
     @property
@@ -96,7 +96,7 @@ class EmulatedFirmware:
         return self.run_until(now_us)
 
     def next_deadline_us(self) -> int | None:
-        """When the device acts by itself next; None while it waits for a host."""
+        """Time at which the device acts by itself next; None while it waits for a host."""
         deadlines = (
             self._drive.player.end_us,
             self._drive_end_us(),

@@ -40,10 +40,10 @@ class Lease:
 
     @property
     def end_us(self) -> int:
-        """When a drive ends that is not renewed."""
+        """Time at which a drive ends that is not renewed."""
         return self.renewed_us + self.drive_us
 
     @property
     def watchdog_end_us(self) -> int:
-        """When a device disarms that hears nothing fresh."""
+        """Time at which a device disarms that hears nothing fresh."""
         return self.fresh_us + DISARM_US

@@ -34,7 +34,7 @@ UNPLUGGED_US = 300_000  # past the watchdog of 250 ms: the device latches, and t
 
 @dataclass(frozen=True)
 class EmulatorLog:
-    """What a device did in one boot; times are microseconds since that boot.
+    """Actions of a device in one boot; times are microseconds since that boot.
 
     `counters` are its own; `faults` those of the line since the emulator started; `earlier` are the boots before.
     """

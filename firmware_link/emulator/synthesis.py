@@ -39,7 +39,7 @@ class Synthesis:
             self._tones.take_event(event)
 
     def displacements(self, start_us: float, stop_us: float, sample_rate_hz: float) -> NDArray[np.float64]:
-        """The same as `synthesise`, for the events so far."""
+        """As `synthesise`, for the events so far."""
         if start_us < self._begin_us:
             raise ValueError(f"synthesis of {start_us:g} us: all before {self._begin_us:g} us is forgotten")
         first, stop = (math.ceil(time_us * sample_rate_hz / US_PER_S) for time_us in (start_us, stop_us))
@@ -80,7 +80,7 @@ def synthesise(
 
 
 def _end_us(event: DriveEvent) -> float:
-    """When the waveform of an event is over at the latest."""
+    """Latest time at which the waveform of an event can end."""
     if event.waveform is None:
         return -math.inf
     return event.device_time_us + _length_us(event.waveform)

@@ -75,7 +75,7 @@ class _Channel:
 
     @property
     def end_us(self) -> float:
-        """When it has its goal."""
+        """Time at which it reaches its goal."""
         return self.begun_us + self.length_us
 
     def take_target(self, target: ChannelTarget, time_us: float) -> None:

@@ -71,7 +71,7 @@ class Announcement:
 
 
 def runtime_folder() -> Path:
-    """Where this user's emulators announce themselves."""
+    """Folder in which this user's emulators announce themselves."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     return Path(runtime) / "tactable" if runtime else Path(tempfile.gettempdir()) / f"tactable-{os.getuid()}"
 

@@ -53,7 +53,7 @@ class Handshake:
         self._transfer: BasisTransfer | None = None
 
     def due_ns(self) -> int:
-        """When `next_frame` has one, perhaps in the past."""
+        """Time at which `next_frame` has one, perhaps in the past."""
         return self._request.due_ns if self._transfer is None else self._transfer.due_ns
 
     def next_frame(self, now_ns: int) -> bytes:

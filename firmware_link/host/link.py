@@ -109,7 +109,7 @@ class Link:
 
     @property
     def capabilities(self) -> Capabilities | None:
-        """What the device said of itself; None until it is greeted."""
+        """Capabilities that the device announced; None until it is greeted."""
         return self._handshake.capabilities
 
     @property

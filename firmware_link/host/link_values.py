@@ -40,7 +40,7 @@ class LinkState(Enum):
 
 @dataclass(frozen=True)
 class LinkConfiguration:
-    """What the host wants of the device.
+    """Configuration that the host asks of the device.
 
     Amplitude limits are fractions of full scale, one an actuator, None for no limit; slew is full scale a second. A
     drive without a pause ends after `longest_drive_s`, 0 is no limit. `basis` is that of the clicks of `set_play`; its

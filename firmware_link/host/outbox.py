@@ -112,7 +112,7 @@ class Outbox:
             self._slot = None
 
     def due_ns(self, now_ns: int) -> int:
-        """When `next_frame` has one, perhaps in the past."""
+        """Time at which `next_frame` has one, perhaps in the past."""
         renewal_due_ns = self.lease.renewal_due_ns
         if self._slot is None:
             return renewal_due_ns

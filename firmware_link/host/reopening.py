@@ -64,7 +64,7 @@ class ReopeningPort(Generic[P]):
         return self.port
 
     def next_attempt_ns(self) -> int | None:
-        """When `poll` tries next; None while the port is open."""
+        """Time at which `poll` tries next; None while the port is open."""
         return self._due_ns if self.port is None else None
 
 

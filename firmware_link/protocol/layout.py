@@ -16,7 +16,7 @@ _BLOCK = re.compile(r"u8\[(\d+)\]")
 
 
 class Sender(enum.StrEnum):
-    """Who may send a message."""
+    """Sides that may send a message."""
 
     HOST = "host"
     DEVICE = "device"

@@ -79,7 +79,7 @@ def _home(module: str, name: str | None) -> str:
 
 @cache
 def _path_of(module: str) -> Path | None:
-    """Where a module's source is; None for modules that are not this project's."""
+    """Path of a module's source; None for modules that are not this project's."""
     if module.partition(".")[0] not in _ROOTS:
         return None
     base = Path(__file__).parents[2].joinpath(*module.split("."))

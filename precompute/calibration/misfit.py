@@ -77,5 +77,5 @@ class MisfitModel:
 
 
 def _wrapped(angle_rad: Array) -> Array:
-    """The same angle within half a turn of 0."""
+    """An angle, moved by whole turns to within half a turn of 0."""
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi

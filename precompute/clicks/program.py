@@ -152,7 +152,7 @@ class Program:
 
     @property
     def effort(self) -> Effort:
-        """What all programs solved so far have taken."""
+        """Effort of all programs solved so far."""
         return Effort(self._programs, self._pool.pivots, self._fallbacks)
 
     def set_limit(self, limit: float) -> None:

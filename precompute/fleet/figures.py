@@ -39,7 +39,7 @@ class _Played:
         return float(10 * np.log10(power[_FELT] / power[_QUIET]))
 
     def on(self, device: Device, receptances: Receptances) -> "_Played":
-        """The same drive on another bar."""
+        """The drive on another bar."""
         drive = self.drive
         levels = compute_levels(
             device, receptances, self.position_m, drive.frequencies_hz, np.asarray(drive.complex_amplitudes)

@@ -40,7 +40,7 @@ class Variable(NamedTuple):
 
 
 class Content(NamedTuple):
-    """What a file of measurements holds."""
+    """Content of a file of measurements."""
 
     variables: Sequence[Variable]
     actuators: tuple[str, ...] | None

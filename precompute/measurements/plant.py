@@ -29,7 +29,7 @@ class MeasuredPlant(Plant):
 
     @property
     def is_measured(self) -> bool:
-        """They were."""
+        """Whether the responses were measured: always."""
         return True
 
     def known_field(self, frequency_hz: Array) -> Complex:

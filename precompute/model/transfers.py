@@ -41,7 +41,7 @@ class TransferFilter:
         self._last, self._state = 0.0, np.zeros(len(self._pole), dtype=np.complex128)
 
     def run(self, course: Array) -> Array:
-        """What follows the next stretch (time,) of a course."""
+        """Response to the next stretch (time,) of a course."""
         before = np.append(self._last, course[:-1])
         rate = (course - before) / self._step_s
         grow = np.exp(self._pole * self._step_s)

@@ -78,7 +78,7 @@ def even_places(device: Device, count: int) -> Places:
 
 
 def own_places(device: Device) -> Places:
-    """Where the device has its actuators, rising."""
+    """Positions of the device's own actuators, rising."""
     return tuple(sorted(actuator.position_m for actuator in device.actuators))
 
 

@@ -73,7 +73,7 @@ class AudioBoard:
 
     @property
     def state(self) -> DeviceState:
-        """What the core allows."""
+        """State of the core: what it allows."""
         return self._core.state
 
     @property

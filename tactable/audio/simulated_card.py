@@ -71,7 +71,7 @@ class SimulatedCard:
         return said
 
     def next_deadline_us(self) -> int:
-        """When the next block is asked for."""
+        """Time at which the next block is asked for."""
         return math.ceil(self._callback_us())
 
     def drive(self, start_us: float, stop_us: float, rate_hz: float) -> NDArray[np.float64]:

@@ -110,7 +110,7 @@ class _Bench:
         self._program.sendall(json.dumps(message).encode() + b"\n")
 
     def _answered(self) -> int:
-        """When the next answer was here."""
+        """Time at which the next answer arrived."""
         while b"\n" not in self._said:
             self._serve_until_readable(self._program, _LONGEST_NS)
             self._said += self._program.recv(65_536)

@@ -20,7 +20,7 @@ _CODES = struct.Struct("<BBB")
 
 @dataclass
 class Arrivals:
-    """When each SET and PLAY came, ns, and its sequence."""
+    """Arrival of each SET and PLAY, ns, and its sequence number."""
 
     time_ns: "array[int]" = field(default_factory=lambda: array("q"))
     sequence: "array[int]" = field(default_factory=lambda: array("B"))

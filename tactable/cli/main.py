@@ -152,7 +152,7 @@ class CommandGroup(TyperGroup):
 
 
 def _nothing() -> None:
-    """What a group of commands does by itself."""
+    """The callback of a group of commands, which has no options."""
 
 
 def _print_version(is_asked: bool) -> None:
@@ -168,7 +168,7 @@ def _top(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
     ] = False,
 ) -> None:
-    """What comes before every command."""
+    """Options that precede every command."""
 
 
 def _group(name: str, help_text: str, callback: Callable[..., None] = _nothing, completes: bool = False) -> typer.Typer:

@@ -33,7 +33,7 @@ class ClientError(TactableError):
 
 
 def default_socket() -> Path:
-    """Where a run listens unless it was told another place."""
+    """Address at which a run listens by default."""
     folder = os.environ.get("XDG_RUNTIME_DIR")
     return Path(folder or f"/tmp/tactable-{os.getuid()}") / "tactable-control.sock"
 
@@ -220,7 +220,7 @@ class Client:
         self.ask({"type": "role", "finger": finger, "role": "quiet" if quiet else "by rules"})
 
     def settings(self, *, enabled: bool = True, rule_file: bool = True, level_change: str = "0 dB") -> None:
-        """What holds for the whole bar while this program lives."""
+        """Settings of the whole bar while this program is connected."""
         self.ask({"type": "settings", "enabled": enabled, "rule_file": rule_file, "level_change": level_change})
 
     def subscribe(self, *streams: str) -> list[Document]:

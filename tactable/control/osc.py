@@ -184,7 +184,7 @@ class OscControl(asyncio.DatagramProtocol):
 
     @property
     def summary(self) -> str:
-        """What was heard, for the end of the run."""
+        """Counts of the messages received, for the end of the run."""
         last = f"; the last: {printable(self.last_error)}" if self.last_error else ""
         return f"OSC: {self.messages} messages, {self.refused} refused{last}"
 

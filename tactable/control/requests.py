@@ -87,7 +87,7 @@ class TriggerRequest:
 
 @dataclass(frozen=True)
 class StopRequest:
-    """What the program triggered ends."""
+    """End all effects that the program triggered."""
 
 
 @dataclass(frozen=True)

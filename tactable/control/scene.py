@@ -52,7 +52,7 @@ class Scene:
         self.effects[effect.name], self._definers[effect.name] = effect, owner
 
     def set_settings(self, owner: int, settings: SceneSettings) -> None:
-        """What a program wants of the whole bar."""
+        """Set what a program asks of the whole bar."""
         self._settings[owner] = settings
 
     def end_lease(self, owner: int) -> None:
@@ -66,7 +66,7 @@ class Scene:
 
     @property
     def settings(self) -> SceneSettings:
-        """What all programs together want of the whole bar."""
+        """Settings of all programs together: what one of them switches off is off, and changes of the level add up."""
         each = self._settings.values()
         return SceneSettings(
             all(one.is_enabled for one in each),

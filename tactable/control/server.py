@@ -61,7 +61,7 @@ class Connection(Protocol):
         """Wait until the program has taken enough of what was sent."""
 
     def unread_bytes(self) -> int:
-        """What was sent and not taken yet."""
+        """Number of bytes that were sent and not read yet."""
 
 
 class _Program:

@@ -23,7 +23,7 @@ from tactable.run.table_watch import Messages
 
 @dataclass(frozen=True)
 class ControlOf:
-    """What the control process serves, and where."""
+    """What the control process serves, and at which addresses."""
 
     socket: Path
     ring: Path
@@ -37,7 +37,7 @@ class ControlOf:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> "ControlOf":
-        """What `to_plain` made of it."""
+        """The value from what `to_plain` made of it."""
         paths = {key: Path(plain[key]) for key in ("socket", "ring", "table")}
         return cls(**{**plain, **paths})
 
@@ -75,7 +75,7 @@ class ControlProcess:
         self._child.write({"run": str(table)})
 
     def scene(self) -> ControlStep:
-        """What programs want of the whole bar now."""
+        """Present settings of all programs for the whole bar."""
         return self._decoder.scene
 
     def fileno(self) -> int:

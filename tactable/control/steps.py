@@ -157,7 +157,7 @@ class StepDecoder:
         return self.scene
 
     def take_act(self, act: dict[str, Any]) -> ControlStep:
-        """What a program asks for beside the scene."""
+        """Take a request of a program that does not change the scene."""
         role, trigger, programs = act["role"], act["trigger"], (act["stopped"], act["gone"])
         stopped, gone = (None if each is None else _whole(each) for each in programs)
         return ControlStep(

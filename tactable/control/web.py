@@ -75,7 +75,7 @@ class WebControl:
 
     @property
     def address(self) -> str:
-        """What a program connects to."""
+        """Address that a program connects to."""
         return f"ws://{self._access.host}:{self._access.port}/{self._access.token}/control"
 
     async def run(self) -> None:

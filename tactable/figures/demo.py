@@ -50,7 +50,7 @@ def draw_demo(report: DemoReport, path: Path) -> None:
 
 
 def _draw_touches(axes: Axes, report: DemoReport) -> None:
-    """Where the fingers are over time, and in which role; zones as bands."""
+    """Positions of the fingers over time by role; zones as bands."""
     device, moments = report.device, report.run.moments
     for i, zone in enumerate(device.zones):
         axes.axhspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)

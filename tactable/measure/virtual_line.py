@@ -20,7 +20,7 @@ class Board(Protocol):
         """Let time pass; returns what it says until then."""
 
     def next_deadline_us(self) -> int | None:
-        """When it acts by itself next; None while it waits."""
+        """Time at which it acts by itself next; None while it waits."""
 
 
 class VirtualLine:
@@ -93,7 +93,7 @@ class VirtualLine:
         return [descriptor for descriptor in found if descriptor in readable]
 
     def _next_ns(self, readable: Sequence[int]) -> int:  # noqa: ARG002  # for subclasses
-        """When something happens next by itself."""
+        """Time at which a byte arrives or the board acts by itself next."""
         times_ns = [time_ns for time_ns, _ in (*self._to_device, *self._to_host)]
         deadline_us = self._board.next_deadline_us()
         if deadline_us is not None:

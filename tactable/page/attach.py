@@ -11,7 +11,7 @@ from base.plain import to_plain
 
 @dataclass(frozen=True)
 class PageOf:
-    """What the page shows, and where it is served."""
+    """What the page shows, and the address at which it is served."""
 
     ring: Path
     table: Path

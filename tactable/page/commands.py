@@ -46,7 +46,7 @@ class Command:
     """Whether one of its quiet fingers still felt a click of its own when it began."""
 
     def role(self, finger: int) -> Role:
-        """What it asks of a finger of its placement."""
+        """Role of a finger in the placement of the command."""
         return Role.FELT if self.placement.is_felt[finger] else Role.QUIET
 
     def cuts(self, before: "Command | None") -> bool:
@@ -122,7 +122,7 @@ _Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float]
 
 
 def time_of(record: Record, zero_ns: int) -> float:
-    """When the command of a record was written, in microseconds of the device."""
+    """Time at which the command of a record was written, in microseconds of the device."""
     return ((record.stamps_ns[Stage.WRITTEN] or record.time_ns) - zero_ns) / 1e3
 
 

@@ -206,7 +206,7 @@ class DemoBackend:
         self._builder.forgive()
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt, as a SOUND message."""
+        """Vibration that a finger felt, as a SOUND message."""
         return None if self.view is None else self.view.sound(finger)
 
     def tick(self) -> tuple[list[bytes], bool]:

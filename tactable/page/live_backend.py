@@ -81,7 +81,7 @@ class LiveBackend:
         """Ignored: a run has one device."""
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt, as a SOUND message."""
+        """Vibration that a finger felt, as a SOUND message."""
         return self._view.sound(finger)
 
     async def run(self) -> None:

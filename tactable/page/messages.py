@@ -89,7 +89,7 @@ class PageMessageError(ValueError):
 
 
 class Role(IntEnum):
-    """What a command asks of a finger."""
+    """Role of a finger in a command."""
 
     NONE = 0
     """The finger came after the command, or lies where no finger was when it was made."""

@@ -39,7 +39,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Address:
-    """Where the page is served; port 0 takes any free one."""
+    """Address at which the page is served; port 0 takes any free one."""
 
     host: str = LOOPBACK[0]
     port: int = 0

@@ -49,7 +49,7 @@ _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".
 
 
 class PageBackend(Protocol):
-    """What the page shows, and what its browsers may do to it."""
+    """Source of what the page shows, and what its browsers may change in it."""
 
     scene_number: int
     """Changes whenever the scene does."""
@@ -73,7 +73,7 @@ class PageBackend(Protocol):
         """Take a device file that was dropped on the page."""
 
     def sound(self, finger: int) -> bytes | None:
-        """What a finger felt, as a SOUND message; None where it is not known."""
+        """Vibration that a finger felt, as a SOUND message; None where it is not known."""
 
     async def run(self) -> None:
         """Do the background work until cancelled."""

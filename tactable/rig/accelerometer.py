@@ -45,7 +45,7 @@ class AccelerometerError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class EmulatedAccelerometer:
-    """Where the part lies, and what is wrong with it beside its data sheet.
+    """Place of the part, and its deviations from its data sheet.
 
     drift: pace of its oscillator over the nominal one, less 1. gain: less 1. noise: root mean square, beside that of
     the part.
@@ -150,7 +150,7 @@ class SensedBoard:
 
     @property
     def counters(self) -> DeviceCounters:
-        """What the core counted since boot."""
+        """Counters of the core since boot."""
         return self.core.counters
 
     @property
@@ -214,7 +214,7 @@ class SensedBoard:
             self.core.sense(count, row, int(instant))
 
     def _counts(self, acceleration: Array) -> NDArray[np.int64]:
-        """What the part makes of accelerations (sample,) in m/s^2."""
+        """Counts of the part for accelerations (sample,) in m/s^2."""
         part = self._part
         noise = math.hypot(NOISE_M_PER_S2, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
         read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise

@@ -116,7 +116,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """What was found, in a sentence."""
+        """The result in a sentence."""
         if not self.changed:
             return f"all {self.clicks} clicks are as shipped, within 0.1 dB"
         return f"{self.changed} of {self.clicks} clicks differ from the shipped ones, most {self.worst}"

@@ -94,7 +94,7 @@ class ClickProcess:
 
 
 def question_of(placement: Placement, device: Device) -> dict[str, Any]:
-    """What the child is asked."""
+    """Question to the child."""
     return {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
 
 
@@ -115,7 +115,7 @@ class Answers:
 
 
 class Asker(Protocol):
-    """Whoever asks: a `Parent`."""
+    """The side that asks: a `Parent`."""
 
     def has_spoken(self) -> bool:
         """Whether `read` would return at once."""

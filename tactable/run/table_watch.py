@@ -60,7 +60,7 @@ class Messages:
     """Messages of a pipe that never waits, each led by its size: read piece by piece, where they will stay."""
 
     def __init__(self, descriptor: int, most_bytes: int = _MOST_BYTES) -> None:
-        """What states to be longer than `most_bytes` is the end of the messages."""
+        """A message that claims more than `most_bytes` ends the messages."""
         self._descriptor, self._most_bytes = descriptor, most_bytes
         os.set_blocking(descriptor, False)
         self._is_size = True

@@ -15,7 +15,7 @@ MOST_EVENT_S = 1200.0
 
 
 class Kind(StrEnum):
-    """What an event is."""
+    """Kind of an event."""
 
     TRANSIENT = "transient"
     CONTINUOUS = "continuous"
@@ -39,12 +39,12 @@ class Event:
 
     @property
     def start_s(self) -> float:
-        """When it begins, from the start of the effect."""
+        """Start of the event, from the start of the effect."""
         return self.points[0][0] if self.points else 0.0
 
     @property
     def stop_s(self) -> float:
-        """When it ends; a transient ends when it begins."""
+        """End of the event; a transient ends when it begins."""
         return self.points[-1][0] if self.points else 0.0
 
     @property
@@ -63,7 +63,7 @@ class Pattern:
 
 
 class Budget:
-    """What reading one file may still make."""
+    """Number of parts, such as events and points of courses, that one file may still make."""
 
     def __init__(self) -> None:
         self._left = MOST_PARTS

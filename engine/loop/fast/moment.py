@@ -158,7 +158,7 @@ class Moment:
 
 
 def _first_segment(rule: Rule) -> Segment:
-    """What the rule's effect begins with; quiet where it has no segment."""
+    """First segment of the rule's effect; quiet where it has no segment."""
     return rule.effect.envelope[0] if rule.effect.envelope else _QUIET
 
 

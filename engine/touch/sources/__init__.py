@@ -4,7 +4,7 @@ from typing import Protocol
 
 
 class Described(Protocol):
-    """What describes a digitizer: a source and a recording do."""
+    """Anything that describes a digitizer: a source or a recording."""
 
     @property
     def descriptor(self) -> bytes:

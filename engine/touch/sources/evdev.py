@@ -38,7 +38,7 @@ class InputEvent(Protocol):
 
     @property
     def code(self) -> int:
-        """Which axis, or what is synchronised."""
+        """Code of the axis, or of the kind of synchronisation."""
 
     @property
     def value(self) -> int:

@@ -47,7 +47,7 @@ class HidHandle(Protocol):
         """Report ID (0 for a device without report IDs), then the report."""
 
     def send_feature_report(self, buff: bytes) -> int:
-        """The same form; negative for a failure."""
+        """As `get_feature_report`; negative for a failure."""
 
 
 class HidModule(Protocol):

@@ -120,7 +120,7 @@ class HidrawSource:
         return None if self._poll is None else self._poll.fileno()
 
     def next_time_ns(self) -> int | None:
-        """When to look for a lost device, or to ask hidapi."""
+        """Time at which to look for a lost device, or to ask hidapi."""
         if self.state is Connection.LOST:
             return self._finder.retry_ns
         if self._poll is not None or self.ended:

@@ -93,7 +93,7 @@ class PointerSource(OnClock):
         return self._pipe if self._is_open else None
 
     def next_time_ns(self) -> int | None:
-        """When the pointer that is silent for longest is released."""
+        """Time at which the pointer that is silent for longest is released."""
         if not self._pressed:
             return None
         return next(iter(self._pressed.values()))[0] + RELEASE_AFTER_NS if self._is_open else 0

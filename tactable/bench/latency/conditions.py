@@ -27,7 +27,7 @@ class Condition:
 
     @property
     def steps_text(self) -> str:
-        """Such as "all", "none" or "all but memory"."""
+        """The steps in words, such as "all", "none" or "all but memory"."""
         missing = [step for step in Step if step not in self.steps]
         if not self.steps:
             return "none"

@@ -113,11 +113,11 @@ class Schedule:
         return cls(iter(()), 1.0, 0, 0)
 
     def due_ns(self) -> int | None:
-        """When the next report is due, perhaps in the past; None after the last."""
+        """Time at which the next report is due, perhaps in the past; None after the last."""
         return None if self.next == self.count else self.time_of_ns(self.next)
 
     def time_of_ns(self, report: int) -> int:
-        """When a report is due, by its index."""
+        """Time at which a report is due, by its index."""
         return self.start_ns + round(report * _NS_PER_S / self.rate_hz)
 
 

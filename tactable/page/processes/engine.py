@@ -30,7 +30,7 @@ IN_PLACE_NS = 800_000_000
 
 @dataclass(frozen=True)
 class Order:
-    """What to run."""
+    """Order of the page to its engine: what to run."""
 
     table: Path
     port: str
