@@ -1,14 +1,24 @@
-"""Messages for tests of the control channel: valid ones, edited ones, and bytes that are none."""
+"""Messages for tests of the control channel: valid ones, edited ones, bytes that are none, and their schema."""
 
 from __future__ import annotations
 
 import copy
 import json
 import random
+from pathlib import Path
 from typing import Any
+
+import jsonschema
 
 from tactable.control.osc_codec import Value, encode_osc
 
+ROOT = Path(__file__).parents[3]
+SCHEMA = json.loads((ROOT / "tables" / "schemas" / "control.schema.json").read_text(encoding="utf-8"))
+MESSAGE = jsonschema.Draft202012Validator({"$ref": "#/$defs/message", "$defs": SCHEMA["$defs"]})
+SAID = jsonschema.Draft202012Validator(
+    {"oneOf": [{"$ref": "#/$defs/answer"}, {"$ref": "#/$defs/event"}], "$defs": SCHEMA["$defs"]}
+)
+"""What a run says to programs."""
 HELLO: dict[str, Any] = {"type": "hello", "version": 1, "name": "a test"}
 VALID: list[dict[str, Any]] = [
     HELLO | {"lease": "2 s"},

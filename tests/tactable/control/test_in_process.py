@@ -6,7 +6,7 @@ import os
 import random
 import re
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ from tactable.control.process import EVENTS_EVERY_S, serve
 from tactable.control.slot import ControlOf, ControlProcess
 from tests.engine.made_table import write_table
 from tests.tactable.control.messages import HELLO, hostile_datagram
-from tests.tactable.control.virtual import BASE, DEVICE, FINGER, run_virtual, settle
+from tests.tactable.control.virtual import BASE, DEVICE, FINGER, on_virtual_time, settle
 from tests.tools.child_here import ChildHere, ParentHere
 
 pytestmark = pytest.mark.usefixtures("both_ends")
@@ -115,16 +115,9 @@ async def started(folder: Path, **more: Any) -> AsyncIterator[Run]:
             assert not served.socket.exists()
 
 
-def act(folder: Path, story: Callable[[Run], Awaitable[None]], **more: Any) -> None:
-    async def told() -> None:
-        async with started(folder, **more) as run:
-            await story(run)
-
-    run_virtual(told())
-
-
-def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_path: Path) -> None:
-    async def story(run: Run) -> None:
+@on_virtual_time
+async def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_path: Path) -> None:
+    async with started(tmp_path) as run:
         assert run.slot.lines == [f"control: {run.served.socket}"]
         client = await run.connect()
         assert (client.run["device"], client.run["lease_s"]) == ("reference-a", 5.0)
@@ -139,18 +132,17 @@ def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_p
         await asyncio.sleep(0.1)
         assert run.player.level_db is None and run.slot.scene().rules == ()
 
-    act(tmp_path, story)
-
 
 def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(ClientError, match=r"nobody.sock: no run listens there .*tactable run ... --control"):
         tactable.connect(tmp_path / "nobody.sock")
 
 
-def test_programs_scene_holds_in_another_run_from_its_first_touch_and_their_regions_unless_zones_differ(
+@on_virtual_time
+async def test_programs_scene_holds_in_another_run_from_its_first_touch_and_their_regions_unless_zones_differ(
     tmp_path: Path,
 ) -> None:
-    async def story(run: Run) -> None:
+    async with started(tmp_path) as run:
         client = await run.connect(60.0)
         await client.ask(REGION)
         await client.ask({"type": "settings", "level_change": "-5 dB"})
@@ -166,8 +158,6 @@ def test_programs_scene_holds_in_another_run_from_its_first_touch_and_their_regi
         await until(run, lambda run_: len(run_["zones"]) == 3)
         await client.close()
 
-    act(tmp_path, story)
-
 
 async def until(run: Run, holds: Callable[[dict[str, Any]], bool]) -> None:
     """Greet again until the greeting says so."""
@@ -180,10 +170,11 @@ async def until(run: Run, holds: Callable[[dict[str, Any]], bool]) -> None:
 
 
 @pytest.mark.parametrize("is_watched", [True, False])
-def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_changes_to_it(
+@on_virtual_time
+async def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_changes_to_it(
     tmp_path: Path, is_watched: bool
 ) -> None:
-    async def story(run: Run) -> None:
+    async with started(tmp_path, is_watched=is_watched) as run:
         for device in (DEVICE.with_values({"zones.count": 3}), LONGER):  # the run refuses the first one
             write(tmp_path / "new.nc", device).replace(run.served.table)
             if is_watched and device is LONGER:
@@ -196,19 +187,15 @@ def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_change
             assert len(client.run["zones"]) == len(DEVICE.zones)
             await client.close()
 
-    act(tmp_path, story, is_watched=is_watched)
 
-
-def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_path: Path) -> None:
-    async def told() -> None:
-        async with started(tmp_path) as run:
-            client = await run.connect()
-            await client.ask({"type": "subscribe", "to": ["touches"]})
-        with pytest.raises(ClientError):
-            await client.ask({"type": "ping"})
-        await client.close()
-
-    run_virtual(told())
+@on_virtual_time
+async def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_path: Path) -> None:
+    async with started(tmp_path) as run:
+        client = await run.connect()
+        await client.ask({"type": "subscribe", "to": ["touches"]})
+    with pytest.raises(ClientError):
+        await client.ask({"type": "ping"})
+    await client.close()
 
 
 def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_held(
@@ -262,8 +249,9 @@ def test_a_control_process_that_says_what_is_no_part_is_not_heard_again(tmp_path
     slot.__exit__(None, None, None)
 
 
-def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(tmp_path: Path) -> None:
-    async def story(run: Run) -> None:
+@on_virtual_time
+async def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(tmp_path: Path) -> None:
+    async with started(tmp_path) as run:
         reader, writer = await asyncio.open_unix_connection(run.served.socket)
         writer.write(b'{"type": "ping"}\n' + b"x" * 100_000 + b"\n" + json.dumps(HELLO | {"id": 3}).encode() + b"\n")
         writer.write(b"[1]\n\xff\n\n" + b'{"id": 4, "type": "ping"}\n')
@@ -272,11 +260,12 @@ def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(tmp_path: P
         assert [each["ok"] for each in answers] == [False, False, True, False, False, False, True]
         writer.close()
 
-    act(tmp_path, story)
 
-
-def test_open_sound_control_is_served_whatever_else_comes(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    async def story(run: Run) -> None:
+@on_virtual_time
+async def test_open_sound_control_is_served_whatever_else_comes(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async with started(tmp_path, osc_port=0) as run:
         (found,) = [each for each in map(OSC_LINE.search, run.slot.lines) if each is not None]
         peer, random_, loop = ("127.0.0.1", int(found[1])), random.Random(5), asyncio.get_running_loop()
         heard: asyncio.Queue[bytes] = asyncio.Queue()
@@ -298,8 +287,6 @@ def test_open_sound_control_is_served_whatever_else_comes(tmp_path: Path, capfd:
             while decode_osc(await heard.get()) != [("/tactable/answer", [f"/tactable/{name}", True, ""])]:
                 pass
         ways[0].close()
-
-    act(tmp_path, story, osc_port=0)
     assert "messages" in capfd.readouterr().err  # what was refused is told at the end
 
 

@@ -15,7 +15,7 @@ from firmware_link.protocol.messages import decode_drive, encode_drive
 from tactable.control.events import Events
 from tactable.control.promise import Board, promise_of
 from tactable.explain.placed_drive import designer_of
-from tests.tactable.control.test_server import SAID
+from tests.tactable.control.messages import SAID
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
 FINGERS = Placement((0.035, 0.22), (True, False))

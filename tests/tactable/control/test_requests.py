@@ -2,7 +2,6 @@
 
 import json
 import random
-from pathlib import Path
 
 import jsonschema
 import pytest
@@ -10,11 +9,8 @@ import pytest
 from tactable.control.requests import MOST_BYTES, ControlError, Request, decode_line, read_request
 from tactable.shipped import find_device, named_effects
 from tests.quick import first_quick
-from tests.tactable.control.messages import HELLO, VALID, edited
+from tests.tactable.control.messages import HELLO, MESSAGE, SCHEMA, VALID, edited
 
-ROOT = Path(__file__).parents[3]
-SCHEMA = json.loads((ROOT / "tables" / "schemas" / "control.schema.json").read_text(encoding="utf-8"))
-MESSAGE = jsonschema.Draft202012Validator({"$ref": "#/$defs/message", "$defs": SCHEMA["$defs"]})
 DEVICE, EFFECTS = find_device("reference-a"), named_effects()
 
 

@@ -3,11 +3,9 @@
 import asyncio
 import json
 import random
-from collections.abc import AsyncIterator, Awaitable, Callable
-from pathlib import Path
+from collections.abc import AsyncIterator
 from typing import Any
 
-import jsonschema
 import pytest
 
 from engine.effects import SceneSettings
@@ -15,14 +13,9 @@ from tactable.control.requests import DEFAULT_LEASE_S, LONGEST_LEASE_S
 from tactable.control.server import MOST_PROGRAMS, MOST_UNREAD_BYTES, ControlServer
 from tactable.shipped import find_device
 from tests.quick import first_quick
-from tests.tactable.control.messages import HELLO, VALID, hostile_line
-from tests.tactable.control.virtual import FINGERS, Program, VirtualSlot, run_virtual, server_of, settle
+from tests.tactable.control.messages import HELLO, ROOT, SAID, VALID, hostile_line
+from tests.tactable.control.virtual import FINGERS, Program, VirtualSlot, on_virtual_time, server_of, settle
 
-ROOT = Path(__file__).parents[3]
-SCHEMA = json.loads((ROOT / "tables" / "schemas" / "control.schema.json").read_text(encoding="utf-8"))
-SAID = jsonschema.Draft202012Validator(
-    {"oneOf": [{"$ref": "#/$defs/answer"}, {"$ref": "#/$defs/event"}], "$defs": SCHEMA["$defs"]}
-)
 TRIGGER = {"type": "trigger", "effect": "buzz", "finger": 3}
 
 
@@ -34,14 +27,6 @@ class Line(Program):
         SAID.validate(self.said[-1])
 
 
-def run(act: Callable[[ControlServer, VirtualSlot], Awaitable[None]]) -> None:
-    async def started() -> None:
-        slot = VirtualSlot(polls=True)
-        await act(server_of(slot), slot)
-
-    run_virtual(started())
-
-
 async def lines_of(*messages: dict[str, Any] | bytes, forever: bool = False) -> AsyncIterator[bytes]:
     for message in messages:
         yield message if isinstance(message, bytes) else json.dumps(message).encode()
@@ -49,246 +34,210 @@ async def lines_of(*messages: dict[str, Any] | bytes, forever: bool = False) -> 
         await asyncio.get_running_loop().create_future()
 
 
-def test_each_message_has_its_answer_in_order() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        line = Line()
-        numbered = [message | {"id": number} for number, message in enumerate(VALID)]
-        await server.converse(lines_of(*numbered), line)
-        assert [each["answer"] for each in line.said] == [*range(len(VALID))]
-        assert all(each["ok"] for each in line.said), line.said
-        assert loop.steps[-1].gone_owner == 1 and list(server.scene.regions) == ["scale"]  # which stays
-
-    run(act)
+async def what_is_said(server: ControlServer, *messages: dict[str, Any] | bytes) -> list[dict[str, Any]]:
+    """To a program that sends these and hangs up."""
+    line = Line()
+    await server.converse(lines_of(*messages), line)
+    return line.said
 
 
-def test_the_first_message_is_a_hello() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        line = Line()
-        await server.converse(lines_of({"type": "stop"}, HELLO, {"type": "ping"}), line)
-        assert [each["ok"] for each in line.said] == [False, True, True]
-        assert '{"type": "hello", "version": 1' in line.said[0]["error"]
-        assert loop.steps == []
+@on_virtual_time
+async def test_each_message_has_its_answer_in_order(server: ControlServer, slot: VirtualSlot) -> None:
+    numbered = [message | {"id": number} for number, message in enumerate(VALID)]
+    said = await what_is_said(server, *numbered)
+    assert [each["answer"] for each in said] == [*range(len(VALID))]
+    assert all(each["ok"] for each in said), said
+    assert slot.steps[-1].gone_owner == 1 and list(server.scene.regions) == ["scale"]  # which stays
 
-    run(act)
+
+@on_virtual_time
+async def test_the_first_message_is_a_hello(server: ControlServer, slot: VirtualSlot) -> None:
+    said = await what_is_said(server, {"type": "stop"}, HELLO, {"type": "ping"})
+    assert [each["ok"] for each in said] == [False, True, True]
+    assert '{"type": "hello", "version": 1' in said[0]["error"]
+    assert slot.steps == []
 
 
 @pytest.mark.parametrize("messages", [[], [HELLO]])
-def test_a_program_that_has_hung_up_is_told_nothing_more(messages: list[dict[str, Any]]) -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        line = Line()
-        await server.converse(lines_of(*messages), line)
-        await asyncio.sleep(2 * DEFAULT_LEASE_S)
-        assert len(line.said) == len(messages)
-
-    run(act)
+@on_virtual_time
+async def test_a_program_that_has_hung_up_is_told_nothing_more(
+    server: ControlServer, messages: list[dict[str, Any]]
+) -> None:
+    said = await what_is_said(server, *messages)
+    await asyncio.sleep(2 * DEFAULT_LEASE_S)
+    assert len(said) == len(messages)
 
 
 @pytest.mark.parametrize("seed", first_quick([3, 4, 5]))
-def test_hostile_messages_get_nothing_but_answers(seed: int) -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        random_ = random.Random(seed)
-        lines = [hostile_line(random_) for _ in range(1000)]
-        line = Line()
-        await server.converse(lines_of(HELLO, *lines), line)
-        assert len(line.said) == 1001
-        assert all("answer" in each for each in line.said)
-        assert len(loop.steps) > 33
-
-    run(act)
+@on_virtual_time
+async def test_hostile_messages_get_nothing_but_answers(server: ControlServer, slot: VirtualSlot, seed: int) -> None:
+    random_ = random.Random(seed)
+    lines = [hostile_line(random_) for _ in range(1000)]
+    said = await what_is_said(server, HELLO, *lines)
+    assert len(said) == 1001
+    assert all("answer" in each for each in said)
+    assert len(slot.steps) > 33
 
 
-def test_programs_at_once_never_put_two_steps_into_the_slot() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        asked = [HELLO, *[VALID[1], {"type": "trigger", "effect": "tick", "finger": 3}] * 15]
-        lines = [Line() for _ in range(MOST_PROGRAMS)]
-        await asyncio.gather(*[server.converse(lines_of(*asked), line) for line in lines])
-        assert [len(line.said) for line in lines] == [31] * MOST_PROGRAMS
-        assert sum(step.trigger is not None for step in loop.steps) == MOST_PROGRAMS * 15
-        assert {step.gone_owner for step in loop.steps} == {None, *range(1, MOST_PROGRAMS + 1)}
-
-    run(act)
+@on_virtual_time
+async def test_programs_at_once_never_put_two_steps_into_the_slot(server: ControlServer, slot: VirtualSlot) -> None:
+    asked = [HELLO, *[VALID[1], {"type": "trigger", "effect": "tick", "finger": 3}] * 15]
+    said = await asyncio.gather(*[what_is_said(server, *asked) for _ in range(MOST_PROGRAMS)])
+    assert [len(each) for each in said] == [31] * MOST_PROGRAMS
+    assert sum(step.trigger is not None for step in slot.steps) == MOST_PROGRAMS * 15
+    assert {step.gone_owner for step in slot.steps} == {None, *range(1, MOST_PROGRAMS + 1)}
 
 
-def test_one_program_too_many_is_told_so() -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        held = [
-            asyncio.create_task(server.converse(lines_of(forever=True), Line())) for _ in range(16)
-        ]  # as docs/programs.md says
-        await asyncio.sleep(0)
-        line = Line()
-        await server.converse(lines_of(HELLO), line)
-        assert [each["ok"] for each in line.said] == [False] and "end one of them" in line.said[0]["error"]
-        for task in held:
-            task.cancel()
-        await asyncio.gather(*held, return_exceptions=True)
-
-    run(act)
+@on_virtual_time
+async def test_one_program_too_many_is_told_so(server: ControlServer) -> None:
+    held = [
+        asyncio.create_task(server.converse(lines_of(forever=True), Line())) for _ in range(16)
+    ]  # as docs/programs.md says
+    await asyncio.sleep(0)
+    said = await what_is_said(server, HELLO)
+    assert [each["ok"] for each in said] == [False] and "end one of them" in said[0]["error"]
+    for task in held:
+        task.cancel()
+    await asyncio.gather(*held, return_exceptions=True)
 
 
-def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not() -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        silent, babbling, greeting = Line(), Line(), Line()
-        talk = asyncio.create_task(server.converse(lines_of(HELLO, forever=True), greeting))
-        await server.converse(lines_of(forever=True), silent)
-        await server.converse(lines_of({"type": "ping"}, forever=True), babbling)
-        assert [each["error"] for each in silent.said] == ["run: no hello within 10 s: the connection is closed"]
-        assert len(babbling.said) == 2 and "no hello" in babbling.said[1]["error"]
-        assert len(server._programs) == 1 and not talk.done()
-        talk.cancel()
-        await asyncio.gather(talk, return_exceptions=True)
-
-    run(act)
+@on_virtual_time
+async def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not(server: ControlServer) -> None:
+    silent, babbling, greeting = Line(), Line(), Line()
+    talk = asyncio.create_task(server.converse(lines_of(HELLO, forever=True), greeting))
+    await server.converse(lines_of(forever=True), silent)
+    await server.converse(lines_of({"type": "ping"}, forever=True), babbling)
+    assert [each["error"] for each in silent.said] == ["run: no hello within 10 s: the connection is closed"]
+    assert len(babbling.said) == 2 and "no hello" in babbling.said[1]["error"]
+    assert len(server._programs) == 1 and not talk.done()
+    talk.cancel()
+    await asyncio.gather(talk, return_exceptions=True)
 
 
-def test_an_effect_file_is_defined_with_a_report_and_its_name_ends_with_the_program() -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        line = Line()
-        content = json.loads((ROOT / "tables" / "effects" / "knock.ahap").read_text(encoding="utf-8"))
-        define = {"type": "define", "name": "knock", "format": "ahap", "content": content}
-        await server.converse(lines_of(HELLO, define, {"type": "trigger", "effect": "knock", "finger": 3}), line)
-        assert [each["fate"] for each in line.said[1]["events"]] == ["kept", "kept", "kept"]
-        assert line.said[2]["ok"] and "knock" not in server.scene.effects
-
-    run(act)
-
-
-def test_after_a_change_of_table_positions_are_those_of_the_new_device() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        server.adopt(find_device("reference-t"))
-        line = Line()
-        await server.converse(lines_of(HELLO, VALID[1]), line)
-        device = find_device("reference-t")
-        assert line.said[0]["device"] == "reference-t"
-        assert [zone["stop_m"] for zone in line.said[0]["zones"]] == [zone.stop_m for zone in device.zones]
-        rules = loop.steps[0].rules
-        assert rules is not None and rules[0].region_m == pytest.approx((0.01, 0.3 * device.bar.length_m))
-
-    run(act)
+@on_virtual_time
+async def test_an_effect_file_is_defined_with_a_report_and_its_name_ends_with_the_program(
+    server: ControlServer,
+) -> None:
+    content = json.loads((ROOT / "tables" / "effects" / "knock.ahap").read_text(encoding="utf-8"))
+    define = {"type": "define", "name": "knock", "format": "ahap", "content": content}
+    said = await what_is_said(server, HELLO, define, {"type": "trigger", "effect": "knock", "finger": 3})
+    assert [each["fate"] for each in said[1]["events"]] == ["kept", "kept", "kept"]
+    assert said[2]["ok"] and "knock" not in server.scene.effects
 
 
-def test_a_finger_that_is_not_there_is_named_with_those_that_are() -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        line = Line()
-        away = {"type": "trigger", "effect": "tick", "finger": 9}
-        await server.converse(lines_of(HELLO, away, {"type": "role", "finger": 9, "role": "quiet"}), line)
-        for answer, key in zip(line.said[1:], ("trigger", "role"), strict=True):
-            assert answer["error"] == f"{key}.finger: 9: does not touch the bar; of these that do: 3"
+@on_virtual_time
+async def test_after_a_change_of_table_positions_are_those_of_the_new_device(
+    server: ControlServer, slot: VirtualSlot
+) -> None:
+    server.adopt(find_device("reference-t"))
+    said = await what_is_said(server, HELLO, VALID[1])
+    device = find_device("reference-t")
+    assert said[0]["device"] == "reference-t"
+    assert [zone["stop_m"] for zone in said[0]["zones"]] == [zone.stop_m for zone in device.zones]
+    rules = slot.steps[0].rules
+    assert rules is not None and rules[0].region_m == pytest.approx((0.01, 0.3 * device.bar.length_m))
 
-    run(act)
+
+@on_virtual_time
+async def test_a_finger_that_is_not_there_is_named_with_those_that_are(server: ControlServer) -> None:
+    away = {"type": "trigger", "effect": "tick", "finger": 9}
+    said = await what_is_said(server, HELLO, away, {"type": "role", "finger": 9, "role": "quiet"})
+    for answer, key in zip(said[1:], ("trigger", "role"), strict=True):
+        assert answer["error"] == f"{key}.finger: 9: does not touch the bar; of these that do: 3"
 
 
 @pytest.mark.parametrize("reads", [True, False])
-def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(reads: bool) -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        line = Program(reads=reads)
-        talk = lines_of(HELLO, {"type": "subscribe", "to": ["touches"]}, forever=True)
-        talking = asyncio.create_task(server.converse(talk, line))
-        await settle()
-        event = {"event": "touches", "time_ns": 1, "fingers": FINGERS * 50}
-        server.publish([event] * 200)
-        got = len(line.said) - 2
-        assert got == 200 if reads else got < 200 and line.unread_bytes() < 2 * MOST_UNREAD_BYTES
-        line.read_all()
-        server.publish([event])
-        server.publish([event])
-        told = [each["count"] for each in line.said if each.get("event") == "lost"]
-        assert told == ([] if reads else [200 - got])  # once
-        talking.cancel()
-        await asyncio.gather(talking, return_exceptions=True)
+@on_virtual_time
+async def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(
+    server: ControlServer, reads: bool
+) -> None:
+    line = Program(reads=reads)
+    talk = lines_of(HELLO, {"type": "subscribe", "to": ["touches"]}, forever=True)
+    talking = asyncio.create_task(server.converse(talk, line))
+    await settle()
+    event = {"event": "touches", "time_ns": 1, "fingers": FINGERS * 50}
+    server.publish([event] * 200)
+    got = len(line.said) - 2
+    assert got == 200 if reads else got < 200 and line.unread_bytes() < 2 * MOST_UNREAD_BYTES
+    line.read_all()
+    server.publish([event])
+    server.publish([event])
+    told = [each["count"] for each in line.said if each.get("event") == "lost"]
+    assert told == ([] if reads else [200 - got])  # once
+    talking.cancel()
+    await asyncio.gather(talking, return_exceptions=True)
 
-    run(act)
 
-
-def test_what_a_lease_holds_ends_when_it_has_been_silent_for_it_and_not_before() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        for lease, lease_s in (("0.1 s", 0.1), (f"{LONGEST_LEASE_S} s", LONGEST_LEASE_S), (None, DEFAULT_LEASE_S)):
-            program = Line().begin(server, **({} if lease is None else {"lease": lease}))
-            for message in (VALID[1], VALID[4], VALID[6], TRIGGER, {"type": "role", "finger": 3, "role": "quiet"}):
-                program.tell(message)
-            await settle()
-            for _ in range(2):  # whatever is sent renews it
-                await asyncio.sleep(0.99 * lease_s)
-                program.tell({"type": "ping"})
-                await settle()
+@on_virtual_time
+async def test_what_a_lease_holds_ends_when_it_has_been_silent_for_it_and_not_before(
+    server: ControlServer, slot: VirtualSlot
+) -> None:
+    for lease, lease_s in (("0.1 s", 0.1), (f"{LONGEST_LEASE_S} s", LONGEST_LEASE_S), (None, DEFAULT_LEASE_S)):
+        program = Line().begin(server, **({} if lease is None else {"lease": lease}))
+        await program.ask(VALID[1], VALID[4], VALID[6], TRIGGER, {"type": "role", "finger": 3, "role": "quiet"})
+        for _ in range(2):  # whatever is sent renews it
             await asyncio.sleep(0.99 * lease_s)
-            assert list(server.scene.regions) == ["ok"] and "mine" in server.scene.effects
-            assert loop.player.fingers[3].is_kept_quiet and {"event": "lease ended"} not in program.said
-            await asyncio.sleep(0.02 * lease_s)
-            await settle()
-            assert program.said[-1] == {"event": "lease ended"} and not loop.player.fingers[3].is_kept_quiet
-            assert not server.scene.regions and "mine" not in server.scene.effects
-            assert loop.player.settings == SceneSettings() and loop.player.level_db is None
-            program.hang_up()
-            await settle()
-
-    run(act)
-
-
-def test_a_connection_that_hangs_up_ends_its_lease_at_once() -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        program, other = Line().begin(server), Line().begin(server)
-        for message in (VALID[6], TRIGGER):
-            program.tell(message)
+            await program.ask({"type": "ping"})
+        await asyncio.sleep(0.99 * lease_s)
+        assert list(server.scene.regions) == ["ok"] and "mine" in server.scene.effects
+        assert slot.player.fingers[3].is_kept_quiet and {"event": "lease ended"} not in program.said
+        await asyncio.sleep(0.02 * lease_s)
         await settle()
-        assert loop.player.level_db == 23.5
+        assert program.said[-1] == {"event": "lease ended"} and not slot.player.fingers[3].is_kept_quiet
+        assert not server.scene.regions and "mine" not in server.scene.effects
+        assert slot.player.settings == SceneSettings() and slot.player.level_db is None
         program.hang_up()
         await settle()
-        assert loop.player.placement is None and loop.player.settings == SceneSettings() and other.said[-1]["ok"]
-        other.hang_up()
+
+
+@on_virtual_time
+async def test_a_connection_that_hangs_up_ends_its_lease_at_once(server: ControlServer, slot: VirtualSlot) -> None:
+    program, other = Line().begin(server), Line().begin(server)
+    await program.ask(VALID[6], TRIGGER)
+    assert slot.player.level_db == 23.5
+    program.hang_up()
+    await settle()
+    assert slot.player.placement is None and slot.player.settings == SceneSettings() and other.said[-1]["ok"]
+    other.hang_up()
+    await settle()
+    assert slot.steps[-1].gone_owner == 1  # the other one had asked for nothing
+
+
+@on_virtual_time
+async def test_a_program_that_is_broken_off_in_a_step_leaves_the_loop_with_the_whole_of_it() -> None:
+    slot = VirtualSlot()
+    server = server_of(slot)
+    program = Line().begin(server)
+    await program.ask(VALID[1])
+    assert program.talk is not None
+    program.talk.cancel()
+    await settle()
+    while slot.poll():
         await settle()
-        assert loop.steps[-1].gone_owner == 1  # the other one had asked for nothing
-
-    run(act)
-
-
-def test_a_program_that_is_broken_off_in_a_step_leaves_the_loop_with_the_whole_of_it() -> None:
-    async def act() -> None:
-        slot = VirtualSlot()
-        server = server_of(slot)
-        program = Line().begin(server)
-        program.tell(VALID[1])
-        await settle()
-        assert program.talk is not None
-        program.talk.cancel()
-        await settle()
-        while slot.poll():
-            await settle()
-        assert slot.steps[0].rules and slot.steps[-1].gone_owner == 1 and slot.decoder.scene.rules == ()
-
-    run_virtual(act())
+    assert slot.steps[0].rules and slot.steps[-1].gone_owner == 1 and slot.decoder.scene.rules == ()
 
 
 @pytest.mark.parametrize("message", [TRIGGER, {"type": "trigger", "effect": "error", "at": "120 mm"}])
-def test_while_a_program_has_switched_feeling_off_triggers_are_refused_and_nothing_sounds(
-    message: dict[str, Any],
+@on_virtual_time
+async def test_while_a_program_has_switched_feeling_off_triggers_are_refused_and_nothing_sounds(
+    server: ControlServer, slot: VirtualSlot, message: dict[str, Any]
 ) -> None:
-    async def act(server: ControlServer, loop: VirtualSlot) -> None:
-        first, second = Line().begin(server), Line().begin(server)
-        first.tell(message)
-        await settle()
-        assert loop.player.level_db is not None
-        second.tell({"type": "settings", "enabled": False})
-        await settle()
-        assert loop.player.level_db is None
-        first.tell(message)
-        await settle()
-        assert "switched feeling off" in first.said[-1]["error"] and loop.player.level_db is None
-        second.hang_up()
-        await settle()
-        first.tell(message)
-        await settle()
-        assert first.said[-1]["ok"] and loop.player.level_db is not None
-
-    run(act)
+    first, second = Line().begin(server), Line().begin(server)
+    await first.ask(message)
+    assert slot.player.level_db is not None
+    await second.ask({"type": "settings", "enabled": False})
+    assert slot.player.level_db is None
+    await first.ask(message)
+    assert "switched feeling off" in first.said[-1]["error"] and slot.player.level_db is None
+    second.hang_up()
+    await settle()
+    await first.ask(message)
+    assert first.said[-1]["ok"] and slot.player.level_db is not None
 
 
-def test_a_quiet_finger_refuses_triggers_in_words() -> None:
-    async def act(server: ControlServer, _loop: VirtualSlot) -> None:
-        program = Line().begin(server)
-        for message in ({"type": "role", "finger": 3, "role": "quiet"}, TRIGGER):
-            program.tell(message)
-        await settle()
-        assert [each["ok"] for each in program.said] == [True, True, False]
-        assert "'by rules'" in program.said[-1]["error"]
-
-    run(act)
+@on_virtual_time
+async def test_a_quiet_finger_refuses_triggers_in_words(server: ControlServer) -> None:
+    program = Line().begin(server)
+    await program.ask({"type": "role", "finger": 3, "role": "quiet"}, TRIGGER)
+    assert [each["ok"] for each in program.said] == [True, True, False]
+    assert "'by rules'" in program.said[-1]["error"]

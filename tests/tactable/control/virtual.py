@@ -4,11 +4,12 @@ Parts of steps wait in the slot until a test polls it, as they do in the pipe to
 """
 
 import asyncio
+import functools
 import json
 import selectors
 from collections import deque
-from collections.abc import AsyncIterator, Coroutine
-from typing import Any, TypeVar
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any, ParamSpec, TypeVar
 
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome, Rule, Trigger
 from engine.effects.rules import click
@@ -20,6 +21,7 @@ from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import HELLO
 
 T = TypeVar("T")
+P = ParamSpec("P")
 DEVICE = find_device("reference-a")
 BASE = Effects((Rule(Trigger.TOUCH, click(20.0)),), tuple(named_effects().values()))
 FINGER = Touch(3, 0.05, 0)
@@ -52,6 +54,16 @@ class _Selector(selectors.SelectSelector):
 def run_virtual(act: Coroutine[Any, Any, T]) -> T:
     with asyncio.Runner(loop_factory=VirtualTime) as runner:
         return runner.run(act)
+
+
+def on_virtual_time(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """Make a test of a coroutine, whose arguments are fixtures."""
+
+    @functools.wraps(test)
+    def run(*args: P.args, **fixtures: P.kwargs) -> None:
+        run_virtual(test(*args, **fixtures))
+
+    return run
 
 
 class VirtualSlot:
@@ -110,6 +122,13 @@ class Program:
     def tell(self, message: dict[str, Any] | bytes) -> None:
         self._asked += 1
         self._lines.put_nowait(message if isinstance(message, bytes) else json.dumps(message).encode())
+
+    async def ask(self, *messages: dict[str, Any] | bytes) -> dict[str, Any]:
+        """Send these and let all happen that happens without time; what was said last."""
+        for message in messages:
+            self.tell(message)
+        await settle()
+        return self.said[-1]
 
     def hang_up(self) -> None:
         self._lines.put_nowait(None)
