@@ -115,6 +115,11 @@ WaveLaw = Callable[[WaveTier], None]
 HangUpLaw = Callable[[HangUpTier], None]
 
 
+def greeting(nonce: int = 1, magic: int = MAGIC) -> HelloRequest:
+    """Of a host of this version."""
+    return HelloRequest(magic, VERSION_MAJOR, VERSION_MINOR, nonce)
+
+
 class Host:
     """Speaks to a tier frame by frame, as a law wants it."""
 
@@ -174,7 +179,7 @@ class Host:
     def greet(self) -> Hello:
         """A new session, clocks compared."""
         nonce = (self.sequence + 1) * 0x01010101
-        self.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, nonce))
+        self.send(greeting(nonce))
         self.hello = self.expect(Hello, lambda hello: hello.nonce == nonce)
         self.compare_clocks()
         return self.hello

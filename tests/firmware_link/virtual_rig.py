@@ -9,18 +9,8 @@ from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Session
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import (
-    CLOCK_REFERENCE_SPAN,
-    CLOCK_REFERENCE_US,
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Arm,
-    HelloRequest,
-    Set,
-    SetFlag,
-    decode_body,
-)
+from firmware_link.protocol.messages import CLOCK_REFERENCE_SPAN, CLOCK_REFERENCE_US, Arm, Set, SetFlag, decode_body
+from tests.firmware_link.conformance import greeting
 from tests.tools.virtual import MS, VirtualClock, VirtualLine
 
 BOOT_ID = 0x5EED
@@ -104,7 +94,7 @@ class BareHost:
     def arm(
         self, now_us: int, boot_id: int = BOOT_ID, lease_ms: int = 40, limit: int = 65_535, slew: int = 200
     ) -> None:
-        self.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), now_us)
+        self.send(greeting(), now_us)
         self.send(Arm(boot_id, slew, lease_ms, 0, (limit, limit)), now_us)
 
     def set(self, drive: bytes, now_us: int, lease_ms: int = 40, age_us: int = 0) -> bytes:

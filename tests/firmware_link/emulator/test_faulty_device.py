@@ -6,23 +6,12 @@ from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import AT_NOISE, FaultyDevice
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import (
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Arm,
-    DeviceState,
-    FaultCode,
-    Hello,
-    HelloRequest,
-    Status,
-    Time,
-    TimeRequest,
-)
+from firmware_link.protocol.messages import Arm, DeviceState, FaultCode, Hello, Status, Time, TimeRequest
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.virtual_rig import decode_messages
 
 SECOND_US = 1_000_000
-GREETING = encode_message(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1)
+GREETING = encode_message(greeting(), 1)
 
 
 def device_with(text: str, seed: int = 1) -> FaultyDevice[EmulatedFirmware]:
@@ -41,9 +30,8 @@ def arm(device: FaultyDevice[EmulatedFirmware], now_us: int) -> None:
 
 
 def test_without_faults_it_is_the_device() -> None:
-    plain, faulty = EmulatedFirmware(DeviceConfiguration(0)), device_with("")
-    plain_id = faulty.core.configuration.boot_id
-    plain = EmulatedFirmware(DeviceConfiguration(plain_id))
+    faulty = device_with("")
+    plain = EmulatedFirmware(faulty.core.configuration)
     for now_us in range(0, 2 * SECOND_US, 7_000):
         data = GREETING if now_us % 70_000 == 0 else b""
         assert faulty.receive(data, now_us) == plain.receive(data, now_us)

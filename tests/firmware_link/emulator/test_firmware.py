@@ -6,12 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, Outcome
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import (
-    Arm,
-    ChannelDrive,
-    DeviceState,
-    encode_drive,
-)
+from firmware_link.protocol.messages import Arm, ChannelDrive, DeviceState, encode_drive
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, BareHost
 

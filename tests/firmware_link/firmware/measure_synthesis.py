@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import (
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Arm,
-    ChannelDrive,
-    HelloRequest,
-    KeepAlive,
-    Set,
-    SetFlag,
-    decode_drive,
-    encode_drive,
-)
+from firmware_link.protocol.messages import Arm, ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 
@@ -75,7 +64,7 @@ def play(library: CDLL, rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArr
     now_us = 1_000
     drive = encode_drive(channels, RESOLUTION_HZ)
     messages = [
-        HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1),
+        greeting(),
         Arm(BOOT_ID, 200, LEASE_MS, 0, (65_535, 65_535)),
         Set(reference(now_us), SetFlag.WRITE_PHASE, LEASE_MS, drive),
     ]

@@ -9,23 +9,8 @@ from pathlib import Path
 import pytest
 
 from firmware_link.protocol.framing import EMERGENCY_STOP
-from tests.firmware_link.conformance import (
-    HANG_UP_LAWS,
-    LAWS,
-    LOUD,
-    RAMP_US,
-    WAVE_LAWS,
-    HangUpLaw,
-    Host,
-    Law,
-    WaveLaw,
-)
-from tests.firmware_link.firmware.compiled_core import (
-    CompiledTier,
-    WatchedTier,
-    need,
-    with_sanitizers,
-)
+from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, LOUD, RAMP_US, WAVE_LAWS, HangUpLaw, Host, Law, WaveLaw
+from tests.firmware_link.firmware.compiled_core import CompiledTier, WatchedTier, need, with_sanitizers
 from tests.firmware_link.firmware.twins import make_sanitized, run_apart
 from tests.firmware_link.sensing_laws import SENSING_LAWS
 

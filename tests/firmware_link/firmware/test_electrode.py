@@ -9,16 +9,8 @@ from numpy.typing import NDArray
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware
 from firmware_link.protocol.framing import FrameDecoder, encode_message
-from firmware_link.protocol.messages import (
-    LINEARISES,
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Features,
-    Hello,
-    HelloRequest,
-    decode_body,
-)
+from firmware_link.protocol.messages import LINEARISES, Features, Hello, decode_body
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 
 GREATEST = 65_535
@@ -68,7 +60,7 @@ def test_the_force_of_a_linearised_tone_has_no_second_harmonic(amplitude: float)
 
 def features_of(firmware: CompiledFirmware | EmulatedFirmware) -> Features:
     """What HELLO says."""
-    sent = firmware.receive(encode_message(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 0), 1_000)
+    sent = firmware.receive(encode_message(greeting(), 0), 1_000)
     bodies = [body for body in FrameDecoder().receive(sent) if isinstance(body, bytes)]
     hello = next(message for _, message in map(decode_body, bodies) if isinstance(message, Hello))
     return hello.features

@@ -16,21 +16,18 @@ from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
-    MAGIC,
     MAXIMUM_WEIGHTS,
-    VERSION_MAJOR,
-    VERSION_MINOR,
     Arm,
     BasisBegin,
     BasisChunk,
     ChannelDrive,
-    HelloRequest,
     Play,
     Set,
     SetFlag,
     encode_drive,
 )
 from tests.firmware_link.clicks import Clicks
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 from tests.firmware_link.firmware.measure_synthesis import measure
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
@@ -127,7 +124,7 @@ def test_a_click_whose_basis_goes_stands_still_and_fades_on() -> None:
     device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
     device.send(clicks.play(0, reference(device.now_us)))
     device.wait(9_000)
-    device.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
+    device.send(greeting())
     device.send(BasisBegin(1, 400))
     device.send(BasisChunk(0, b"\x55" * BASIS_CHUNK_SIZE))
     device.wait(20_000)
@@ -166,7 +163,7 @@ class Played:
         self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
         transfer = transfer_messages(basis.data) if basis else []
         for message in (
-            HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1),
+            greeting(),
             *transfer,
             Arm(BOOT_ID, slew_per_s, 40, 0, limits),
         ):

@@ -6,19 +6,8 @@ from random import Random
 import pytest
 from hypothesis import settings
 
-from firmware_link.protocol.messages import (
-    FULL_SCALE_WORD,
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Arm,
-    ChannelDrive,
-    DeviceState,
-    HelloRequest,
-    Set,
-    SetFlag,
-    encode_drive,
-)
+from firmware_link.protocol.messages import FULL_SCALE_WORD, Arm, ChannelDrive, DeviceState, Set, SetFlag, encode_drive
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.twins import (
     ACTUATORS,
     CONFIGURATION,
@@ -119,7 +108,7 @@ def test_new_limits_bound_what_still_fades_though_the_drive_is_the_same() -> Non
 @pytest.mark.parametrize(("armed_s", "own_s", "wanted_s"), [(2, 1, 1), (1, 2, 1), (0, 1, 1), (1, 0, 1), (0, 0, None)])
 def test_the_shorter_of_two_on_time_limits_holds(armed_s: int, own_s: int, wanted_s: int | None) -> None:
     with Twins(replace(CONFIGURATION, longest_drive_s=own_s)) as twins:
-        twins.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1))
+        twins.send(greeting())
         twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, armed_s, (FULL_SCALE_WORD,) * ACTUATORS))
         drive = encode_drive([ChannelDrive(60.0, 1.0)] * ACTUATORS, RESOLUTION_HZ)
         driven_ms = 0

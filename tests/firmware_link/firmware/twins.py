@@ -35,8 +35,6 @@ from firmware_link.protocol.messages import (
     FULL_SCALE_WORD,
     MAGIC,
     MESSAGES,
-    VERSION_MAJOR,
-    VERSION_MINOR,
     Ack,
     Arm,
     BasisBegin,
@@ -45,7 +43,6 @@ from firmware_link.protocol.messages import (
     ChannelDrive,
     DeviceState,
     Fault,
-    HelloRequest,
     KeepAlive,
     Play,
     Result,
@@ -56,7 +53,7 @@ from firmware_link.protocol.messages import (
     TimeRequest,
     encode_drive,
 )
-from tests.firmware_link.conformance import hump
+from tests.firmware_link.conformance import greeting, hump
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library, make, with_sanitizers
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
@@ -202,7 +199,7 @@ class Twins:
 
     def make_ready(self, data: bytes = DATA[1]) -> None:
         """Greeted, with a basis, armed."""
-        for message in (HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), *transfer_messages(data)):
+        for message in (greeting(), *transfer_messages(data)):
             self.send(message)
         self.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
         assert self.python.state is DeviceState.ARMED
@@ -270,7 +267,7 @@ class Session(Twins):
         self.send(Arm(boot_id, slew_per_s, choice((40, 40, 100, 7, 0, 101)), choice((0, 0, 1, 2)), limits))
 
     def greet(self) -> None:
-        self.send(HelloRequest(MAGIC + self._is_odd(), VERSION_MAJOR, VERSION_MINOR, 9))
+        self.send(greeting(9, MAGIC + self._is_odd()))
 
     def stop(self) -> None:
         self.chance.choice((lambda: self.send(Stop()), lambda: self.receive(EMERGENCY_STOP), self.hang_up))()
@@ -280,7 +277,7 @@ class Session(Twins):
         if self.python.state in (DeviceState.ARMED, DeviceState.DRIVING):
             return
         self.settle()
-        self.send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 3))
+        self.send(greeting())
         self.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
 
     def settle(self) -> None:

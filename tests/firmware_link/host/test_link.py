@@ -22,18 +22,9 @@ from firmware_link.host.link_values import (
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError, MessageError
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import (
-    MAGIC,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    ChannelDrive,
-    DeviceState,
-    FaultCode,
-    HelloRequest,
-    LogCode,
-    encode_drive,
-)
+from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, LogCode, encode_drive
 from tests.firmware_link.clicks import Clicks
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, VirtualRig, decode_messages
 from tests.tools.virtual import MS
@@ -43,16 +34,22 @@ def drive(amplitude: float, number_of_actuators: int = 2) -> bytes:
     return encode_drive([ChannelDrive(60, amplitude)] * number_of_actuators, RESOLUTION_HZ)
 
 
-def connected(**settings: int) -> VirtualRig:
-    rig = VirtualRig(**settings)  # type: ignore[arg-type]  # only whole-number settings are given here
+CLICKS = Clicks(2000, [np.outer(np.sin(np.linspace(0, np.pi, 61)).round(9), [1.0, -0.5]), np.zeros((601, 2))])
+BASIS = CLICKS.basis
+
+
+def connected(basis: Basis | None = None, **settings: int) -> VirtualRig:
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, basis=basis), **settings)  # type: ignore[arg-type]
     rig.connect()
     return rig
 
 
-@settings(unhurried, max_examples=20)
-@given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]))
-def test_the_handshake_ends_ready_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
-    rig = connected(delay_ns=delay_ns, drop_every=drop_every)
+@settings(unhurried, max_examples=30)
+@given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]), st.sampled_from([None, BASIS]))
+def test_the_handshake_ends_ready_whatever_delay_and_loss_with_a_basis_and_without(
+    delay_ns: int, drop_every: int, basis: Basis | None
+) -> None:
+    rig = connected(basis, delay_ns=delay_ns, drop_every=drop_every)
     assert rig.firmware.state is DeviceState.ARMED
     kinds = [type(item) for item in rig.events]
     assert kinds.count(Greeted) == 1
@@ -94,12 +91,14 @@ def test_a_busy_line_gets_one_set_at_a_time_and_always_the_newest() -> None:
     assert rig.firmware.drive_log[-1].channels[0].amplitude == pytest.approx((steps - 1) / steps, abs=1e-4)
 
 
-def test_a_drive_is_renewed_as_long_as_the_loop_runs_and_not_longer() -> None:
-    rig = connected()
+@pytest.mark.parametrize("drop_every", [0, 3])
+def test_a_drive_is_renewed_as_long_as_the_loop_runs_though_frames_are_lost_and_not_longer(drop_every: int) -> None:
+    rig = connected(drop_every=drop_every)
     rig.link.set_drive(drive(1.0))
     rig.run(1000 * MS)
     assert rig.firmware.counters.trips == 0
     assert len(rig.firmware.drive_log) == 1
+    assert rig.firmware.state is DeviceState.DRIVING
     rig.is_host_alive = False
     died_us = rig.line.device_us()
     rig.run(300 * MS)
@@ -108,36 +107,19 @@ def test_a_drive_is_renewed_as_long_as_the_loop_runs_and_not_longer() -> None:
     assert rig.firmware.state is DeviceState.LATCHED
 
 
-def test_one_lost_frame_in_three_ends_no_drive() -> None:
-    rig = connected(drop_every=3)
-    rig.link.set_drive(drive(1.0))
-    rig.run(1000 * MS)
-    assert rig.firmware.counters.trips == 0
-    assert rig.firmware.state is DeviceState.DRIVING
-
-
-def test_silent_stays_armed() -> None:
+@pytest.mark.parametrize("losing", [0, 1])
+def test_silence_ends_the_drive_even_where_its_frame_is_lost_and_the_device_stays_armed(losing: int) -> None:
     rig = connected()
     rig.link.set_drive(drive(1.0))
     rig.run(20 * MS)
-    rig.link.set_silent()
-    rig.run(1000 * MS)
-    assert rig.firmware.state is DeviceState.ARMED
-    assert rig.link.state is LinkState.READY
-    assert rig.link.counters.renewed >= 10
-
-
-def test_a_lost_silence_ends_the_drive_all_the_same() -> None:
-    rig = connected()
-    rig.link.set_drive(drive(1.0))
-    rig.run(20 * MS)
-    rig.losing = 1
+    rig.losing = losing
     rig.link.set_silent()
     rig.run(42 * MS)
     assert rig.losing == 0
     assert rig.firmware.state is DeviceState.ARMED
     rig.run(1000 * MS)
-    assert rig.link.state is LinkState.READY
+    assert (rig.firmware.state, rig.link.state) == (DeviceState.ARMED, LinkState.READY)
+    assert rig.link.counters.renewed >= 10
 
 
 def test_the_applied_sequence_comes_back() -> None:
@@ -238,7 +220,7 @@ def test_no_device_is_an_error_with_a_remedy() -> None:
     ],
 )
 def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], remedy: str) -> None:
-    hello = decode_messages(BareHost().send(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, nonce=0), 0))[0]
+    hello = decode_messages(BareHost().send(greeting(0), 0))[0]
     link = Link(LinkConfiguration(2))
     link.connect(0)
     with pytest.raises(LinkError, match=remedy):
@@ -246,24 +228,19 @@ def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], remedy: s
     assert link.state is LinkState.DISCONNECTED
 
 
-def test_spare_actuators_stay_silent() -> None:
-    rig = VirtualRig(device_configuration=DeviceConfiguration(BOOT_ID, number_of_actuators=4))
+@pytest.mark.parametrize(("limits", "felt"), [(None, [0.9, 0.9, 0, 0]), ((0.25, 0.75), [0.25, 0.75, 0, 0])])
+def test_amplitude_limits_bind_and_spare_actuators_stay_silent(
+    limits: tuple[float, ...] | None, felt: list[float]
+) -> None:
+    spare = DeviceConfiguration(BOOT_ID, number_of_actuators=4)
+    rig = VirtualRig(LinkConfiguration(2, amplitude_limits=limits), spare)
     rig.connect()
-    rig.link.set_drive(drive(0.5))
+    rig.link.set_drive(drive(0.9))
     rig.run(10 * MS)
     amplitudes = [channel.amplitude for channel in rig.firmware.drive_log[-1].channels]
-    assert amplitudes == pytest.approx([0.5, 0.5, 0, 0], abs=1e-4)
-    with pytest.raises(LinkError, match="a drive of 30 bytes"):
+    assert amplitudes == pytest.approx(felt, abs=1e-4)
+    with pytest.raises(LinkError, match="a drive of 30 bytes; the device takes 24"):
         rig.link.set_drive(drive(0.5, 5))
-
-
-def test_amplitude_limits_bind() -> None:
-    rig = VirtualRig(LinkConfiguration(2, amplitude_limits=(0.25, 0.75)))
-    rig.connect()
-    rig.link.set_drive(drive(1.0))
-    rig.run(10 * MS)
-    amplitudes = [channel.amplitude for channel in rig.firmware.drive_log[-1].channels]
-    assert amplitudes == pytest.approx([0.25, 0.75], abs=1e-4)
 
 
 def test_limits_that_make_no_sense_are_refused_at_once() -> None:
@@ -275,29 +252,13 @@ def test_limits_that_make_no_sense_are_refused_at_once() -> None:
 
 # ---- basis and clicks --------------------------------------------------------------------------------------
 
-CLICKS = Clicks(2000, [np.outer(np.sin(np.linspace(0, np.pi, 61)).round(9), [1.0, -0.5]), np.zeros((601, 2))])
-BASIS = CLICKS.basis
-
-
-def rig_with_basis(**settings: int) -> VirtualRig:
-    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=1_000_000, basis=BASIS), **settings)  # type: ignore[arg-type]
-    rig.connect()
-    return rig
-
 
 def frames_of(rig: VirtualRig, name: str) -> int:
     return sum(frame.message == name for frame in rig.firmware.received)
 
 
-@settings(unhurried, max_examples=10)
-@given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]))
-def test_a_basis_is_handed_over_whatever_delay_and_loss(delay_ns: int, drop_every: int) -> None:
-    rig = rig_with_basis(delay_ns=delay_ns, drop_every=drop_every)
-    assert rig.firmware.state is DeviceState.ARMED
-
-
 def test_a_basis_that_the_device_holds_is_not_sent_again() -> None:
-    rig = rig_with_basis()
+    rig = connected(BASIS)
     sent = frames_of(rig, "BASIS_CHUNK")
     assert sent == -(-len(BASIS.data) // 192)
     rig.connect()
@@ -316,25 +277,30 @@ def test_a_long_transfer_on_a_slow_line_does_not_end_the_patience() -> None:
 
 
 @pytest.mark.parametrize(
-    ("configuration", "basis", "remedy"),
+    ("device", "wanted", "remedy"),
     [
-        (DeviceConfiguration(BOOT_ID, basis_capacity_bytes=0), BASIS, "plays no clicks: connect another device"),
-        (DeviceConfiguration(BOOT_ID, basis_capacity_bytes=100), BASIS, "has 2664 bytes, the device holds 100: take"),
-        (DeviceConfiguration(BOOT_ID, longest_waveform_ms=29), BASIS, "lasts 300 ms, .* at most 29: shorten it"),
-        (DeviceConfiguration(BOOT_ID), Clicks(9, [np.zeros((3, 3))]).basis, "for 3 actuators, not 2"),
+        ({"basis_capacity_bytes": 0}, {"basis": BASIS}, "plays no clicks: connect another device"),
+        ({"basis_capacity_bytes": 100}, {"basis": BASIS}, "has 2664 bytes, the device holds 100: take"),
+        ({"longest_waveform_ms": 29}, {"basis": BASIS}, "lasts 300 ms, .* at most 29: shorten it"),
+        ({}, {"basis": Clicks(9, [np.zeros((3, 3))]).basis}, "for 3 actuators, not 2"),
+        (
+            {"number_of_actuators": 8},
+            {"command_rate_hz": 400},
+            "400 commands .* for 8 actuators .* at most 191",
+        ),
     ],
 )
-def test_a_basis_that_the_device_cannot_hold_is_refused(
-    configuration: DeviceConfiguration, basis: Basis, remedy: str
+def test_what_the_device_cannot_hold_or_keep_up_with_is_refused(
+    device: dict[str, Any], wanted: dict[str, Any], remedy: str
 ) -> None:
-    rig = VirtualRig(LinkConfiguration(2, basis=basis), configuration)
+    rig = VirtualRig(LinkConfiguration(2, **wanted), DeviceConfiguration(BOOT_ID, **device))
     with pytest.raises(LinkError, match=remedy):
         rig.connect()
     assert rig.link.state is LinkState.DISCONNECTED
 
 
 def test_a_click_plays_once_and_silence_follows() -> None:
-    rig = rig_with_basis()
+    rig = connected(BASIS)
     rig.link.set_play(CLICKS.encoded(0, 0.5))
     rig.run(500 * MS)
     (played,) = rig.firmware.drive_log
@@ -348,7 +314,7 @@ def test_a_click_plays_once_and_silence_follows() -> None:
 
 @pytest.mark.parametrize("losing", [0, 1])
 def test_a_long_click_is_kept_alive_and_a_lost_one_latches_nothing(losing: int) -> None:
-    rig = rig_with_basis()
+    rig = connected(BASIS)
     rig.run(70 * MS)
     rig.losing = losing
     rig.link.set_play(CLICKS.encoded(1))
@@ -358,8 +324,8 @@ def test_a_long_click_is_kept_alive_and_a_lost_one_latches_nothing(losing: int) 
     assert rig.firmware.state is DeviceState.ARMED
 
 
-def test_drives_and_clicks_share_one_slot() -> None:
-    rig = rig_with_basis()
+def test_drives_clicks_and_silence_share_one_slot() -> None:
+    rig = connected(BASIS)
     rig.link.set_play(CLICKS.encoded(0))
     rig.link.set_drive(drive(0.3))
     rig.link.set_drive(drive(0.4))
@@ -367,23 +333,17 @@ def test_drives_and_clicks_share_one_slot() -> None:
     rig.link.set_drive(drive(0.6))
     rig.link.set_play(CLICKS.encoded(1))
     rig.run(10 * MS)
+    assert rig.firmware.state is DeviceState.DRIVING
+    rig.link.set_silent()
+    rig.run(10 * MS)
     causes = [(event.cause, round(event.channels[0].amplitude, 2)) for event in rig.firmware.drive_log]
-    assert causes == [(Cause.SET, 0.4), (Cause.PLAY, 0.0)]
+    assert causes == [(Cause.SET, 0.4), (Cause.PLAY, 0.0), (Cause.SET, 0.0)]
+    assert rig.firmware.state is DeviceState.ARMED
     assert rig.link.counters.coalesced == 3
 
 
-def test_silence_ends_a_click() -> None:
-    rig = rig_with_basis()
-    rig.link.set_play(CLICKS.encoded(1))
-    rig.run(20 * MS)
-    rig.link.set_silent()
-    rig.run(10 * MS)
-    assert [event.cause for event in rig.firmware.drive_log] == [Cause.PLAY, Cause.SET]
-    assert rig.firmware.state is DeviceState.ARMED
-
-
 def test_clicks_in_a_hurry_wait_for_their_turn_and_the_latest_wins() -> None:
-    rig = rig_with_basis()
+    rig = connected(BASIS)
     for index in range(60):
         rig.link.set_play(CLICKS.encoded(index % 2))
         rig.run(MS)
@@ -398,7 +358,7 @@ def test_clicks_in_a_hurry_wait_for_their_turn_and_the_latest_wins() -> None:
 def test_a_click_of_another_basis_is_refused_at_once() -> None:
     other = Clicks(2000, [np.zeros((61, 2))])
     with pytest.raises(LinkError, match="made of another basis than this link's"):
-        rig_with_basis().link.set_play(other.encoded(0))
+        connected(BASIS).link.set_play(other.encoded(0))
     with pytest.raises(LinkError, match="made of another basis than this link's"):
         connected().link.set_play(CLICKS.encoded(0))
 
@@ -410,7 +370,7 @@ def test_nothing_plays_before_the_link_is_ready() -> None:
 
 
 def test_what_the_device_tells_comes_with_words() -> None:
-    rig = rig_with_basis()
+    rig = connected(BASIS)
     logs = [item for item in rig.events if isinstance(item, LogReceived)]
     assert [log.code for log in logs] == [LogCode.BOOTED, LogCode.BASIS_TAKEN]
     assert "reset cause 0" in logs[0].text
@@ -425,10 +385,3 @@ def test_a_drive_that_lasts_too_long_ends_the_session() -> None:
     faults = [item.fault for item in rig.events if isinstance(item, FaultReceived)]
     assert faults == [FaultCode.DRIVEN_TOO_LONG]
     assert (rig.firmware.state, rig.link.state) == (DeviceState.LATCHED, LinkState.STOPPED)
-
-
-def test_a_rate_is_held_to_the_actuators_of_the_device() -> None:
-    configuration = LinkConfiguration(2, command_rate_hz=400)
-    rig = VirtualRig(configuration, DeviceConfiguration(BOOT_ID, number_of_actuators=8))
-    with pytest.raises(LinkError, match=r"400 commands a second for 8 actuators .* ask for at most 191"):
-        rig.connect()

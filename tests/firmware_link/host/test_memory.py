@@ -1,6 +1,5 @@
 """A basis that changes while its device is armed, in virtual time."""
 
-import numpy as np
 import pytest
 
 from firmware_link.emulator import Cause, DeviceConfiguration
@@ -9,18 +8,12 @@ from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import BasisCommit, DeviceState, Result
 from tests.firmware_link.clicks import Clicks
+from tests.firmware_link.conformance import hump
 from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig
 from tests.tools.virtual import MS
 
-
-def hump(*amplitudes: float, count: int = 81) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    rise = np.sin(np.pi * np.linspace(0, 1, count)) ** 2
-    rise[-1] = 0.0
-    return np.outer(rise, amplitudes)
-
-
 OLD = Clicks(4000, [hump(1.0, 0.0)] * 4)
-NEW = Clicks(4000, [hump(0.0, 0.5, count=161)] * 15)
+NEW = Clicks(4000, [hump(0.0, 0.5, duration_us=80_000)] * 15)
 
 
 class Rig(VirtualRig):

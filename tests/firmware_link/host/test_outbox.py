@@ -2,7 +2,6 @@
 
 import itertools
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +9,6 @@ from firmware_link.host.clock import DeviceClock, Exchange
 from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.outbox import Outbox
 from firmware_link.protocol.basis import EncodedClick
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import KeepAlive, Play, Set, SetFlag, decode_body, encode_play
@@ -25,11 +23,15 @@ Sent = list[tuple[int, Message]]
 
 
 def outbox() -> Outbox:
+    box = Outbox(LinkCounters(), 200, FrameEncoder())
+    begin_session(box)
+    return box
+
+
+def begin_session(box: Outbox) -> None:
     clock = DeviceClock()
     clock.update(Exchange(0, 0, 0, 0))
-    box = Outbox(LinkCounters(), 200, FrameEncoder())
     box.start(SILENCE, LEASE_MS, clock)
-    return box
 
 
 def click(length_us: int) -> EncodedClick:
@@ -102,16 +104,6 @@ def test_a_drive_takes_over_from_a_click_and_is_renewed_as_a_drive() -> None:
     assert len(sent) >= 100 * MS // (LEASE_MS * MS // 3)
 
 
-def test_a_short_drive_is_filled_up_with_silence_and_a_long_one_refused() -> None:
-    box = outbox()
-    box.put_drive(DRIVE[:6])
-    message = next_of(box, 0)
-    assert isinstance(message, Set)
-    assert message.drive == DRIVE[:6] + bytes(6)
-    with pytest.raises(LinkError, match="a drive of 18 bytes; the device takes 12"):
-        box.put_drive(bytes(18))
-
-
 def test_a_drive_that_glides_writes_no_phase_at_its_renewals_either_and_the_next_drive_does() -> None:
     box, glided = outbox(), b"\x02" * 12
     box.put_drive(DRIVE)
@@ -151,7 +143,5 @@ def test_a_new_session_knows_of_no_click_of_the_one_before() -> None:
         box.put(click(200_000))
         assert isinstance(next_of(box, number * MS), Play)
     assert box.free_from_ns(2 * MS)[1] > 2 * MS
-    clock = DeviceClock()
-    clock.update(Exchange(0, 0, 0, 0))
-    box.start(SILENCE, LEASE_MS, clock)
+    begin_session(box)
     assert box.free_from_ns(2 * MS)[1] == 2 * MS

@@ -36,15 +36,20 @@ class SensingRig(VirtualRig):
     def samples(self) -> int:
         return sum(event.samples.number_of_values // 3 for event in self.sensed())
 
-    def asked(self) -> list[Sense]:
-        return asked_of(self)
-
 
 def asked_of(rig: VirtualRig) -> list[Sense]:
     """What the host asked of the accelerometer."""
     items = FrameDecoder().receive(b"".join(data for _, data in rig.line.written))
     messages = (decode_body(item)[1] for item in items if isinstance(item, bytes))
     return [message for message in messages if isinstance(message, Sense)]
+
+
+def sensing(**settings: int) -> SensingRig:
+    """Connected, with its stream on."""
+    rig = SensingRig(**settings)  # type: ignore[arg-type]  # only whole-number settings are given here
+    rig.connect()
+    rig.link.start_sensing(rig.now_ns)
+    return rig
 
 
 def test_a_board_without_an_accelerometer_is_refused_and_never_asked() -> None:
@@ -63,7 +68,7 @@ def test_a_host_that_does_not_ask_hears_nothing_of_the_accelerometer() -> None:
     rig.connect()
     rig.run(500 * MS)
     assert not rig.sensed()
-    assert not rig.asked()
+    assert not asked_of(rig)
     assert rig.link.counters.unexpected == 0
 
 
@@ -73,25 +78,21 @@ def test_nothing_is_asked_before_the_device_is_armed() -> None:
 
 
 def test_a_stream_is_renewed_as_long_as_it_is_wanted_and_ends_by_itself() -> None:
-    rig = SensingRig()
-    rig.connect()
-    rig.link.start_sensing(rig.now_ns)
+    rig = sensing()
     rig.run(2_000 * MS)
     described = next(event for event in rig.events if isinstance(event, AccelerometerDescribed))
     assert (described.rate_hz, described.greatest, described.lost) == (RATE_HZ, 4_095, 0)
     assert described.scale_m_per_s2 == pytest.approx(38.303e-3)
     assert rig.samples() == pytest.approx(2 * RATE_HZ, rel=0.02)
     # Asked for its form first, then for leases.
-    assert [sense.lease_ms for sense in rig.asked()][:3] == [0, LEASE_MS, LEASE_MS]
+    assert [sense.lease_ms for sense in asked_of(rig)][:3] == [0, LEASE_MS, LEASE_MS]
     rig.is_host_alive = False
     rig.run((LEASE_MS + 50) * MS)
     assert not rig.firmware.senses
 
 
 def test_a_stream_outlives_lost_frames_of_the_host() -> None:
-    rig = SensingRig(drop_every=3)
-    rig.connect()
-    rig.link.start_sensing(rig.now_ns)
+    rig = sensing(drop_every=3)
     rig.run(2_000 * MS)
     before = rig.samples()
     rig.run(1_000 * MS)
@@ -99,14 +100,12 @@ def test_a_stream_outlives_lost_frames_of_the_host() -> None:
 
 
 def test_a_session_that_ends_asks_no_longer() -> None:
-    rig = SensingRig()
-    rig.connect()
-    rig.link.start_sensing(rig.now_ns)
+    rig = sensing()
     rig.run(100 * MS)
     rig.link.stop(rig.now_ns)
-    asked = len(rig.asked())
+    asked = len(asked_of(rig))
     rig.run((LEASE_MS + 100) * MS)
-    assert len(rig.asked()) == asked
+    assert len(asked_of(rig)) == asked
     assert not rig.firmware.senses
 
 
