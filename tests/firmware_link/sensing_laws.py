@@ -7,14 +7,7 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
-from firmware_link.protocol.messages import (
-    ACCELEROMETER,
-    LONGEST_SENSE_MS,
-    Acceleration,
-    Accelerometer,
-    Sense,
-    Status,
-)
+from firmware_link.protocol.messages import ACCELEROMETER, LONGEST_SENSE_MS, Acceleration, Accelerometer, Sense, Status
 from tests.firmware_link.conformance import Host, Tier
 
 SAMPLE_RATE_HZ = 1_000

@@ -11,7 +11,6 @@ from firmware_link.protocol.basis import (
     SAMPLE_FULL_SCALE,
     Basis,
     BasisSet,
-    SampleLimits,
     clamp_samples,
     decode_basis,
     encode_basis,
@@ -19,11 +18,9 @@ from firmware_link.protocol.basis import (
     hash_of_basis,
     quantise_weights,
     sample_limits,
-    weighted_sum,
 )
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_WEIGHTS
-from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.strategies import bases, unhurried
 
 ACTUATORS = 3  # as in `bases`
@@ -117,21 +114,6 @@ def test_weights_beyond_the_words_are_refused() -> None:
         quantise_weights(np.array([20_000.0]))
 
 
-def test_a_click_of_one_function_is_that_function() -> None:
-    rise = np.sin(np.linspace(0, math.pi, 51)).round(12)
-    clicks = Clicks(1000, [np.outer(rise, [1.0, -0.5])])
-    sums = weighted_sum(clicks.basis.sets[0], clicks.weights[0], 14, 3)
-    np.testing.assert_array_equal(sums[:, 0], np.rint(SAMPLE_FULL_SCALE * rise))
-    assert np.abs(sums[:, 1] + sums[:, 0] / 2).max() <= 0.5
-    assert not sums[:, 2].any()
-
-
-def test_a_sum_is_rounded_to_the_nearest_step() -> None:
-    functions = np.array([[0, 1, 2, 3, -1, -2, -3, 0]], np.int16)
-    sums = weighted_sum(BasisSet(functions, np.zeros(1, np.uint8)), [1], 1, 1)
-    assert sums[:, 0].tolist() == [0, 1, 1, 2, 0, -1, -1, 0]
-
-
 @unhurried
 @given(
     st.integers(0, 2**32),
@@ -158,9 +140,3 @@ def test_a_sine_within_the_limits_is_played_as_it_is() -> None:
     sums = np.rint(0.79 * SAMPLE_FULL_SCALE * window * np.sin(math.tau * 300 * time_s)).astype(np.int64)[:, None]
     bounds = sample_limits([round(0.8 * FULL_SCALE_WORD)], 655_350_000, 4000)
     np.testing.assert_array_equal(clamp_samples(sums, bounds), sums)
-
-
-def test_the_step_is_that_of_the_steepest_sine() -> None:
-    bounds = sample_limits([FULL_SCALE_WORD, FULL_SCALE_WORD // 2, 0], 300_000_000, 4000)
-    assert bounds.step.tolist() == [math.ceil(each * math.tau * 300 / 4000) for each in bounds.amplitude.tolist()]
-    assert isinstance(bounds, SampleLimits)
