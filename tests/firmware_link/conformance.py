@@ -7,7 +7,7 @@ time are given slack by the tier.
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +115,18 @@ WaveLaw = Callable[[WaveTier], None]
 HangUpLaw = Callable[[HangUpTier], None]
 
 
+class Click(NamedTuple):
+    """The statuses that say that it is applied and that it is over, and the greatest displacements in between."""
+
+    started: Status
+    ended: Status
+    peaks: tuple[float, ...]
+
+    @property
+    def duration_us(self) -> int:
+        return self.ended.device_time_us - self.started.applied_time_us
+
+
 def greeting(nonce: int = 1, magic: int = MAGIC) -> HelloRequest:
     """Of a host of this version."""
     return HelloRequest(magic, VERSION_MAJOR, VERSION_MINOR, nonce)
@@ -169,6 +181,22 @@ class Host:
 
     def status(self, fits: Callable[[Status], bool] = lambda _: True) -> Status:
         return self.expect(Status, fits)
+
+    def ended(self) -> Status:
+        """The status that says that nothing drives any more, though the device is armed."""
+        return self.status(lambda status: status.state is DeviceState.ARMED)
+
+    def click(self, index: int, amplitude: float = 1.0, clicks: "Clicks | None" = None) -> "Click":
+        """Play one to its end."""
+        started = self.play(index, amplitude, clicks)
+        ended = self.ended()
+        return Click(started, ended, self.tier.peaks(started.applied_time_us, ended.device_time_us))
+
+    def expect_silence(self, from_us: int) -> None:
+        """Nothing moves from this device time on, for 20 ms."""
+        until_us = from_us + 20 * US_PER_MS
+        self.pass_until(until_us)
+        assert max(self.tier.peaks(from_us, until_us)) == 0.0
 
     def fresh_status(self) -> Status:
         """A status of now: the periodic ones leave up to 100 ms after what they tell."""
@@ -366,14 +394,12 @@ def law_a_copy_is_refused_as_long_as_the_clock_lets_it_pass(tier: Tier) -> None:
 def law_a_drive_ends_with_its_lease(tier: Tier) -> None:
     host = Host(tier).ready()
     applied = host.set(host.drive(*LOUD))
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    ended = host.ended()
     lease_us = tier.lease_ms * US_PER_MS
     assert lease_us <= ended.device_time_us - applied.applied_time_us <= lease_us + tier.slack_us
     assert ended.trips == 1
-    silent_us = ended.device_time_us + RAMP_US
-    host.pass_until(silent_us + 20 * US_PER_MS)
+    host.expect_silence(ended.device_time_us + RAMP_US + tier.slack_us)
     assert min(tier.peaks(applied.applied_time_us, ended.device_time_us)[:2]) > 0.4
-    assert max(tier.peaks(silent_us + tier.slack_us, silent_us + tier.slack_us + 20 * US_PER_MS)) == 0.0
     assert LogCode.LEASE_EXPIRED in {m.code for m in host.heard if isinstance(m, Log)}
 
 
@@ -381,7 +407,7 @@ def law_a_set_gets_the_lease_that_it_asks_for_within_the_armed_one(tier: Tier) -
     host = Host(tier).ready()
     for asked_ms, granted_ms in ((tier.lease_ms // 2, tier.lease_ms // 2), (255, tier.lease_ms)):
         applied = host.set(host.drive(*LOUD), asked_ms)
-        ended = host.status(lambda status: status.state is DeviceState.ARMED)
+        ended = host.ended()
         assert 0 <= ended.device_time_us - applied.applied_time_us - granted_ms * US_PER_MS <= tier.slack_us
 
 
@@ -425,9 +451,7 @@ def law_eight_zeros_latch(tier: Tier) -> None:
         tier.write(EMERGENCY_STOP)
         latched = host.status(lambda status: status.state is DeviceState.LATCHED)
         assert latched.fault is FaultCode.EMERGENCY_STOP
-        stopped_us = latched.device_time_us + RAMP_US
-        host.pass_until(stopped_us + 20 * US_PER_MS)
-        assert max(tier.peaks(stopped_us, stopped_us + 20 * US_PER_MS)) == 0.0
+        host.expect_silence(latched.device_time_us + RAMP_US)
         assert host.arm() is Result.WRONG_STATE
 
 
@@ -447,9 +471,7 @@ def law_a_new_session_disarms(tier: Tier) -> None:
     host.greet()
     status = host.fresh_status()
     assert status.state is DeviceState.IDLE
-    silent_us = status.device_time_us + RAMP_US
-    host.pass_until(silent_us + 20 * US_PER_MS)
-    assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+    host.expect_silence(status.device_time_us + RAMP_US)
 
 
 def law_a_device_driven_too_long_latches(tier: Tier) -> None:
@@ -588,7 +610,7 @@ def law_status_comes_ten_times_a_second(tier: Tier) -> None:
 def law_amplitudes_are_clamped(tier: Tier) -> None:
     host = Host(tier).ready(limit=FULL // 4)
     applied = host.set(host.drive(*LOUD))
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
+    ended = host.ended()
     host.pass_until(ended.device_time_us)
     for peak in tier.peaks(applied.applied_time_us, ended.device_time_us)[:2]:
         assert 0.2 < peak <= 0.25 + ROUNDING
@@ -690,9 +712,7 @@ def law_a_transfer_goes_on_whatever_is_refused_meanwhile(tier: Tier) -> None:
             assert host.ask(BasisChunk(1, bytes(BASIS_CHUNK_SIZE))) is Result.OUT_OF_RANGE
     assert host.ask(BasisChunk(len(data), b"\xff" * BASIS_CHUNK_SIZE)) is Result.OUT_OF_RANGE
     for clicks, peak in ((second, 0.7), (first, 0.3)):
-        started = host.play(0, clicks=clicks)
-        ended = host.status(lambda status: status.state is DeviceState.ARMED)
-        assert abs(tier.peaks(started.applied_time_us, ended.device_time_us)[0] - peak) < 0.01
+        assert abs(host.click(0, clicks=clicks).peaks[0] - peak) < 0.01
         assert host.ask(commit) is Result.OK
 
 
@@ -704,18 +724,12 @@ def law_an_armed_device_plays_its_basis_until_the_next_is_whole(tier: Tier) -> N
     half = len(steps) // 2
     for message in steps[:half]:
         assert host.ask(message) is Result.OK
-    started = host.play(0, 0.5)
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
-    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
-    assert abs(peaks[0] - 0.5) < 0.01
+    assert abs(host.click(0, 0.5).peaks[0] - 0.5) < 0.01
     for message in (*steps[half:], commit, commit):
         assert host.ask(message) is Result.OK
-    started = host.play(0, clicks=other)
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
-    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
-    assert ended.device_time_us - started.applied_time_us >= 2 * WAVEFORM_US
-    assert abs(peaks[0] - 0.2) < 0.01
-    assert abs(peaks[1] - 0.8) < 0.01
+    click = host.click(0, clicks=other)
+    assert click.duration_us >= 2 * WAVEFORM_US
+    assert np.abs(np.subtract(click.peaks[:2], (0.2, 0.8))).max() < 0.01
 
 
 def law_a_latched_device_takes_no_basis(tier: Tier) -> None:
@@ -748,16 +762,11 @@ def law_without_room_for_both_an_armed_device_keeps_its_basis_and_an_idle_one_fo
 
 def law_a_click_ends_by_itself(tier: Tier) -> None:
     host = with_basis(tier)
-    started = host.play(0, 0.5)
-    ended = host.status(lambda status: status.state is DeviceState.ARMED)
-    assert 0 <= ended.device_time_us - started.applied_time_us - WAVEFORM_US <= tier.slack_us
-    assert ended.trips == 0
-    host.pass_until(ended.device_time_us + 20 * US_PER_MS)
-    peaks = tier.peaks(started.applied_time_us, ended.device_time_us)
-    assert abs(peaks[0] - 0.5) < 0.01
-    assert abs(peaks[1] - 0.25) < 0.01
-    after_us = ended.device_time_us + tier.slack_us
-    assert max(tier.peaks(after_us, after_us + 20 * US_PER_MS)) == 0.0
+    click = host.click(0, 0.5)
+    assert 0 <= click.duration_us - WAVEFORM_US <= tier.slack_us
+    assert click.ended.trips == 0
+    assert np.abs(np.subtract(click.peaks[:2], (0.5, 0.25))).max() < 0.01
+    host.expect_silence(click.ended.device_time_us + tier.slack_us)
 
 
 def law_a_click_that_the_basis_does_not_fit_is_refused(tier: Tier) -> None:
@@ -801,9 +810,7 @@ def law_a_long_click_needs_a_living_host(tier: Tier) -> None:
         else:
             assert ended.state is DeviceState.LATCHED
             assert 0 <= ended.device_time_us - started.applied_time_us - DISARM_US <= tier.slack_us
-            silent_us = ended.device_time_us + RAMP_US + tier.slack_us
-            host.pass_until(silent_us + 20 * US_PER_MS)
-            assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+            host.expect_silence(ended.device_time_us + RAMP_US + tier.slack_us)
 
 
 def unchecked(functions: int) -> Basis:
@@ -865,7 +872,7 @@ def wave_law_no_weights_pass_amplitude_or_slew(tier: WaveTier) -> None:
         weights = tuple(noise.integers(-32_768, 32_767, 24, endpoint=True).tolist())
         host.send(Play(host.clock_reference(), 0, fraction_bits, FULL, 24, weights))
         host.status(lambda status: status.state is DeviceState.DRIVING)
-        host.status(lambda status: status.state is DeviceState.ARMED)
+        host.ended()
     host.pass_until(host.device_us() + 100 * US_PER_MS)
     rate_hz, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
     assert 0.49 < np.abs(displacements).max() <= 0.5 + ROUNDING
@@ -961,9 +968,7 @@ def hang_up_law_a_dropped_line_latches_at_once(tier: HangUpTier) -> None:
     again.compare_clocks()
     status = again.fresh_status()
     assert (status.state, status.fault) == (DeviceState.LATCHED, FaultCode.HUNG_UP)
-    silent_us = applied.applied_time_us + tier.lease_ms * US_PER_MS + RAMP_US + tier.slack_us
-    again.pass_until(silent_us + 20 * US_PER_MS)
-    assert max(tier.peaks(silent_us, silent_us + 20 * US_PER_MS)) == 0.0
+    again.expect_silence(applied.applied_time_us + tier.lease_ms * US_PER_MS + RAMP_US + tier.slack_us)
 
 
 def keep_laws(laws: Iterable[Callable[[T], None]], boot: Callable[[], T]) -> None:

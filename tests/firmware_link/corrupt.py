@@ -5,6 +5,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import isfunction
 
 from cobs import cobs
 
@@ -106,24 +107,10 @@ def another_length(frame: bytes, chance: Chance) -> bytes:
     return encode_frame(changed) if not has_exact_length(changed, ACTUATORS) else frame[:-2] + b"\0"
 
 
-DAMAGES: tuple[Damage, ...] = (
-    flip_one_bit,
-    flip_two_bits,
-    flip_some_bits,
-    burst_of_bits,
-    replace_a_byte,
-    truncate,
-    lose_the_beginning,
-    lose_bytes,
-    insert_bytes,
-    double_a_byte,
-    swap_bytes,
-    zero_bytes,
-    splice_two_frames,
-    noise,
-    checksum_of_another_definition,
-    another_length,
+DAMAGES: tuple[Damage, ...] = tuple(
+    each for each in list(globals().values()) if isfunction(each) and each.__module__ == __name__
 )
+"""All that stand above."""
 
 
 @dataclass(frozen=True)

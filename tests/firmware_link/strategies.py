@@ -40,10 +40,7 @@ def messages(draw: st.DrawFn, number_of_actuators: int) -> Message:
 
 
 channel_drives = st.builds(
-    ChannelDrive,
-    frequency_hz=st.floats(0, 655.35),
-    amplitude=st.floats(0, 1),
-    phase_rad=st.floats(-10, 10),
+    ChannelDrive, frequency_hz=st.floats(0, 655.35), amplitude=st.floats(0, 1), phase_rad=st.floats(-10, 10)
 )
 
 

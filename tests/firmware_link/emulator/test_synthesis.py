@@ -111,11 +111,7 @@ def test_what_is_forgotten_changes_nothing_that_comes(log: list[DriveEvent], bef
     st.integers(0, 30_000),
 )
 def test_drives_that_differ_a_little_differ_a_little_while_one_becomes_the_other(
-    frequency_hz: float,
-    amplitudes: tuple[float, ...],
-    changes_rad: tuple[float, ...],
-    turned_rad: float,
-    wait_us: int,
+    frequency_hz: float, amplitudes: tuple[float, ...], changes_rad: tuple[float, ...], turned_rad: float, wait_us: int
 ) -> None:
     """While w goes from 0 to 1 the displacement is (1 - w) of the old and w of the new drive, as far as both differ."""
     old = [ChannelTarget(frequency_hz, amplitude, 0.0) for amplitude in amplitudes[:2]]

@@ -42,10 +42,7 @@ ROUNDING = 1 / FULL_OUTPUT
 drives = st.tuples(
     *[
         st.builds(
-            ChannelDrive,
-            st.floats(1, GREATEST_FREQUENCY_HZ),
-            st.sampled_from([0.0, 0.2, 1.0]),
-            st.floats(0, math.tau),
+            ChannelDrive, st.floats(1, GREATEST_FREQUENCY_HZ), st.sampled_from([0.0, 0.2, 1.0]), st.floats(0, math.tau)
         )
     ]
     * ACTUATORS
@@ -67,11 +64,7 @@ def test_a_tone_is_pure_and_both_channels_keep_their_angle(rate_hz: int, frequen
 
 
 @unhurried
-@given(
-    commands,
-    st.tuples(*[st.integers(0, FULL_SCALE_WORD)] * ACTUATORS),
-    st.sampled_from([1, 20, 200, 1_000]),
-)
+@given(commands, st.tuples(*[st.integers(0, FULL_SCALE_WORD)] * ACTUATORS), st.sampled_from([1, 20, 200, 1_000]))
 def test_nothing_passes_the_limit_or_moves_faster_than_the_slew(
     given_commands: list[tuple[int, tuple[ChannelDrive, ...], SetFlag]], limits: tuple[int, ...], slew_per_s: int
 ) -> None:
@@ -162,11 +155,7 @@ class Played:
         self._sequence = 0
         self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
         transfer = transfer_messages(basis.data) if basis else []
-        for message in (
-            greeting(),
-            *transfer,
-            Arm(BOOT_ID, slew_per_s, 40, 0, limits),
-        ):
+        for message in (greeting(), *transfer, Arm(BOOT_ID, slew_per_s, 40, 0, limits)):
             self.send(message)
         self._firmware.take_samples()
 

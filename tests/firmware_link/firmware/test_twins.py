@@ -1,5 +1,7 @@
 """The C core and the Python one do the same: every byte they send, every state, every sample within rounding."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from random import Random
 
@@ -23,6 +25,16 @@ from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 
 
+@contextmanager
+def compared() -> Iterator[Twins]:
+    """Both, ready; all that sounded is compared in the end."""
+    with Twins() as twins:
+        twins.make_ready()
+        yield twins
+        twins.wait(100_000)
+        twins.compare_samples()
+
+
 def test_random_sessions_are_the_same_to_both() -> None:
     counts = run_sessions(seed=1, first=0, frames=100 * settings().max_examples)
     # The sessions are such that every command is taken, is late and is refused, and transfers end both ways.
@@ -42,67 +54,50 @@ def test_both_sound_the_same_through_crossfades_that_are_overtaken(seed: int) ->
 
 @pytest.mark.parametrize("wait_us", [0, 1, SAMPLE_US - 1])
 def test_what_comes_between_two_samples_begins_at_the_second(wait_us: int) -> None:
-    with Twins() as twins:
-        twins.make_ready()
+    with compared() as twins:
         for pause_us, phase_rad in ((wait_us, 0.0), (2_000, 1.0), (0, 3.0)):
             twins.wait(pause_us)
             drive = encode_drive([ChannelDrive(655.35, 1.0, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
             twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
-        twins.wait(100_000)
-        twins.compare_samples()
 
 
 def test_an_onset_that_waits_for_the_rest_of_a_fall_comes_a_sample_late_at_most() -> None:
-    with Twins() as twins:
-        twins.make_ready()
+    with compared() as twins:
         # Silence cuts a crossfade short, for 61.04 samples; what is left of it then is to fall anew.
         cut_short = ((0.30518, 0.0, 20_000), (0.30518, 1.0, 400), (0.0, 0.0, 1_525))
         for amplitude, phase_rad, pause_us in (*cut_short, (1.0, 0.0, 0), (0.0, 0.0, 0), (1.0, 1.6, 0)):
             drive = encode_drive([ChannelDrive(60.0, amplitude, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
             twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
             twins.wait(pause_us)
-        twins.wait(100_000)
-        twins.compare_samples()
 
 
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
 def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> None:
-    with Twins() as twins:
-        twins.make_ready()
+    with compared() as twins:
         for pause_us in (2_000, wait_us, 0):
             twins.drive(twins.click(0))
             twins.wait(pause_us)
         assert twins.python.counters.refused == (wait_us < RAMP_US)
-        twins.wait(100_000)
-        twins.compare_samples()
 
 
 @pytest.mark.parametrize("amplitudes", [(0, 0, 0), (FULL_SCALE_WORD, FULL_SCALE_WORD)], ids=["silent", "faded"])
-def test_clicks_that_are_over_leave_room_for_those_that_start_at_the_same_sample(
-    amplitudes: tuple[int, ...],
-) -> None:
-    with Twins() as twins:
-        twins.make_ready()
+def test_clicks_that_are_over_leave_room_for_those_that_start_at_the_same_sample(amplitudes: tuple[int, ...]) -> None:
+    with compared() as twins:
         for amplitude in amplitudes:
             twins.drive(replace(twins.click(0), amplitude=amplitude))
         twins.fall_silent()
         twins.wait(RAMP_US if amplitudes[0] else 0)
         for _ in range(2):
             twins.drive(twins.click(0))
-        twins.wait(100_000)
-        twins.compare_samples()
 
 
 def test_new_limits_bound_what_still_fades_though_the_drive_is_the_same() -> None:
-    with Twins() as twins:
-        twins.make_ready()
+    with compared() as twins:
         twins.drive(twins.click(0))
         twins.wait(20_000)
         twins.fall_silent()
         twins.send(Arm(BOOT_ID, SLEW_PER_S, 40, 0, (FULL_SCALE_WORD // 8,) * ACTUATORS))
         twins.fall_silent()
-        twins.wait(100_000)
-        twins.compare_samples()
 
 
 @pytest.mark.parametrize(("armed_s", "own_s", "wanted_s"), [(2, 1, 1), (1, 2, 1), (0, 1, 1), (1, 0, 1), (0, 0, None)])

@@ -283,11 +283,7 @@ def test_a_long_transfer_on_a_slow_line_does_not_end_the_patience() -> None:
         ({"basis_capacity_bytes": 100}, {"basis": BASIS}, "has 2664 bytes, the device holds 100: take"),
         ({"longest_waveform_ms": 29}, {"basis": BASIS}, "lasts 300 ms, .* at most 29: shorten it"),
         ({}, {"basis": Clicks(9, [np.zeros((3, 3))]).basis}, "for 3 actuators, not 2"),
-        (
-            {"number_of_actuators": 8},
-            {"command_rate_hz": 400},
-            "400 commands .* for 8 actuators .* at most 191",
-        ),
+        ({"number_of_actuators": 8}, {"command_rate_hz": 400}, "400 commands .* for 8 actuators .* at most 191"),
     ],
 )
 def test_what_the_device_cannot_hold_or_keep_up_with_is_refused(

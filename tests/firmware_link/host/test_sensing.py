@@ -8,9 +8,8 @@ from firmware_link.emulator import DeviceConfiguration
 from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, LinkConfiguration
 from firmware_link.host.sensing import LEASE_MS
 from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.framing import FrameDecoder
-from firmware_link.protocol.messages import ACCELEROMETER, Sense, decode_body
-from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig
+from firmware_link.protocol.messages import ACCELEROMETER, Sense
+from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig, decode_messages
 from tests.tools.virtual import MS
 
 RATE_HZ = 2_000
@@ -39,8 +38,7 @@ class SensingRig(VirtualRig):
 
 def asked_of(rig: VirtualRig) -> list[Sense]:
     """What the host asked of the accelerometer."""
-    items = FrameDecoder().receive(b"".join(data for _, data in rig.line.written))
-    messages = (decode_body(item)[1] for item in items if isinstance(item, bytes))
+    messages = decode_messages(b"".join(data for _, data in rig.line.written))
     return [message for message in messages if isinstance(message, Sense)]
 
 

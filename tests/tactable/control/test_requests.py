@@ -74,10 +74,7 @@ WRONG = [
     (VALID[1] | {"level_change": "louder"}, "region.level_change: 'louder': expected -80 to 80 dB"),
     (VALID[1] | {"zone": "I"}, "region.zone: 'I': unknown key"),
     ({"type": "region", "name": "ok", "rules": []}, "region.region: None: expected two positions"),
-    (
-        {"type": "define", "name": "x", "envelope": [["5", "20 dB"]]},
-        "define.envelope: '5' has no unit; expected a",
-    ),
+    ({"type": "define", "name": "x", "envelope": [["5", "20 dB"]]}, "define.envelope: '5' has no unit; expected a"),
     ({"type": "define", "name": "x", "envelope": [["5 ms", "20 dB"]] * 17}, "define.envelope: 17: expected at most 16"),
     (VALID[5] | {"format": "wav"}, "define.format: 'wav': expected one of ahap, haptic, hjif"),
     (VALID[5] | {"content": {"Pattern": [{"Event": {}}]}}, "define.content: Pattern[0].Event: {}: expected an object"),
