@@ -14,8 +14,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.protocol.basis import Basis, transfer_messages
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.layout import Message
+from firmware_link.protocol.messages import Arm
+from tests.firmware_link.conformance import greeting
 from tests.firmware_link.test_conformance import VirtualTier
+from tests.firmware_link.virtual_rig import BOOT_ID
 from tests.tools.guard import allowed
 from tests.tools.virtual import VirtualLine
 
@@ -149,3 +156,31 @@ class WatchedTier(CompiledTier):
     @staticmethod
     def _check() -> None:
         assert core_library().held_samples_faults() == 0, "what sounds changed while samples were not held back"
+
+
+class Played:
+    """A C core that is armed, and what its actuators get from then on."""
+
+    def __init__(
+        self, rate_hz: int, limits: tuple[int, ...], slew_per_s: int, basis: Basis | None = None, lease_ms: int = 40
+    ) -> None:
+        self.now_us, self.sequence = 1_000, 0
+        self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=rate_hz))
+        transfer = transfer_messages(basis.data) if basis else []
+        for message in (greeting(), *transfer, Arm(BOOT_ID, slew_per_s, lease_ms, 0, limits)):
+            self.send(message)
+        self._firmware.take_samples()
+
+    def send(self, message: Message) -> None:
+        self.sequence = (self.sequence + 1) % 256
+        self._firmware.receive(encode_message(message, self.sequence), self.now_us)
+
+    def wait(self, duration_us: int) -> None:
+        self.now_us += duration_us
+        self._firmware.run_until(self.now_us)
+
+    def take(self) -> NDArray[np.int16]:
+        """Samples (time, actuator) since it was armed; ends the device."""
+        samples = self._firmware.take_samples()
+        self._firmware.close()
+        return samples

@@ -7,19 +7,14 @@ FFT, and the line itself by a least-squares fit.
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from ctypes import CDLL
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration
-from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import Arm, ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
-from tests.firmware_link.conformance import greeting
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
-from tests.firmware_link.virtual_rig import BOOT_ID, reference
+from firmware_link.protocol.messages import ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, Played
+from tests.firmware_link.virtual_rig import reference
 
 US_PER_S = 1_000_000
 RESOLUTION_HZ = 0.01
@@ -43,11 +38,11 @@ class Quality:
     amplitude_error: float
 
 
-def measure(library: CDLL, rate_hz: int, frequency_hz: float, amplitude: float, phase_rad: float) -> Quality:
+def measure(rate_hz: int, frequency_hz: float, amplitude: float, phase_rad: float) -> Quality:
     """Quality of one tone; the second channel leads by the word next to `phase_rad`."""
     wanted = [ChannelDrive(frequency_hz, amplitude), ChannelDrive(frequency_hz, amplitude, phase_rad)]
     channels = decode_drive(encode_drive(wanted, RESOLUTION_HZ), RESOLUTION_HZ)
-    samples = play(library, rate_hz, channels)
+    samples = play(rate_hz, channels)
     (error_hz, first), (_, second) = (fit(column, rate_hz, frequency_hz) for column in samples.T)
     return Quality(
         frequency_hz=frequency_hz,
@@ -58,24 +53,15 @@ def measure(library: CDLL, rate_hz: int, frequency_hz: float, amplitude: float, 
     )
 
 
-def play(library: CDLL, rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
+def play(rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
     """Displacements (time, actuator) of a drive that is held, once its ramp is over, in fractions of full scale."""
-    firmware = CompiledFirmware(library, DeviceConfiguration(BOOT_ID, synthesis_rate_hz=rate_hz))
-    now_us = 1_000
-    drive = encode_drive(channels, RESOLUTION_HZ)
-    messages = [
-        greeting(),
-        Arm(BOOT_ID, 200, LEASE_MS, 0, (65_535, 65_535)),
-        Set(reference(now_us), SetFlag.WRITE_PHASE, LEASE_MS, drive),
-    ]
-    for sequence, message in enumerate(messages, 1):
-        firmware.receive(encode_message(message, sequence), now_us)
-    applied = sequence
-    while now_us < SETTLED_US + DURATION_US:
-        now_us, sequence = now_us + KEEP_ALIVE_US, sequence + 1
-        firmware.receive(encode_message(KeepAlive(reference(now_us), applied), sequence % 256), now_us)
-    samples = firmware.take_samples()[SETTLED_US * rate_hz // US_PER_S :]
-    firmware.close()
+    device = Played(rate_hz, (65_535, 65_535), 200, lease_ms=LEASE_MS)
+    device.send(Set(reference(device.now_us), SetFlag.WRITE_PHASE, LEASE_MS, encode_drive(channels, RESOLUTION_HZ)))
+    applied = device.sequence
+    while device.now_us < SETTLED_US + DURATION_US:
+        device.wait(KEEP_ALIVE_US)
+        device.send(KeepAlive(reference(device.now_us), applied))
+    samples = device.take()[SETTLED_US * rate_hz // US_PER_S :]
     return samples[: DURATION_US * rate_hz // US_PER_S] / FULL_OUTPUT
 
 
@@ -98,13 +84,13 @@ def spurious_db(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float)
     return float(20 * math.log10(spectrum.max() / line))
 
 
-def table(library: CDLL) -> Iterator[str]:
+def table() -> Iterator[str]:
     """Rows of Markdown."""
     yield "| rate | tone | amplitude | frequency error | greatest spurious line | phase error between channels |"
     yield "|---|---|---|---|---|---|"
     for rate_hz in (8_000, 48_000):
         for frequency_hz, amplitude in ((60.0, 1.0), (187.53, 1.0), (655.35, 1.0), (187.53, 0.1)):
-            quality = measure(library, rate_hz, frequency_hz, amplitude, 1.0)
+            quality = measure(rate_hz, frequency_hz, amplitude, 1.0)
             yield (
                 f"| {rate_hz / 1000:g} kHz | {frequency_hz:g} Hz | {amplitude:g} "
                 f"| {quality.frequency_error_uhz:+.2f} µHz | {quality.spurious_db:.0f} dB "
@@ -113,4 +99,4 @@ def table(library: CDLL) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write("\n".join(table(core_library())) + "\n")
+    sys.stdout.write("\n".join(table()) + "\n")

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware
-from firmware_link.protocol.framing import FrameDecoder, encode_message
-from firmware_link.protocol.messages import LINEARISES, Features, Hello, decode_body
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.messages import LINEARISES, Features, Hello
 from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.virtual_rig import decode_messages
 
 GREATEST = 65_535
 BIASES = [1, 13_107, 32_768, 46_340, 46_341, 60_000, 65_535]
@@ -60,10 +61,8 @@ def test_the_force_of_a_linearised_tone_has_no_second_harmonic(amplitude: float)
 
 def features_of(firmware: CompiledFirmware | EmulatedFirmware) -> Features:
     """What HELLO says."""
-    sent = firmware.receive(encode_message(greeting(), 0), 1_000)
-    bodies = [body for body in FrameDecoder().receive(sent) if isinstance(body, bytes)]
-    hello = next(message for _, message in map(decode_body, bodies) if isinstance(message, Hello))
-    return hello.features
+    said = decode_messages(firmware.receive(encode_message(greeting(), 0), 1_000))
+    return next(message.features for message in said if isinstance(message, Hello))
 
 
 @pytest.mark.parametrize("bias", [0, 46_340])

@@ -13,7 +13,6 @@ from firmware_link.emulator.c_core import open_library
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
 from firmware_link.protocol.messages import MAXIMUM_WEIGHTS, Features, Hello, Play, encode_body
-from tests.firmware_link.codegen.vectors import FOLDER
 from tests.firmware_link.corrupt import DAMAGES
 from tests.firmware_link.firmware.compare_decoders import compare
 from tests.firmware_link.firmware.compiled_core import core_library
@@ -72,15 +71,6 @@ def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
     body = encode_body(Hello(1, 0, 1, 1, 1, Features(0), 0, 1, 0, *sizes, full_scales_pm), 1)
     decoder = CompiledDecoder(core_library(), number_of_actuators)
     assert decoder.receive(encode_frame(body)) == [body]
-    decoder.close()
-
-
-def test_the_vectors_decode_to_their_bodies() -> None:
-    lines = (FOLDER / "messages.txt").read_text(encoding="ascii").splitlines()
-    frames = {frame: body for *_, body, frame in (line.split(" | ") for line in lines if not line.startswith("#"))}
-    decoder = CompiledDecoder(core_library(), ACTUATORS)
-    for frame, body in frames.items():
-        assert decoder.receive(bytes.fromhex(frame)) == [bytes.fromhex(body)]
     decoder.close()
 
 

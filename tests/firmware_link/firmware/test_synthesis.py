@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration
-from firmware_link.emulator.c_core import CompiledFirmware
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
-from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
     MAXIMUM_WEIGHTS,
-    Arm,
     BasisBegin,
     BasisChunk,
     ChannelDrive,
@@ -28,10 +22,10 @@ from firmware_link.protocol.messages import (
 )
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import greeting
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, Played
 from tests.firmware_link.firmware.measure_synthesis import measure
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
-from tests.firmware_link.virtual_rig import BOOT_ID, reference
+from tests.firmware_link.virtual_rig import reference
 
 RATE_HZ = 20_000
 US_PER_S = 1_000_000
@@ -55,7 +49,7 @@ commands = st.lists(
 @pytest.mark.parametrize("rate_hz", [8_000, 48_000])
 @pytest.mark.parametrize("frequency_hz", [60.0, 187.53, 655.35])
 def test_a_tone_is_pure_and_both_channels_keep_their_angle(rate_hz: int, frequency_hz: float) -> None:
-    quality = measure(core_library(), rate_hz, frequency_hz, 1.0, 1.0)
+    quality = measure(rate_hz, frequency_hz, 1.0, 1.0)
     # Half a step of the 32-bit phase, and what the fit itself is off by.
     assert abs(quality.frequency_error_uhz) <= 1e6 * rate_hz / 2**33 + 0.5
     assert quality.spurious_db < -105
@@ -68,7 +62,7 @@ def test_a_tone_is_pure_and_both_channels_keep_their_angle(rate_hz: int, frequen
 def test_nothing_passes_the_limit_or_moves_faster_than_the_slew(
     given_commands: list[tuple[int, tuple[ChannelDrive, ...], SetFlag]], limits: tuple[int, ...], slew_per_s: int
 ) -> None:
-    device = Played(limits, slew_per_s)
+    device = Played(RATE_HZ, limits, slew_per_s)
     for wait_us, channels, flags in given_commands:
         device.send(Set(reference(device.now_us), flags, 40, encode_drive(channels, RESOLUTION_HZ)))
         device.wait(wait_us)
@@ -102,7 +96,7 @@ def test_a_click_is_what_its_weights_are_defined_to_be_bit_for_bit(
         np.rint(FULL_OUTPUT * wave).astype(np.int16), noise.integers(0, ACTUATORS, functions).astype(np.uint8)
     )
     weights = noise.integers(-(2**15), 2**15 - 1, functions, endpoint=True).tolist()
-    device = Played(limits, 200, Basis(RATE_HZ, (each,)))
+    device = Played(RATE_HZ, limits, 200, Basis(RATE_HZ, (each,)))
     play = Play(reference(device.now_us), 0, fraction_bits, FULL_SCALE_WORD, functions, tuple(weights))
     device.send(play)
     device.wait(200 * US_PER_S // RATE_HZ)
@@ -114,7 +108,7 @@ def test_a_click_is_what_its_weights_are_defined_to_be_bit_for_bit(
 def test_a_click_whose_basis_goes_stands_still_and_fades_on() -> None:
     ramp = np.minimum(np.arange(400), np.arange(400)[::-1]) / 327.67
     clicks = Clicks(RATE_HZ, [np.outer(ramp, [1.0, -1.0])])
-    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
+    device = Played(RATE_HZ, (FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
     device.send(clicks.play(0, reference(device.now_us)))
     device.wait(9_000)
     device.send(greeting())
@@ -131,7 +125,7 @@ def test_a_click_that_plays_on_while_a_second_basis_takes_its_memory_fades() -> 
     """Nothing else ends it: a displacement that stands still would stay for ever."""
     rise = np.minimum(np.minimum(np.arange(4_000), np.arange(4_000)[::-1]) / 100, 1.0)
     clicks = Clicks(RATE_HZ, [np.outer(rise, [1.0, -1.0])])
-    device = Played((FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
+    device = Played(RATE_HZ, (FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
     device.send(clicks.play(0, reference(device.now_us)))
     device.wait(20_000)
     for message in transfer_messages(Clicks(RATE_HZ, [np.outer(rise[::-1] / 2, [1.0, 0.0])]).basis.data):
@@ -145,30 +139,3 @@ def test_a_click_that_plays_on_while_a_second_basis_takes_its_memory_fades() -> 
     assert samples[released - 10 : released].min() > 0.99
     assert np.abs(np.diff(samples[released:])).max() <= 200 / RATE_HZ + 2 * ROUNDING
     assert not samples[released + RATE_HZ // 200 + 2 :].any()
-
-
-class Played:
-    """A device that is armed, and what its actuators get from then on."""
-
-    def __init__(self, limits: tuple[int, ...], slew_per_s: int, basis: Basis | None = None) -> None:
-        self.now_us = 1_000
-        self._sequence = 0
-        self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=RATE_HZ))
-        transfer = transfer_messages(basis.data) if basis else []
-        for message in (greeting(), *transfer, Arm(BOOT_ID, slew_per_s, 40, 0, limits)):
-            self.send(message)
-        self._firmware.take_samples()
-
-    def send(self, message: Message) -> None:
-        self._sequence = (self._sequence + 1) % 256
-        self._firmware.receive(encode_message(message, self._sequence), self.now_us)
-
-    def wait(self, duration_us: int) -> None:
-        self.now_us += duration_us
-        self._firmware.run_until(self.now_us)
-
-    def take(self) -> NDArray[np.int16]:
-        """Samples (time, actuator) since it was armed; ends the device."""
-        samples = self._firmware.take_samples()
-        self._firmware.close()
-        return samples

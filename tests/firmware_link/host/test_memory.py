@@ -52,9 +52,15 @@ class Rig(VirtualRig):
         return [len(e.waveform.samples) for e in self.firmware.drive_log if e.waveform is not None]
 
 
-def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
-    rig = Rig()
+def replacing(**settings: int) -> Rig:
+    """A session in which the transfer of the new basis has begun."""
+    rig = Rig(**settings)
     rig.link.replace_basis(NEW.basis)
+    return rig
+
+
+def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
+    rig = replacing()
     due_ns = rig.now_ns + 5 * MS
     while not rig.ends():
         if rig.now_ns >= due_ns and not rig.link._outbox.holds_clicks:
@@ -74,8 +80,7 @@ def test_the_old_basis_plays_until_the_new_one_is_whole() -> None:
 
 @pytest.mark.parametrize("lost", range(1, 90, 7))
 def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
-    rig = Rig()
-    rig.link.replace_basis(NEW.basis)
+    rig = replacing()
     rig.lose(lost, lost + 1)
     rig.run_until(rig.ends)
     assert isinstance(rig.end(), BasisReplaced)
@@ -83,8 +88,7 @@ def test_a_step_that_is_lost_is_sent_again(lost: int) -> None:
 
 
 def test_a_click_of_the_old_basis_that_waits_while_the_device_changes_over_is_dropped() -> None:
-    rig = Rig()
-    rig.link.replace_basis(NEW.basis)
+    rig = replacing()
     rig.run_until(lambda: rig.transfers(BasisCommit))
     rig.lose(1)
     rig.run_until(lambda: rig.link._outbox.holds_clicks)
@@ -102,8 +106,7 @@ def test_a_click_of_the_old_basis_that_waits_while_the_device_changes_over_is_dr
 
 
 def test_commands_go_out_between_the_steps() -> None:
-    rig = Rig()
-    rig.link.replace_basis(NEW.basis)
+    rig = replacing()
     asked, waited = 0, []
     while not rig.ends():
         rig.link.set_drive(bytes([1, 0, asked % 200 + 1, 0, 0, 0] * 2))
@@ -119,8 +122,7 @@ def test_commands_go_out_between_the_steps() -> None:
 
 
 def test_a_device_without_room_for_both_refuses_and_plays_on() -> None:
-    rig = Rig(capacity_bytes=len(NEW.basis.data) + 10)
-    rig.link.replace_basis(NEW.basis)
+    rig = replacing(capacity_bytes=len(NEW.basis.data) + 10)
     rig.run_until(rig.ends)
     assert rig.end() == BasisRefused(Result.NO_ROOM)
     rig.link.set_play(OLD.encoded(3))
@@ -135,8 +137,7 @@ def test_a_basis_that_no_room_would_hold_is_refused_at_once() -> None:
 
 
 def test_a_stop_ends_the_transfer_and_the_old_basis_stays() -> None:
-    rig = Rig()
-    rig.link.replace_basis(NEW.basis)
+    rig = replacing()
     for _ in range(40):
         rig.step()
     rig.link.stop(rig.now_ns)

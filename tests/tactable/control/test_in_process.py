@@ -85,6 +85,14 @@ def player_of(slot: ControlProcess) -> EffectPlayer:
     return player
 
 
+def slot_alone(folder: Path) -> tuple[ControlProcess, ChildHere, socket.socket]:
+    """A slot, its child, and the test's end of what they say to each other."""
+    ours, theirs = socket.socketpair()
+    theirs.sendall(b'{"lines": []}\n')
+    child = ChildHere(ours)
+    return ControlProcess(ControlOf(folder, folder, folder), lambda *_, **__: child), child, theirs
+
+
 def write(path: Path, device: Device = DEVICE) -> Path:
     write_table(path, device, response=0.05)
     return path
@@ -201,10 +209,7 @@ async def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_
 def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_held(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ours, theirs = socket.socketpair()
-    child = ChildHere(ours)
-    theirs.sendall(b'{"lines": []}\n')
-    slot = ControlProcess(ControlOf(tmp_path, tmp_path, tmp_path), lambda *_, **__: child)
+    slot, child, theirs = slot_alone(tmp_path)
     held = [
         {"effect": 0, "name": "e", "at": 0, "segments": [[None, 20.0, False]], "is_whole": True},
         {"act": {"stopped": None, "gone": None, "role": None, "trigger": [0, 7, 3, None, 0.0]}},
@@ -230,18 +235,15 @@ def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_hel
     slot.tell_outcome(Outcome.DONE)
     assert slot.poll() is None and "no longer heard" in capfd.readouterr().err
     waits = list[bool]()
-    monkeypatch.setattr(child, "end", lambda: waits.append(os.get_blocking(ours.fileno())))
+    monkeypatch.setattr(child, "end", lambda: waits.append(os.get_blocking(child._socket.fileno())))
     slot.__exit__(None, None, None)
     assert waits == [True], "the end of the process is waited for"
-    ours.close()
+    child._socket.close()
 
 
 @pytest.mark.parametrize("said", [b"\x02" + bytes(7) + b"{}", b"Traceback", (8193).to_bytes(8, "little")])
 def test_a_control_process_that_says_what_is_no_part_is_not_heard_again(tmp_path: Path, said: bytes) -> None:
-    ours, theirs = socket.socketpair()
-    theirs.sendall(b'{"lines": []}\n')
-    child = ChildHere(ours)
-    slot = ControlProcess(ControlOf(tmp_path, tmp_path, tmp_path), lambda *_, **__: child)
+    slot, _, theirs = slot_alone(tmp_path)
     theirs.sendall(said)
     steps = [slot.poll() for _ in range(3)]
     assert [step.are_all_gone for step in steps if step is not None] == [True]
