@@ -152,7 +152,7 @@ def write_vectors(folder: Path = FOLDER) -> None:
     """Write every file of vectors."""
     folder.mkdir(exist_ok=True)
     for name, lines in vector_files().items():
-        (folder / name).write_text("\n".join([*_HEADS[name], *lines]) + "\n", encoding="ascii")
+        (folder / name).write_text("\n".join([_MADE_BY, *_HEADS[name], *lines]) + "\n", encoding="ascii")
 
 
 def vector_files() -> dict[str, list[str]]:
@@ -160,14 +160,11 @@ def vector_files() -> dict[str, list[str]]:
     return {"messages.txt": message_lines(), "basis.txt": basis_lines(), "waveforms.txt": waveform_lines()}
 
 
+_MADE_BY = "# Made by `python -m tests.firmware_link.codegen.vectors`."
 _HEADS = {
-    "messages.txt": ["# Made by `python -m tests.firmware_link.codegen.vectors`.", "# name | values | body | frame"],
-    "basis.txt": [
-        "# Made by `python -m tests.firmware_link.codegen.vectors`.",
-        "# basis | its bytes for two actuators | its hash",
-    ],
+    "messages.txt": ["# name | values | body | frame"],
+    "basis.txt": ["# basis | its bytes for two actuators | its hash"],
     "waveforms.txt": [
-        "# Made by `python -m tests.firmware_link.codegen.vectors`.",
         "# The example basis; amplitude limits 65535 and 32768, highest frequency 200 Hz, two actuators.",
         "# waveform | body of the PLAY | samples of both actuators, instant by instant",
     ],

@@ -317,16 +317,8 @@ class Session(Twins):
     def intrude(self) -> None:
         """A step of another transfer, mostly one that is refused; the one under way goes on afterwards."""
         size, ours, choice = len(self.data), hash_of_basis(self.data), self.chance.choice
-        sizes = (
-            0,
-            1,
-            size,
-            size + 1,
-            CAPACITY_BYTES,
-            CAPACITY_BYTES + 1,
-            2**32 - 1,
-            self.chance.randrange(CAPACITY_BYTES),
-        )
+        most, any_size = CAPACITY_BYTES, self.chance.randrange(CAPACITY_BYTES)
+        sizes = (0, 1, size, size + 1, most, most + 1, 2**32 - 1, any_size)
         offsets = (0, BASIS_CHUNK_SIZE, size, size - size % BASIS_CHUNK_SIZE, self.chance.randrange(size), 2**32 - 1)
         named = choice((0, 1, ours, ours, self.python._memory.store.held_hash))
         message: Message = choice((BasisBegin(named, choice(sizes)), BasisBegin(5, choice(sizes)), BasisCommit(named)))

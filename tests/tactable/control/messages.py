@@ -60,19 +60,9 @@ _ODD: list[Any] = [
     [{"on": "touch", "effect": "press"}],
 ]  # fmt: skip
 _RAW = [
-    b"",
-    b"\xff\xfe",
-    b"{",
-    b"[]",
-    b"3",
-    b'"x"',
-    b"nul",
-    b"NaN",
-    b'{"type": NaN}',
-    b"[" * 5000,
-    b'{"id": 1e999}',
-    b"\x00",
-]
+    b"", b"\xff\xfe", b"{", b"[]", b"3", b'"x"', b"nul", b"NaN", b'{"type": NaN}', b"[" * 5000,
+    b'{"id": 1e999}', b"\x00",
+]  # fmt: skip
 
 
 def _odd(random_: random.Random) -> Any:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import _DEEPEST, OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import MOST_BYTES, read_request
+from tactable.control.server import ControlServer
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import MESSAGE
 from tests.tactable.control.virtual import FINGERS, VirtualSlot, on_virtual_time, server_of, settle
@@ -152,12 +153,16 @@ class Port(asyncio.DatagramTransport):
         pass
 
 
+@pytest.fixture
+def osc(server: ControlServer) -> OscControl:
+    return OscControl(server)
+
+
 @on_virtual_time
-async def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for() -> None:
-    slot, port = VirtualSlot(polls=True), Port()
-    server = server_of(slot)
-    osc = OscControl(server)
-    osc._transport = port
+async def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_asked_for(
+    osc: OscControl, server: ControlServer, slot: VirtualSlot
+) -> None:
+    osc._transport = port = Port()
     assert osc.summary == "OSC: 0 messages, 0 refused"
     first, second = ("127.0.0.1", 7), ("127.0.0.1", 8)
     asked: list[tuple[str, list[Value]]] = [
@@ -191,8 +196,7 @@ async def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_aske
 
 @pytest.mark.parametrize(("host", "is_heard"), [("127.0.0.1", True), ("192.168.1.2", False), ("8.8.8.8", False)])
 @on_virtual_time
-async def test_only_programs_of_this_machine_are_heard(host: str, is_heard: bool) -> None:
-    osc = OscControl(server_of(VirtualSlot(polls=True)))
+async def test_only_programs_of_this_machine_are_heard(osc: OscControl, host: str, is_heard: bool) -> None:
     for data in (encode_osc(f"{PREFIX}ping", []), b"nonsense"):
         osc.datagram_received(data, (host, 9))
     await settle()
@@ -203,17 +207,16 @@ async def test_only_programs_of_this_machine_are_heard(host: str, is_heard: bool
 
 @pytest.mark.usefixtures("both_ends")
 @on_virtual_time
-async def test_the_port_is_on_loopback() -> None:
-    osc = OscControl(server_of(VirtualSlot(polls=True)))
+async def test_the_port_is_on_loopback(osc: OscControl) -> None:
     await osc.open(0)
     assert osc._transport is not None and osc._transport.get_extra_info("sockname")[0] == "127.0.0.1"
     await osc.close()
 
 
 @on_virtual_time
-async def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held() -> None:
-    slot = VirtualSlot(polls=True)
-    osc = OscControl(server_of(slot))
+async def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held(
+    osc: OscControl, slot: VirtualSlot
+) -> None:
     asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "region": ASKED["region"]}
     for name, values in asked.items():
         osc.datagram_received(encode_osc(PREFIX + name, values), ("127.0.0.1", 9))

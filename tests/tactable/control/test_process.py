@@ -45,6 +45,11 @@ class Running:
     def connect(self) -> Client:
         return tactable.connect(self.socket, name="a test")
 
+    def greeting(self) -> dict[str, Any]:
+        """What another program is told of the run."""
+        with self.connect() as client:
+            return client.run
+
     def played(self) -> list[str]:
         """What the device played: "drive", "silence" or "click"."""
         played = []
@@ -91,6 +96,13 @@ def event_of(client: Client, name: str, has: Callable[[dict[str, Any]], bool] = 
     return next(each for each in client.events(PATIENCE_S) if each["event"] == name and has(each))
 
 
+def wait_until(holds: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < until_s, "it does not come to pass"
+        time.sleep(0.02)
+
+
 def test_a_run_serves_programs_from_its_first_touch_over_a_new_table_to_its_end(running: Running) -> None:
     triggers_and_hears(running)
     the_example_of_two_buttons_sees_the_finger(running)
@@ -114,10 +126,8 @@ def triggers_and_hears(running: Running) -> None:
         assert [(each["finger"], each["role"]) for each in event["fingers"]] == [(finger["finger"], "felt")]
         client.stop()
         assert event_of(client, "played")["kind"] == "silence"
-        until_s = time.monotonic() + PATIENCE_S  # the event is sent when the frame is written, before the device has it
-        while running.played()[-2:] != ["drive", "silence"]:
-            assert time.monotonic() < until_s, running.played()
-            time.sleep(0.01)
+        # The event is sent when the frame is written, before the device has it.
+        wait_until(lambda: running.played()[-2:] == ["drive", "silence"])
 
 
 def the_example_of_two_buttons_sees_the_finger(running: Running) -> None:
@@ -133,8 +143,7 @@ def no_second_run_takes_the_socket(running: Running) -> None:
         words = ["bar.nc", "--touch", "rests.hid", "--port", emulator.port, "--control"]
         done = run_here(running.socket.parent, "run", *words, "--control-socket", str(running.socket))
     assert done.returncode == 1 and "another run listens there" in done.stderr
-    with running.connect() as client:
-        assert client.run["device"] == "reference-a"
+    assert running.greeting()["device"] == "reference-a"
 
 
 def answers_open_sound_control_where_it_says(running: Running) -> None:
@@ -153,13 +162,7 @@ def programs_meet_the_device_of_a_new_table(running: Running) -> None:
     folder = running.socket.parent
     write_table(folder / "new.nc", longer, response=0.05)
     (folder / "new.nc").replace(folder / "bar.nc")
-    until_s = time.monotonic() + PATIENCE_S
-    while True:
-        with running.connect() as client:
-            if client.run["length_m"] == longer.bar.length_m:
-                break
-        assert time.monotonic() < until_s, "the table was not taken over"
-        time.sleep(0.05)
+    wait_until(lambda: running.greeting()["length_m"] == longer.bar.length_m)
     with running.connect() as client:
         assert [zone["stop_m"] for zone in client.run["zones"]] == [zone.stop_m for zone in longer.zones]
         assert client.run["regions"] == ["kept"]  # it keeps its metres

@@ -134,49 +134,39 @@ def test_a_region_that_is_set_anew_with_the_same_effects_keeps_their_objects() -
     assert found[0] is found[1]
 
 
-EFFECT = {"effect": 1, "name": "e", "at": 0, "segments": [[5, 20.0, False]], "is_whole": True}
-REGION = {"region": 0, "rules": [["touch", 1, 0, 0.0]], "zones": None, "region_m": [0.0, 0.1], "level_change_db": 0.0}
-SCENE = {"scene": [0], "settings": [True, True, 0.0]}
-ACT = {"act": {"stopped": None, "gone": 1, "role": [3, True, 1], "trigger": [1, 1, 3, None, 0.0]}}
+EFFECT: dict[str, Any] = {"effect": 1, "name": "e", "at": 0, "segments": [[5, 20.0, False]], "is_whole": True}
+REGION: dict[str, Any] = {
+    "region": 0,
+    "rules": [["touch", 1, 0, 0.0]],
+    "zones": None,
+    "region_m": [0.0, 0.1],
+    "level_change_db": 0.0,
+}
+SCENE: dict[str, Any] = {"scene": [0], "settings": [True, True, 0.0]}
+ACT: dict[str, Any] = {"act": {"stopped": None, "gone": 1, "role": [3, True, 1], "trigger": [1, 1, 3, None, 0.0]}}
 WRONG = [
     {},
     {"other": 1},
     EFFECT | {"more": 1},
-    EFFECT | {"effect": -1},
-    EFFECT | {"effect": True},
-    EFFECT | {"effect": 1024},
+    *(EFFECT | {"effect": number} for number in (-1, True, 1024)),
     EFFECT | {"name": 3},
-    EFFECT | {"at": 1},
-    EFFECT | {"at": 1, "effect": 2},
-    EFFECT | {"segments": [[5, 20.0]]},
-    EFFECT | {"segments": [[5.5, 20.0, False]]},
-    EFFECT | {"segments": [[5, "x", False]]},
-    EFFECT | {"segments": 3},
-    EFFECT | {"segments": [[5, 20.0, 1]]},
-    EFFECT | {"segments": [[1, None, False]] * (MOST_SEGMENTS + 1)},
-    REGION | {"rules": [["tap", 1, 0, 0.0]]},
-    REGION | {"rules": [["touch", 2, 0, 0.0]]},
+    *(EFFECT | {"at": 1, "effect": number} for number in (1, 2)),
+    *(EFFECT | {"segments": [segment]} for segment in ([5, 20.0], [5.5, 20.0, False], [5, "x", False], [5, 20.0, 1])),
+    *(EFFECT | {"segments": segments} for segments in (3, [[1, None, False]] * (MOST_SEGMENTS + 1))),
     REGION | {"region": 1024},
-    REGION | {"rules": [["touch", 1, 1.5, 0.0]]},
+    *(REGION | {"rules": [rule]} for rule in (["tap", 1, 0, 0.0], ["touch", 2, 0, 0.0], ["touch", 1, 1.5, 0.0])),
     REGION | {"rules": [["touch", 1, 0, None]]},
     REGION | {"zones": [1.5]},
-    REGION | {"region_m": [0.0]},
-    REGION | {"region_m": ["0", "1"]},
+    *(REGION | {"region_m": region_m} for region_m in ([0.0], ["0", "1"])),
     REGION | {"level_change_db": None},
     SCENE | {"scene": [3]},
-    SCENE | {"settings": [1, True, 0.0]},
-    SCENE | {"settings": [True, 0, 0.0]},
-    SCENE | {"settings": [True, True]},
-    SCENE | {"settings": [True, True, "0"]},
+    *(SCENE | {"settings": each} for each in ([1, True, 0.0], [True, 0, 0.0], [True, True], [True, True, "0"])),
     {"act": {}},
     {"act": None},
-    {"act": ACT["act"] | {"gone": -1}},
-    {"act": ACT["act"] | {"stopped": "1"}},
-    {"act": ACT["act"] | {"role": [3, 1, 1]}},
-    {"act": ACT["act"] | {"role": [3.5, True, 1]}},
+    *({"act": ACT["act"] | wrong} for wrong in ({"gone": -1}, {"stopped": "1"})),
+    *({"act": ACT["act"] | {"role": role}} for role in ([3, 1, 1], [3.5, True, 1])),
     {"act": ACT["act"] | {"trigger": [2, 1, 3, None, 0.0]}},
-    {"act": ACT["act"] | {"trigger": [1, 1, None, None, 0.0]}},
-    {"act": ACT["act"] | {"trigger": [1, 1, 3, 0.1, 0.0]}},
+    *({"act": ACT["act"] | {"trigger": [1, 1, *place, 0.0]}} for place in ((None, None), (3, 0.1))),
     {"act": ACT["act"] | {"trigger": [1, 1, 3, None, None]}},
     {"forget": 7},
 ]
