@@ -91,14 +91,12 @@ class BareHost:
         self.sequence = (self.sequence + 1) % 256
         return self.firmware.receive(encode_message(message, self.sequence), now_us)
 
-    def arm(
-        self, now_us: int, boot_id: int = BOOT_ID, lease_ms: int = 40, limit: int = 65_535, slew: int = 200
-    ) -> None:
+    def arm(self, now_us: int, limit: int = 65_535, slew: int = 200) -> None:
         self.send(greeting(), now_us)
-        self.send(Arm(boot_id, slew, lease_ms, 0, (limit, limit)), now_us)
+        self.send(Arm(BOOT_ID, slew, 40, 0, (limit, limit)), now_us)
 
-    def set(self, drive: bytes, now_us: int, lease_ms: int = 40, age_us: int = 0) -> bytes:
-        return self.send(Set(reference(now_us - age_us), SetFlag.WRITE_PHASE, lease_ms, drive), now_us)
+    def set(self, drive: bytes, now_us: int) -> bytes:
+        return self.send(Set(reference(now_us), SetFlag.WRITE_PHASE, 40, drive), now_us)
 
 
 def decode_messages(data: bytes) -> list[Message]:

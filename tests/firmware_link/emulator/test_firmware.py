@@ -13,10 +13,10 @@ from tests.firmware_link.virtual_rig import BOOT_ID, BareHost
 DRIVE = encode_drive([ChannelDrive(60, 1.0), ChannelDrive(90, 0.5, 1.0)], RESOLUTION_HZ)
 
 
-def driving_host(now_us: int = 1000, lease_ms: int = 40) -> BareHost:
+def driving_host() -> BareHost:
     host = BareHost()
-    host.arm(now_us, lease_ms=lease_ms)
-    host.set(DRIVE, now_us, lease_ms)
+    host.arm(1000)
+    host.set(DRIVE, 1000)
     assert host.firmware.state is DeviceState.DRIVING
     return host
 
