@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from cobs import cobs
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firmware_link.protocol.framing import (
@@ -72,6 +72,8 @@ def test_overflow_is_counted_once_and_discarded() -> None:
 
 
 @unhurried
+@example(b"", 7, 1)
+@example(b"", 8, 1)
 @given(st.sampled_from([b"", b"\x55"]), st.integers(0, 20), st.integers(1, 20))
 def test_eight_delimiters_in_a_row_are_one_emergency_stop(before: bytes, delimiters: int, chunk: int) -> None:
     decoder = FrameDecoder(ACTUATORS)
