@@ -12,6 +12,7 @@ from precompute.measurements.types import Kind, Measurements, lay_out
 NAN = float("nan")
 SENSOR_MASS_KG = 2e-3
 PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))
+"""The paper's three, then others in its band."""
 TRUTH = {
     "actuator[1].stiffness": 21.3e3,
     "actuator[2].stiffness": 16.1e3,

@@ -79,19 +79,9 @@ def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolve
     """The most energy under the finger for that of the displacement: a singular vector of what the tones do."""
     placement = placed(solver.device, "F----")
     waveform, tones = energy_contrast(solver, placement), tones_with(solver)
-    played = (
-        solver.plants_of(placement.position_m)
-        .pool.first(41)
-        .play_each(tones)[:, 0, : round(CHEAP.length_s * EVALUATION_RATE_HZ)]
-    )
-    rows = played.reshape(-1, len(tones.wave))
-    best = scipy.linalg.eigvalsh(
-        rows.T @ rows, (tones.wave @ tones.wave.T) * (tones.actuator[:, None] == tones.actuator)
-    )
-    energy = (
-        solver.plants_of(placement.position_m)
-        .pool.first(41)
-        .play(waveform)[:, 0, : round(CHEAP.length_s * EVALUATION_RATE_HZ)]
-        ** 2
-    ).sum()
+    optimised, steps = solver.plants_of(placement.position_m).pool.first(41), round(CHEAP.length_s * EVALUATION_RATE_HZ)
+    rows = optimised.play_each(tones)[:, 0, :steps].reshape(-1, len(tones.wave))
+    of_drive = (tones.wave @ tones.wave.T) * (tones.actuator[:, None] == tones.actuator)
+    best = scipy.linalg.eigvalsh(rows.T @ rows, of_drive)
+    energy = (optimised.play(waveform)[:, 0, :steps] ** 2).sum()
     assert energy / (waveform**2).sum() == pytest.approx(best[-1], rel=1e-3)

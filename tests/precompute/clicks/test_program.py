@@ -116,19 +116,6 @@ def test_without_watched_courses_only_the_kept_rows_count() -> None:
     assert found.value == pytest.approx(whole(kept, np.zeros((0, 60, 8)), goals), rel=TOLERANCE)
 
 
-@seeds
-@aims_of
-def test_where_the_simplex_fails_highs_finds_the_same(seed: int, aims: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, watched, goals = problem(seed, aims)
-    expected = program_of(kept, watched, aims).maximise(goals)
-    monkeypatch.setattr(program_module, "maximise", lambda *_: (Outcome.FAILED, 0))
-    program = program_of(kept, watched, aims)
-    found = program.maximise(goals)
-    assert program.effort.fallbacks > 0
-    assert found.value == pytest.approx(expected.value, rel=2 * TOLERANCE)
-    assert found.bound.at(1.0) == pytest.approx(expected.bound.at(1.0), rel=2 * TOLERANCE)
-
-
 @pytest.mark.parametrize("letters", ["F--q-", "qF-Fq", "q--qF"])
 def test_highs_finds_the_same_optimum_of_a_click_s_program(letters: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Values within the tolerance of both, and each below the bound that the other proves."""

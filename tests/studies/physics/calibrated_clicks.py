@@ -22,15 +22,14 @@ from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import Flaws
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
-from tests.precompute.measured import TRUTH, read_bar
+from tests.precompute.measured import PAIRS_HZ, TRUTH, read_bar
 
 _PERCENTS = (5, 50, 95)
-PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210))
 
 
 def calibrated(device: Device, names: tuple[str, ...]) -> Device:
     """The device as fitted to simulated measurements of a bar that differs from it."""
-    measured = read_bar(device, TRUTH, PAIRS_HZ, flaws=Flaws(noise=0.01))
+    measured = read_bar(device, TRUTH, PAIRS_HZ[:5], flaws=Flaws(noise=0.01))
     return calibrated_device(calibrate(device, measured, names, starts=1))
 
 

@@ -24,12 +24,9 @@ from precompute.measurements import lay_out
 from precompute.measurements.parameters import find_parameters, paper_names, with_changes
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from tactable.shipped import find_device
+from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG
 
 Array = NDArray[np.float64]
-
-SENSOR_MASS_KG = 2e-3
-PAIRS_HZ = ((150, 130), (150, 200), (150, 230), (120, 180), (180, 210), (210, 120), (100, 250))
-"""The paper's three, then others in its band."""
 
 
 @dataclass(frozen=True)

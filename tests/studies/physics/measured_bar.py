@@ -48,6 +48,7 @@ from tactable.measure.walk import (
     measurements_of,
 )
 from tactable.shipped import find_device
+from tests.precompute.measured import SENSOR_MASS_KG
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,6 @@ NAMES = (
     "bar.stiffness_damping",
     "bar.youngs_modulus",
 )
-SENSOR_MASS_KG = 2e-3
 STEPPED = Method(SteppedSineOptions())
 SWEPT = Method(SteppedSineOptions(), SweepOptions())
 LEVEL_DB = 20.0

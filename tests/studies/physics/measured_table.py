@@ -15,9 +15,8 @@ from precompute.builder.build import build_table
 from precompute.measurements.csv import write_csv
 from precompute.measurements.responses import read_responses
 from tests.precompute.devices import shipped
+from tests.precompute.measured import SENSOR_MASS_KG
 from tests.precompute.measurements.test_responses import rows
-
-SENSOR_MASS_KG = 2e-3
 
 
 def main() -> None:

@@ -25,7 +25,8 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters
 from precompute.measurements.simulate import even_places
 from tactable.shipped import find_device
-from tests.studies.physics.measured_bar import NAMES, SENSOR_MASS_KG, true_bar
+from tests.precompute.measured import SENSOR_MASS_KG
+from tests.studies.physics.measured_bar import NAMES, true_bar
 
 HZ = (64.0, 104.0, 125.5, 165.0, 189.0, 209.0, 233.0, 294.5)
 LEAST, MOST = 0.0004, 0.02
