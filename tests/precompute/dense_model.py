@@ -30,6 +30,13 @@ class Figures:
     dead: Array
 
 
+def drive_of(device: Device, coherent: bool) -> tuple[Array, Complex]:
+    """One tone of all actuators, or one each; in whole hertz, so that a second holds whole periods and beats."""
+    count = len(device.actuators)
+    hz = np.full(count, 187.0) if coherent else np.array([104.0, 243.0, 171.0])[:count]
+    return hz, np.array([0.8, 0.5j - 0.3, -0.6])[:count]
+
+
 class DenseModel:
     """One device with fingers on it, as full matrices; degrees of freedom are deflection and slope of each node."""
 

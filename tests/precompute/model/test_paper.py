@@ -65,18 +65,6 @@ def best_coherent(zones: list[int], finger_in_zone: int | None = None) -> tuple[
     return float(found[index][0][-1]), index, found[index][1][:, -1]
 
 
-@pytest.mark.parametrize(
-    ("zones", "single", "coherent"),
-    [([0, 2, 4], 0.955, 0.966), ([1], 0.385, 0.431), ([1, 3], 0.634, 0.731), ([3], 0.275, 0.328)],
-    ids=["I, III, V", "II", "II, IV", "IV"],
-)
-def test_unloaded_optima_of_reference_a(zones: list[int], single: float, coherent: float) -> None:
-    gram, total, _ = swept()
-    shares = np.einsum("fzaa->fza", gram[:, zones]).sum(axis=1).real / np.einsum("faa->fa", total).real
-    assert shares.max() == pytest.approx(single, abs=0.002)
-    assert best_coherent(zones)[0] == pytest.approx(coherent, abs=0.002)
-
-
 def test_a_finger_in_zone_i_spoils_the_unloaded_optimum_and_a_new_one_mends_it() -> None:
     unloaded, index, drive = best_coherent([0])
     gram, total, _ = swept(finger_in_zone=0)

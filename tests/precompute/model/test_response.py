@@ -1,4 +1,7 @@
-"""Laws of the unit responses: the kernel solves any band, reciprocity, energy. test_grid.py has the dense model's."""
+"""Laws of the unit responses: the kernel solves any band, power in is power out.
+
+That they are those of the dense model is a law of tests/precompute/sweep/test_grid.py and sampling/test_places.py.
+"""
 
 import numpy as np
 import pytest
@@ -7,26 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.model.assembly import BANDWIDTH, Plant, assemble, dense
+from precompute.model.assembly import BANDWIDTH, assemble, dense
 from precompute.model.band_solver import solve_banded
 from precompute.model.response import solve_response
-from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, on_each
 
 Complex = NDArray[np.complex128]
 FREQUENCY_HZ = np.array([12.5, 60.0, 121.8, 140.0, 179.35, 208.57, 300.0, 950.0])
 any_device = on_each(every_device())
-
-
-def dynamic_stiffness(plant: Plant, frequency_hz: float) -> Complex:
-    omega = 2 * np.pi * frequency_hz
-    return (dense(plant.K) - omega**2 * dense(plant.M)).astype(np.complex128) + 1j * omega * dense(plant.C)
-
-
-def assert_close(found: Complex, expected: NDArray[np.complexfloating], relative: float) -> None:
-    """Within `relative` of the largest value of the row."""
-    error = np.abs(found - expected) / np.abs(expected).max(axis=-1, keepdims=True)
-    assert error.max() <= relative
 
 
 @given(st.integers(1, 40), st.integers(0, 2**32))
@@ -48,20 +39,6 @@ def test_banded_kernel_solves_any_band_even_where_pivots_are_small(size: int, se
         right[size // 2 : size // 2 + 4] = (1.5 + 0.25j * w) * weight[0, : size - size // 2]
         scale = np.abs(matrix).sum(axis=1).max() * np.abs(found).max() + np.abs(right).max()
         assert np.abs(matrix @ found - right).max() <= 1e-12 * scale
-
-
-@any_device
-def test_a_touched_points_column_is_the_receptance_of_a_unit_force_there(device: Device) -> None:
-    plant = assemble(device)
-    places_m = np.array([0.0, 0.31, 0.77, 1.0]) * device.bar.length_m
-    found = solve_response(plant, FREQUENCY_HZ, places_m).displacement_m
-    assert (found[:, : len(device.actuators)] == solve_response(plant, FREQUENCY_HZ).displacement_m).all()
-    rows = DenseModel(device).rows(places_m)
-    for row, frequency_hz in zip(found[:, len(device.actuators) :], FREQUENCY_HZ, strict=True):
-        expected = np.linalg.solve(dynamic_stiffness(plant, frequency_hz), rows.T.astype(complex)).T
-        assert_close(row[:, 0::2], expected[:, 0::2], 1e-8)
-    at_points = found[:, len(device.actuators) :] @ rows.T
-    assert_close(at_points, at_points.swapaxes(1, 2), 1e-8)  # reciprocity
 
 
 @any_device

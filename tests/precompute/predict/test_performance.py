@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.predict.performance import DriveFigures, compute_figures
-from tests.precompute.dense_model import DenseModel, Figures
+from tests.precompute.dense_model import DenseModel, Figures, drive_of
 from tests.precompute.devices import every_device, on_each
 from tests.precompute.sampled import fingers_of, sample_fingers, threshold
 
@@ -20,12 +20,6 @@ any_device = on_each(DEVICES)
 either = pytest.mark.parametrize("coherent", [True, False], ids=["coherent", "a tone each"])
 TOUCHED = (0, 2, 3)
 LOOKED_AT = (0, 3, 20, 32)
-
-
-def drive_of(device: Device, coherent: bool) -> tuple[Array, Complex]:
-    count = len(device.actuators)
-    hz = np.full(count, 187.0) if coherent else np.array([104.0, 243.0, 171.0])[:count]
-    return hz, np.array([0.8, 0.5j - 0.3, -0.6])[:count]
 
 
 @cache

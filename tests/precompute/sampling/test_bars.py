@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.model.assembly import assemble
@@ -14,6 +15,8 @@ from precompute.sampling.fingers import SAMPLES
 from tests.precompute.builder.test_build import SMALL
 from tests.precompute.sampled import sample_fingers
 
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 DEVICE = Device.parse(SMALL, "bar")
 TOUCHED = (0, 2)
 HZ, AMPLITUDE = np.array([150.0, 173.25]), np.array([1.0, 0.4 - 0.7j])
@@ -36,15 +39,20 @@ def bars_of(device: Device) -> SampledBars:
     return bars
 
 
+def moved_on(bars: SampledBars, number: int, hz: Array) -> Complex:
+    """Unit accelerations (frequency, actuator, finger) of one bar under its own fingers, by its own model."""
+    fingers = bars.sampled.fingers(number + 1, TOUCHED)
+    places_m = np.array([at for at, _ in fingers])
+    plant = bars.plants[number].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
+    return solve_response(plant, hz).acceleration(places_m)
+
+
 def test_a_bar_answers_as_its_own_model_with_its_own_fingers() -> None:
     device = calibrated(0.05, spread=0.02)
     bars = bars_of(device)
     power = bars.powers(TOUCHED, HZ, AMPLITUDE)
     for number in (0, 7, SAMPLES - 1):
-        fingers = bars.sampled.fingers(number + 1, TOUCHED)
-        places_m = np.array([at for at, _ in fingers])
-        plant = bars.plants[number].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
-        moved = np.einsum("aap->ap", solve_response(plant, HZ).acceleration(places_m))  # each actuator at its tone
+        moved = np.einsum("aap->ap", moved_on(bars, number, HZ))  # each actuator at its tone
         size = abs(moved * AMPLITUDE[:, None]) / DEVICE.threshold.peak_m_per_s2(HZ)[:, None]
         assert power[number] == pytest.approx((size**2).sum(axis=0), rel=1e-9)
 
@@ -53,10 +61,7 @@ def test_tones_of_one_frequency_add_with_their_phases() -> None:
     device = calibrated(0.05)
     bars, one = bars_of(device), np.full(2, 150.0)
     power = bars.powers(TOUCHED, one, AMPLITUDE)
-    fingers = bars.sampled.fingers(4, TOUCHED)
-    places_m = np.array([at for at, _ in fingers])
-    plant = bars.plants[3].with_fingers(places_m.tolist(), [finger for _, finger in fingers])
-    moved = AMPLITUDE @ solve_response(plant, one[:1]).acceleration(places_m)[0]
+    moved = AMPLITUDE @ moved_on(bars, 3, one[:1])[0]
     assert power[3] == pytest.approx((abs(moved) / DEVICE.threshold.peak_m_per_s2(one[:1])) ** 2, rel=1e-9)
 
 
