@@ -3,12 +3,21 @@
 from functools import cache
 
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.measurements.parameters import paper_names
+from precompute.calibration.fit import Problem, pose
+from precompute.calibration.misfit import MisfitModel
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import find_parameters, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH, read_bar
 
 DEVICE = shipped("reference-a")
+
+
+def problem_of(truth: dict[str, float], flaws: Flaws) -> Problem:
+    """The fit of the paper's six to three drives of a bar with these values."""
+    read, parameters = read_bar(DEVICE, truth, flaws=flaws), find_parameters(DEVICE, paper_names(DEVICE), {}, 0.0)
+    return pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters))
 
 
 @cache

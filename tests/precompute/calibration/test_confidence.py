@@ -6,22 +6,16 @@ import numpy as np
 import pytest
 
 from precompute.calibration.confidence import Confidence, compute_confidence, compute_intervals
-from precompute.calibration.fit import Fit, fit, pose
-from precompute.calibration.misfit import Loss, MisfitModel
-from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import find_parameters, paper_names
+from precompute.calibration.fit import Fit, fit
+from precompute.calibration.misfit import Loss
 from precompute.measurements.simulate import Flaws
-from tests.precompute.devices import shipped
-from tests.precompute.measured import TRUTH, read_bar
-
-DEVICE = shipped("reference-a")
+from tests.precompute.calibration.calibrations import problem_of
+from tests.precompute.measured import TRUTH
 
 
 @cache
-def fitted(loss: Loss, noise: float = 0.02, wrong: float = 0.0) -> tuple[Fit, Confidence]:
-    read = read_bar(DEVICE, TRUTH, flaws=Flaws(noise, wrong))
-    parameters = find_parameters(DEVICE, paper_names(DEVICE), {}, 0.0)
-    found = fit(pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters)), loss, 1, seed=0)
+def fitted(loss: Loss, noise: float = 0.02) -> tuple[Fit, Confidence]:
+    found = fit(problem_of(TRUTH, Flaws(noise)), loss, 1, seed=0)
     return found, compute_confidence(found)
 
 

@@ -5,33 +5,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from precompute.calibration.fit import Problem, fit, pose, refit_held
-from precompute.calibration.misfit import Loss, MisfitModel
-from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import find_parameters, paper_names
+from precompute.calibration.fit import Problem, fit, refit_held
+from precompute.calibration.misfit import Loss
 from precompute.measurements.simulate import Flaws
-from tests.precompute.devices import shipped
-from tests.precompute.measured import TRUTH, read_bar
-
-DEVICE = shipped("reference-a")
-
-
-def problem_of(
-    names: tuple[str, ...], truth: dict[str, float], flaws: Flaws, bounds: dict[str, tuple[float, float]]
-) -> Problem:
-    read = read_bar(DEVICE, truth, flaws=flaws)
-    parameters = find_parameters(DEVICE, names, bounds, 2e-3)
-    return pose(MisfitModel(MeasurementModel(DEVICE, read, parameters), read, parameters))
+from tests.precompute.calibration.calibrations import problem_of
+from tests.precompute.measured import TRUTH
 
 
 @cache
 def noisy() -> Problem:
-    return problem_of(paper_names(DEVICE), TRUTH, Flaws(noise=0.02), {})
+    return problem_of(TRUTH, Flaws(noise=0.02))
 
 
 def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
     far = {**TRUTH, "actuator[1].stiffness": 11e3, "actuator[2].stiffness": 37e3}
-    problem = problem_of(paper_names(DEVICE), far, Flaws(), {})
+    problem = problem_of(far, Flaws())
     alone, several = (fit(problem, Loss.ROBUST, starts, seed=0) for starts in (1, 6))
     assert alone.noise > 0.01
     assert several.noise < 1e-6
@@ -41,7 +29,7 @@ def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
 def test_a_doubtful_basin_earns_more_starts_than_were_asked() -> None:
     """Neither of the first two starts leads to this bar."""
     stiffness = {"actuator[1].stiffness": 44.01e3, "actuator[2].stiffness": 9.41e3}
-    found = fit(problem_of(paper_names(DEVICE), {**TRUTH, **stiffness}, Flaws(), {}), Loss.ROBUST, 2, seed=0)
+    found = fit(problem_of({**TRUTH, **stiffness}, Flaws()), Loss.ROBUST, 2, seed=0)
     assert np.exp(found.coordinate[:2]) == pytest.approx(list(stiffness.values()), rel=1e-6)
 
 

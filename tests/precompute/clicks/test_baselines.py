@@ -1,7 +1,5 @@
 """Laws of the baselines: within the same limits, judged alike, and weaker than the click that was solved."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -14,7 +12,7 @@ from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, Tones, m
 from precompute.clicks.solver import ClickSolver
 from precompute.predict.at_positions import SteadyDesigner
 from tests.precompute.clicks.click_cases import CHEAP, placed
-from tests.precompute.devices import shipped
+from tests.precompute.devices import coarsely_swept, shipped
 from tests.quick import first_quick
 
 any_baseline = pytest.mark.parametrize("name", BASELINES)
@@ -22,8 +20,7 @@ any_baseline = pytest.mark.parametrize("name", BASELINES)
 
 @pytest.fixture(scope="module")
 def solver() -> ClickSolver:
-    device = shipped("reference-a")
-    return ClickSolver(replace(device, sweep=replace(device.sweep, step_hz=4.0)), CHEAP)
+    return ClickSolver(coarsely_swept(shipped("reference-a")), CHEAP)
 
 
 def tones_with(solver: ClickSolver) -> Tones:

@@ -52,13 +52,6 @@ def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> 
     assert len(apart.wave) <= len(tones.wave) and not apart.wave[:, [0, -1]].any()
 
 
-def test_a_click_begins_and_ends_at_rest() -> None:
-    tones = make_tones(shipped("reference-a"), LENGTH_S)
-    waveform = tones.waveform(np.random.default_rng(1).normal(size=len(tones.wave)))
-    assert waveform.shape == (2, round(LENGTH_S * SAMPLE_RATE_HZ) + 1)
-    assert not waveform[:, [0, -1]].any()
-
-
 def test_between_samples_there_are_straight_lines() -> None:
     wave = np.random.default_rng(0).normal(size=(2, 7))
     fine = interpolated(wave)

@@ -1,6 +1,5 @@
 """The search for places of actuators: what it looks at can be built, and what it ends at is the best of that."""
 
-from dataclasses import replace
 from itertools import pairwise
 from math import comb
 
@@ -19,7 +18,7 @@ from precompute.studies.placement import (
     with_actuators_at,
 )
 from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
-from tests.precompute.devices import shipped, with_zones
+from tests.precompute.devices import coarsely_swept, shipped, with_zones
 from tests.quick import first_quick
 
 pytestmark = pytest.mark.long
@@ -28,8 +27,7 @@ MOST = 20
 
 
 def small() -> Device:
-    device = with_zones(shipped("reference-a"), 2)
-    return replace(device, sweep=replace(device.sweep, step_hz=4.0))
+    return coarsely_swept(with_zones(shipped("reference-a"), 2))
 
 
 @pytest.fixture(scope="module")

@@ -1,21 +1,13 @@
 """Narrower zones: mirror laws, and the same figures as for the device itself."""
 
-from dataclasses import replace
-
 import pytest
 
-from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.predict.untouched import greatest_factors
 from precompute.studies.placement import even_places, own_places
 from precompute.studies.resolution import study_resolution, with_equal_zones
 from precompute.studies.two_fingers import solve_two_fingers
-from tests.precompute.devices import shipped
-
-
-def coarse(name: str) -> Device:
-    device = shipped(name)
-    return replace(device, sweep=replace(device.sweep, step_hz=4.0))
+from tests.precompute.devices import coarsely_swept, shipped
 
 
 def test_equal_zones_cover_the_bar() -> None:
@@ -26,7 +18,7 @@ def test_equal_zones_cover_the_bar() -> None:
 
 
 def test_the_device_itself_has_its_own_figures() -> None:
-    device = with_equal_zones(coarse("reference-d"), 3)
+    device = with_equal_zones(coarsely_swept(shipped("reference-d")), 3)
     (found,) = study_resolution(device, [own_places(device)], [3], 20.0, lambda _: None)
     assert found.fingers.worst_db == pytest.approx(solve_two_fingers(device, 20.0).worst_db, abs=1e-9)
     assert found.factor == pytest.approx(greatest_factors(assemble(device)), rel=1e-9)
@@ -34,7 +26,7 @@ def test_the_device_itself_has_its_own_figures() -> None:
 
 
 def test_one_actuator_in_the_middle_cannot_tell_mirrored_fingers_apart() -> None:
-    device, done = coarse("reference-a"), list[float]()
+    device, done = coarsely_swept(shipped("reference-a")), list[float]()
     two, three = study_resolution(device, [even_places(device, 1)], [2, 3], 20.0, done.append)
     assert two.fingers.worst_db == pytest.approx(0.0, abs=0.5)  # sampled fingers are no mirror images
     assert two.factor == pytest.approx([0.5, 0.5])

@@ -1,19 +1,16 @@
 """One finger felt, one quiet: the drives that a run solves, and a screening that comes near them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from engine.device import Device
 from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
-from tests.precompute.devices import shipped, with_actuators, with_zones
+from tests.precompute.devices import coarsely_swept, shipped, with_actuators, with_zones
 from tests.quick import first_quick
 
 
 def small(name: str = "reference-a") -> Device:
-    device = with_zones(shipped(name), 3)
-    return replace(device, sweep=replace(device.sweep, step_hz=4.0))
+    return coarsely_swept(with_zones(shipped(name), 3))
 
 
 @pytest.fixture(scope="module")
