@@ -122,6 +122,7 @@ def test_highs_finds_the_same_optimum_of_a_click_s_program(letters: str, monkeyp
             patch.setattr(program_module, "maximise", lambda *_: (Outcome.FAILED, 0))
             other = highs.maximise(course[:, instant])
         assert own.value == pytest.approx(other.value, rel=2 * TOLERANCE)
+        assert other.bound.at(limit) == pytest.approx(own.bound.at(limit), rel=2 * TOLERANCE)
         assert own.value <= other.bound.at(limit) * (1 + 2e-5)
         assert other.value <= own.bound.at(limit) * (1 + 2e-5)
     assert highs.effort.fallbacks > 0 == ours.effort.fallbacks
