@@ -17,7 +17,7 @@ from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError
 from tactable.audio.output_process import Feeder
-from tactable.audio.port import BIT_RATE_HZ, open_port
+from tactable.audio.port import BIT_RATE_HZ
 from tactable.measure.audio_sensor import AudioSensor
 from tactable.measure.sensor import SensorError
 from tests.engine.loop.rig import DEVICE
@@ -70,9 +70,7 @@ def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets
     assert not out.any() and feeder.gaps == 0
 
 
-def test_a_card_without_its_declarations_is_refused_before_anything_starts() -> None:
-    with pytest.raises(AudioError, match="full_scale is missing"):
-        open_port("audio:card")
+def test_a_sensor_without_a_scale_is_refused_before_anything_starts() -> None:
     with pytest.raises(AudioError, match="scale is missing"):
         AudioSensor("audio:card", DEVICE)
 

@@ -168,31 +168,3 @@ def test_a_table_that_the_bar_does_not_keep_is_not_put_in_place_nor_is_one_whose
     assert (folder / "new" / "report.json").is_file()
     kept = apply_fit(job, folder / "bar.nc", False, lambda *_: None, lambda _: "")
     assert not kept.is_refused and previous_of(folder / "bar.nc").read_bytes() == before
-
-
-@pytest.mark.usefixtures("one_core")
-def test_other_data_for_the_same_folder_are_refused(folder: Path) -> None:
-    (folder / "new").mkdir()
-    before = (folder / "bar.nc").read_bytes()
-    done = apply()
-    assert done.exit_code == 1 and "exists already and is not overwritten" in str(done.exception)
-    assert (folder / "bar.nc").read_bytes() == before
-
-
-@pytest.mark.usefixtures("one_core")
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (None, "there is no such table"),
-        (ONE_LEVEL.replace("count = 3", "count = 1"), "not of 'reference-a' with its zones, actuators and limits"),
-    ],
-)
-def test_a_table_that_cannot_be_made_is_refused_before_anything_is_fitted(
-    folder: Path, text: str | None, message: str
-) -> None:
-    (folder / "bar.nc").unlink()
-    if text is not None:
-        build_table(Device.parse(text, "other"), folder / "bar.nc", clicks_up_to=0)
-    done = apply()
-    assert done.exit_code == 1 and message in str(done.exception)
-    assert not (folder / "new").exists()

@@ -73,13 +73,6 @@ def test_a_damaged_table_is_not_put_back(folder: Path) -> None:
     assert (folder / "bar.nc").read_bytes() == before
 
 
-def test_without_a_previous_table_rollback_says_so(folder: Path) -> None:
-    previous_of(folder / "bar.nc").unlink()
-    done = run_here(folder, "rollback", "bar.nc")
-    assert done.returncode == 1
-    assert "there is no previous table" in done.stderr
-
-
 @pytest.mark.machine
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"

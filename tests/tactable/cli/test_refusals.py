@@ -14,6 +14,8 @@ from tests.tactable.cli.in_process import run_here
 NEW = "new my-bar --length 300mm --thickness '1 mm' --actuators '40mm,87 %' -o new.toml"
 BENCH = "--port simulated --sensor simulated"
 MEASURE = f"measure reference-a -o new.nc {BENCH}"
+BY_BOARD = "measure reference-a -o new.nc --port simulated --sensor board"
+BY_CARD = "measure reference-a -o new.nc --port 'audio:simulated,full_scale=0.6 um,most=90 %' --sensor"
 FIT = "calibrate reference-a m.csv -o new"
 APPLY = "calibrate bar.toml new.nc -o new --starts 1 --measure --apply bar.nc"
 SIMULATE = "simulate-measurements reference-a -o new.csv"
@@ -117,6 +119,7 @@ REFUSED = [
     ("plot click bar.nc --felt I --sound nowhere/click.wav", "nowhere", "no such folder"),
     ("plot click bar.nc --felt I --plain", "--plain", "--sound click.wav"),
     ("plot click bar.nc --felt I --sound a.wav --stereo", "--stereo", "one felt and one quiet"),
+    ("plot click bar.nc --felt I,II --sound a.wav --stereo", "--stereo", "one felt and one quiet"),
     ("study placement one.toml", "two fingers need two zones"),
     ("study placement bar.toml --actuators 2,5", "--actuators '2,5'", "1 to 4"),
     ("study placement bar.toml --actuators two", "--actuators 'two'"),
@@ -126,12 +129,16 @@ REFUSED = [
     ("study resolution bar.toml --at '16;16,16'", "'16,16'", "different places"),
     (f"{PLAY} --amplitude '120 %'", "0 to 100 % of full scale"),
     (f"{PLAY} --frequency 30", "60 to 300 Hz"),
+    (f"{PLAY} --port audio:card", "full_scale is missing"),
     (f"{PLAY} --frequency 150,130,90", "one for each of left,right"),
     (f"{PLAY} --frequency=-,-", "no actuator moves"),
     (f"{PLAY} --phase 90", "such as 90deg"),
     (f"{PLAY} --amplitude 0.2", "has no unit"),
     ("measure reference-a -o new.nc --port simulated --sensor pipe", "simulate both or neither"),
-    ("measure reference-a -o new.nc --port simulated --sensor board:9m", "off the bar"),
+    (f"{BY_BOARD}:9m", "off the bar"),
+    (f"{BY_BOARD}:", "such as board:35mm"),
+    (f"{BY_BOARD}:3kg", "is a mass"),
+    (f"{BY_BOARD}:x", "place"),
     ("measure reference-a -o new.nc --port simulated --sensor board --flaws hum=1m/s^2", "is of a converter"),
     (
         "measure reference-a -o new.nc --port 'audio:Card,full_scale=0.6 um,most=50 %' --sensor board",
@@ -139,6 +146,8 @@ REFUSED = [
     ),
     (f"{MEASURE} --most '120 %'", "at most 100 %"),
     (f"{MEASURE} --flaws hiss=1", "known are latency"),
+    (f"{MEASURE} --flaws noise=1", "has no unit"),
+    (f"{BY_CARD} audio:simulated,scale=98.1m/s^2 --gravity", "a sound card passes no direct current"),
     (f"{MEASURE} --frequencies 60:300", "FROM:TO:STEP"),
     (f"{MEASURE} --frequencies 0:1e9:1e-9", "1e+18 frequencies; expected at most 10000"),
     (f"{MEASURE} --frequencies 0:1e308:1e-300", "inf frequencies; expected at most 10000"),
@@ -149,6 +158,13 @@ REFUSED = [
     (f"verify bar.nc {BENCH} -o seen.txt", "seen.txt", ".png, .svg, .pdf"),
     ("emulate --sensor at=35mm", "give the bar by --device"),
     ("emulate --device reference-a --sensor at=9m", "off the bar"),
+    ("emulate --device reference-a --sensor mass=2g", "says no place"),
+    ("emulate --device reference-a --sensor at=35mm,hiss=1", "known are at, mass, drift"),
+    ("emulate --device reference-a --sensor 'at=35 kg'", "is a mass"),
+    ("emulate --core nothing.so", "nothing.so is no library"),
+    ("emulate --faults dorp=0.1", "'dorp'", "did you mean 'drop'"),
+    ("bench latency --over 'audio:Card,full_scale=0.6 um,most=50 %'", "takes no part in this benchmark"),
+    ("rollback bar.nc", "there is no previous table"),
     ("emulate --device reference-a --sensor at=35mm --core core.so", "leave --core out"),
     ("calibrate reference-a nowhere.txt -o new", "nowhere.txt"),
     (f"{FIT} --loss l2", "--loss 'l2'", "robust, squares, l1"),
@@ -159,6 +175,9 @@ REFUSED = [
     (f"{FIT} --sensor-mass '-1 g'", "--sensor-mass '-1 g': expected at least 0"),
     (f"{FIT} --fit finger.mass --fit bar.density", "finger.mass: changes none of these readings"),
     (f"{FIT} --port simulated", "belong to --measure"),
+    (f"{FIT} --apply none.nc", "none.nc", "there is no such table"),
+    (f"{FIT} --apply bar.nc", "not of 'reference-a' with its zones, actuators and limits"),
+    ("calibrate bar.toml m.csv -o bars --apply bar.nc", "exists already and is not overwritten"),
     (f"{APPLY} --port simulated", "--measure needs --port and --sensor"),
     (f"{APPLY} {BENCH} --method chirp", "one of stepped, sweep"),
     (f"{APPLY} {BENCH} --most '0 %'", "expected more than 0"),

@@ -17,7 +17,6 @@ from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, Sim
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.audio.cards import core
-from tests.tactable.cli.in_process import run_here
 from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, errors
 from tests.tools.guard import allowed
 
@@ -98,13 +97,6 @@ def test_one_simulated_card_for_both_is_a_bench() -> None:
         with apparatus.open_driven() as driven:
             assert driven.is_simulated
             assert driven.capabilities.full_scales_m[0] == pytest.approx(0.54e-6)
-
-
-def test_gravity_is_no_check_of_a_card(tmp_path: Path) -> None:
-    words = ("-o", "bar.csv", "--port", PORT, "--sensor", SENSOR, "--gravity")
-    done = run_here(tmp_path, "measure", "reference-a", *words)
-    assert done.returncode == 1
-    assert "a sound card passes no direct current" in done.stderr
 
 
 # ---- the converter's process ------------------------------------------------------------------------------

@@ -257,8 +257,3 @@ def test_gravity_tells_gain_and_offset_apart_and_a_sensor_that_is_turned() -> No
     assert found.faults == (Fault.GAIN, Fault.OFFSET)
     assert check_gravity(GRAVITY_M_PER_S2, -GRAVITY_M_PER_S2).faults == ()
     assert check_gravity(-GRAVITY_M_PER_S2, GRAVITY_M_PER_S2).faults == (Fault.TURNED,)
-
-
-def test_a_flaw_without_a_unit_is_refused() -> None:
-    with pytest.raises(SensorError, match="has no unit"):
-        ConverterFlaws.parse("noise=1")

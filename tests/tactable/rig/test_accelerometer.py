@@ -19,7 +19,6 @@ from tactable.rig.accelerometer import (
     NOISE_M_PER_S2,
     RATE_HZ,
     SCALE_M_PER_S2,
-    AccelerometerError,
     EmulatedAccelerometer,
     SensedBar,
 )
@@ -58,17 +57,3 @@ def test_its_oscillator_is_its_own_and_it_clips_at_the_end_of_its_range() -> Non
     rate_hz = 48_000 * (last.number - first.number) / (last.synthesis_sample - first.synthesis_sample)
     assert rate_hz == pytest.approx(1.02 * RATE_HZ, rel=1e-5)
     assert set(counts_of(frames).tolist()) == {GREATEST}
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("mass=2g", "says no place"),
-        ("at=35mm, hiss=1", "known are at, mass, drift"),
-        ("at=35 kg", "is a mass"),
-        ("at=9m", "off the bar"),
-    ],
-)
-def test_a_text_that_is_none_is_refused(text: str, match: str) -> None:
-    with pytest.raises(AccelerometerError, match=match):
-        SensedBar(DEVICE, EmulatedAccelerometer.parse(text), 1)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -91,15 +90,7 @@ def test_either_core_is_listed_as_simulated_and_any_host_can_open_it_by_its_link
         assert not link.is_symlink() and not list((tmp_path / "tactable").iterdir())
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [(("--core", "nothing.so"), "nothing.so is no library"), (("--faults", "dorp=0.1"), "'dorp'.*did you mean 'drop'")],
-)
-def test_what_cannot_be_emulated_is_one_line_and_exit_status_1_and_the_faults_explain_themselves(
-    tmp_path: Path, words: tuple[str, str], said: str
-) -> None:
-    done = run_here(tmp_path, "emulate", *words)
-    assert done.returncode == 1 and re.search(said, done.stderr)
+def test_the_faults_explain_themselves(tmp_path: Path) -> None:
     told = run_here(tmp_path, "emulate", "--faults", "help")
     assert told.returncode == 0 and "reboot=" in told.stdout
 

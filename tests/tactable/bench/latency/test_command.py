@@ -19,7 +19,6 @@ from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click
 from tests.engine.made_table import write_table
-from tests.tactable.cli.in_process import run_here
 
 DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
@@ -171,9 +170,3 @@ def test_what_cannot_be_measured_is_a_usage_error(
     done = bench(tmp_path, str(table), *words)
     assert done.exit_code == 2
     assert said in " ".join(done.output.replace("│", " ").split())
-
-
-def test_a_sound_card_is_refused_by_name(tmp_path: Path) -> None:
-    done = run_here(tmp_path, "bench", "latency", "--over", "audio:Card,full_scale=0.6 um,most=50 %")
-    assert done.returncode == 1
-    assert "a sound card takes no part in this benchmark" in done.stderr
