@@ -1,6 +1,5 @@
 """The commands `build`, with its places and its clicks, `build --watch` and `rollback`."""
 
-import json
 import shutil
 import signal
 import subprocess
@@ -14,7 +13,7 @@ from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from tests.precompute.builder.test_build import ONE_LEVEL
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import run_here, summary_of
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 SMALL = ONE_LEVEL.replace("count = 3", "count = 1")
@@ -39,12 +38,10 @@ def folder(built: Path, tmp_path: Path) -> Path:
 @pytest.mark.long
 def test_what_was_solved_is_told_and_a_table_that_is_there_is_taken_over(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    command = ("build", "bar.toml", "-o", "bar.nc", "--pitch", "140 mm", "--workers", "1", "--json")
+    command = ("build", "bar.toml", "-o", "bar.nc", "--pitch", "140 mm", "--workers", "1")
     solved = []
     for _ in range(2):
-        done = run_here(tmp_path, *command)
-        assert done.returncode == 0, done.stderr
-        said = json.loads(done.stdout)
+        said = summary_of(tmp_path, *command)
         assert (said["clicks"], said["click_pitch_m"]) == (12, 0.2794 / 2)
         solved.append(said["clicks_solved"])
     assert solved == [3 + 12, 0]  # those of one finger come first
@@ -55,9 +52,7 @@ def test_rolled_back_is_the_table_before_and_once_more_as_it_was(folder: Path) -
     for _ in range(3):
         with Table.open(folder / "bar.nc") as table:
             devices.append(table.device.finger.stiffness_n_per_m)
-        done = run_here(folder, "rollback", "bar.nc", "--json")
-        assert done.returncode == 0, done.stderr
-        assert json.loads(done.stdout)["device"] == "reference-a"
+        assert summary_of(folder, "rollback", "bar.nc")["device"] == "reference-a"
     assert devices == [900.0, 1000.0, 900.0]
 
 

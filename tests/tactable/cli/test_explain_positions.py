@@ -1,8 +1,8 @@
 """`explain` for fingers at positions: the contract of its JSON, its page, and how it refuses."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,26 +16,31 @@ from precompute.clicks import ClickSolver
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.of_table import read_click_options
 from precompute.predict.at_positions import SteadyDesigner
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import run_here, summary_of
 
 WORDS = ("explain", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm")
 
 
 @pytest.fixture
-def run(click_table: Path) -> Callable[..., tuple[int, str, str]]:
-    """Run `tactable` with these words in the folder of the table; its exit status, output and errors."""
+def told(click_table: Path) -> Callable[..., Any]:
+    """What `tactable` tells in JSON for these words in the folder of the table."""
+    return partial(summary_of, click_table.parent)
 
-    def run(*words: str) -> tuple[int, str, str]:
+
+@pytest.fixture
+def page(click_table: Path) -> Callable[..., str]:
+    """What `tactable` prints for these words in the folder of the table."""
+
+    def page(*words: str) -> str:
         done = run_here(click_table.parent, *words)
-        return done.returncode, done.stdout, done.stderr
+        assert done.returncode == 0, done.stderr
+        return done.stdout
 
-    return run
+    return page
 
 
-def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, run: Any) -> None:
-    status, out, _ = run(*WORDS, "--click", "--level", "full", "--json")
-    said = json.loads(out)
-    assert status == 0
+def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, told: Any) -> None:
+    said = told(*WORDS, "--click", "--level", "full")
     assert [(each["position_m"], each["role"]) for each in said["fingers"]] == [(0.035, "felt"), (0.12, "quiet")]
     for kind in ("felt_db", "quiet_db"):
         assert said[kind].keys() == {"nominal", "5 %", "50 %", "95 %"}
@@ -53,38 +58,37 @@ def test_a_click_for_positions_is_told_as_it_would_be_played(click_table: Path, 
     assert "Oh and Choi" in said["threshold"] and said["options"]["tolerance_m"] == 1e-3
 
 
-def test_zones_are_told_by_the_row_that_is_played_and_by_what_fingers_get_of_it(click_table: Path, run: Any) -> None:
+def test_zones_are_told_by_the_row_that_is_played_and_by_what_fingers_get_of_it(
+    click_table: Path, told: Any, page: Any
+) -> None:
     words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--drives", "zones")
-    status, out, _ = run(*words, "--json")
-    said = json.loads(out)
+    said = told(*words)
     with Table.open(click_table) as table:
         row, receptances = table.best_row(["I"]), table.receptances
         middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in table.device.zones]
         played = (row.frequencies_hz, row.complex_amplitudes)
         nominal_db = compute_levels(table.device, receptances, [middles_m[0], middles_m[2]], *played)[0]
-    assert status == 0 and said["felt_zones"] == ["I"] and said["row"] == {"group": row.group, "index": row.index}
+    assert said["felt_zones"] == ["I"] and said["row"] == {"group": row.group, "index": row.index}
     assert said["drive"]["frequencies_hz"] == list(row.frequencies_hz)
     assert [zone["share"] for zone in said["zones"].values()] == pytest.approx(row.shares)
     assert [each["level_db"]["nominal"] for each in said["fingers"]] == pytest.approx(nominal_db)
-    status, shown, _ = run(*words)
-    assert status == 0 and f"row {row.index} of {row.group}" in shown
+    assert f"row {row.index} of {row.group}" in page(*words)
     # The same fingers by positions get what is solved for the middles of their zones.
-    status, out, _ = run(*words[:-1], "positions", "--json")
-    assert status == 0 and json.loads(out)["fingers"][0]["position_m"] == pytest.approx(middles_m[0])
+    assert told(*words[:-1], "positions")["fingers"][0]["position_m"] == pytest.approx(middles_m[0])
 
 
-def test_a_softer_click_is_softer_under_every_finger(run: Any) -> None:
-    full, soft = (json.loads(run(*WORDS, "--click", "--level", level, "--json")[1]) for level in ("full", "0"))
+def test_a_softer_click_is_softer_under_every_finger(told: Any) -> None:
+    full, soft = (told(*WORDS, "--click", "--level", level) for level in ("full", "0"))
     change_db = soft["felt_db"]["5 %"] - full["felt_db"]["5 %"]
     assert soft["felt_db"]["5 %"] == pytest.approx(0.0, abs=1e-6) and change_db < 0
     assert np.array(soft["waveform"]) == pytest.approx(np.array(full["waveform"]) * 10 ** (change_db / 20))
     assert soft["quiet_db"]["95 %"] - full["quiet_db"]["95 %"] == pytest.approx(change_db)
 
 
-def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, run: Any) -> None:
-    status, out, _ = run(*WORDS, "--level", "6", "--threshold", "android", "--json")
-    said = json.loads(out)
-    assert status == 0 and "Android" in said["threshold"]
+def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, told: Any, page: Any) -> None:
+    words = (*WORDS, "--level", "6", "--threshold", "android")
+    said = told(*words)
+    assert "Android" in said["threshold"]
     with Table.open(click_table) as table:
         device, hz = table.device.with_threshold("android"), np.array(said["drive"]["frequencies_hz"][:1])
         solver = SteadyDesigner(device, samples=2)  # it solves its own receptances, at this curve
@@ -92,14 +96,13 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, run
     assert drive.frequencies_hz[0] == pytest.approx(hz[0])
     assert list(drive.amplitudes) == pytest.approx(said["drive"]["amplitudes"], rel=1e-3)
     assert said["fingers"][0]["level_db"]["nominal"] == pytest.approx(6.0, abs=0.05)
-    _, words, _ = run(*WORDS, "--level", "6", "--threshold", "android")
-    assert "dB above threshold android" in words and "Oh and Choi" not in words
+    shown = page(*words)
+    assert "dB above threshold android" in shown and "Oh and Choi" not in shown
 
 
-def test_a_drive_for_positions_names_every_finger(run: Any) -> None:
-    status, out, _ = run(*WORDS, "--level", "6", "--json")
-    said = json.loads(out)
-    assert status == 0 and said["drive"].keys() == {"frequencies_hz", "amplitudes", "phases_rad"}
+def test_a_drive_for_positions_names_every_finger(told: Any) -> None:
+    said = told(*WORDS, "--level", "6")
+    assert said["drive"].keys() == {"frequencies_hz", "amplitudes", "phases_rad"}
     felt, quiet = said["fingers"]
     assert (felt["position_m"], felt["role"], quiet["position_m"], quiet["role"]) == (0.035, "felt", 0.12, "quiet")
     assert felt["level_db"].keys() == {"nominal", "5 %", "50 %", "95 %"}
@@ -108,32 +111,25 @@ def test_a_drive_for_positions_names_every_finger(run: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", [(), ("--click",)])
-def test_the_page_names_positions_roles_and_the_threshold_curve(run: Any, kind: tuple[str, ...]) -> None:
-    status, out, _ = run(*WORDS, *kind)
-    assert status == 0
-    for part in (
-        "35 mm (I) felt, 120 mm (II) quiet",
-        "solved for these positions",
-        "Oh and Choi 2019",
-        "ESTIMATES",
-        "1 mm",
-    ):
-        assert part in out
+def test_the_page_names_positions_roles_and_the_threshold_curve(page: Any, kind: tuple[str, ...]) -> None:
+    shown = page(*WORDS, *kind)
+    fingers = "35 mm (I) felt, 120 mm (II) quiet"
+    for part in (fingers, "solved for these positions", "Oh and Choi 2019", "ESTIMATES", "1 mm"):
+        assert part in shown
 
 
 @pytest.mark.parametrize("kind", [(), ("--click",)])
-def test_a_zone_means_its_middle_beside_a_position(run: Any, click_table: Path, kind: tuple[str, ...]) -> None:
-    said = json.loads(run("explain", "bar.nc", "--felt", "I", "--quiet", "120 mm", *kind, "--json")[1])
+def test_a_zone_means_its_middle_beside_a_position(told: Any, click_table: Path, kind: tuple[str, ...]) -> None:
+    said = told("explain", "bar.nc", "--felt", "I", "--quiet", "120 mm", *kind)
     with Table.open(click_table) as table:
         zone = table.device.zones[0]
     assert said["fingers"][0]["position_m"] == pytest.approx((zone.start_m + zone.stop_m) / 2)
 
 
-def test_a_click_of_a_zone_tells_its_waveform_its_places_and_the_other_ways(run: Any) -> None:
+def test_a_click_of_a_zone_tells_its_waveform_its_places_and_the_other_ways(told: Any, page: Any) -> None:
     words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--click", "--level", "full")
-    said = json.loads(run(*words, "--json")[1])
+    said = told(*words)
     assert len(said["waveform"]) == 2 and said["sample_rate_hz"] == 4000 and "Oh and Choi" in said["threshold"]
     assert said["table"]["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
     assert len(said["alternatives"]) == 2
-    _, page, _ = run(*words[:-2], "--no-alternatives")
-    assert "a click of 30 ms, solved for these positions, 20 dB wanted" in page
+    assert "a click of 30 ms, solved for these positions, 20 dB wanted" in page(*words[:-2], "--no-alternatives")

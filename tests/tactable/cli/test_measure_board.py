@@ -10,7 +10,7 @@ import pytest
 from precompute.measurements import Kind, lay_out, read_measurements
 from precompute.measurements.model import MeasurementModel
 from tests.engine.loop.rig import DEVICE
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import run_here, summary_of
 from tests.tactable.rig.test_emulate import emulator
 
 pytestmark = pytest.mark.long
@@ -36,11 +36,9 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
     with emulator(tmp_path, "--device", "reference-a", "--sensor", spec, "--seed", "5") as running:
         port = ("--port", running.line()["port"], "--sensor", f"board:{AT_MM}mm", "--bit-rate", "1000000")
         # At full drive the noise of the part is no cause to repeat a reading.
-        words = ("--frequencies", f"{HZ:g}", "--least", "100 %", "--json")
+        words = ("--frequencies", f"{HZ:g}", "--least", "100 %")
         (tmp_path / "bar.nc").unlink(missing_ok=True)
-        done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *port, *words)
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
+        summary = summary_of(tmp_path, "measure", "reference-a", "-o", "bar.nc", *port, *words)
     assert (summary["places"], summary["readings"], summary["spoiled"]) == (1, 2, 0)
     assert summary["drift_ppm"] == pytest.approx(9_000, abs=5)
     errors = errors_of(tmp_path / "bar.nc")
@@ -60,10 +58,9 @@ def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer(tmp_path: Pat
 
 
 def test_gravity_shows_the_gain_of_the_board_s_own_accelerometer(tmp_path: Path) -> None:
-    words = ("--places", "1", "--frequencies", "209", "--gravity", "--json", "--flaws", "gain=4%")
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
+    words = ("--places", "1", "--frequencies", "209", "--gravity", "--flaws", "gain=4%")
+    summary = summary_of(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words)
+    assert summary["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
 
 
 def test_a_table_is_verified_by_the_board_s_own_accelerometer(tmp_path: Path, click_table: Path) -> None:

@@ -12,9 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from tactable.cli import start
-from tactable.cli.main import COMMANDS, app
+from tactable.cli.main import COMMANDS, app, load_command
 from tests.tactable.cli.in_process import run_here
 
+MOST_COMMANDS, MOST_OPTIONS = 40, 280
 HEAVY = {"h5netcdf", "matplotlib", "numba", "numpy", "pint", "precompute", "scipy", "xarray"}
 LIGHT = (["--help"], ["--version"], ["plot", "-h"], ["list", "--help"], ["list"], ["list", "--json"])
 IMPORTED = """
@@ -85,6 +86,15 @@ def test_the_table_of_commands_says_what_their_functions_say() -> None:
             assert text.partition("\n\n")[0] == entry.help, name
             assert len(entry.help) <= 80 and entry.help.endswith("."), name
     assert set(COMMANDS) == groups
+
+
+def test_there_are_no_more_commands_and_options_than_a_person_can_learn() -> None:
+    """They are not to grow."""
+    entries = [pair for sections in COMMANDS.values() for section in sections.values() for pair in section.items()]
+    commands = [load_command(name, entry) for name, entry in entries if entry.target]
+    options = [p for command in commands for p in command.params if p.param_type_name == "option" and p.name != "help"]
+    assert len(commands) <= MOST_COMMANDS
+    assert len(options) <= MOST_OPTIONS
 
 
 def test_the_help_lists_every_command_by_section() -> None:

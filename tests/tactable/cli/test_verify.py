@@ -59,9 +59,7 @@ def with_rows(click_table: Path, path: Path) -> Path:
 @pytest.mark.parametrize("tones", [1, 2])
 def test_the_bar_of_a_table_keeps_what_rows_of_the_sweep_promise(tmp_path: Path, click_table: Path, tones: int) -> None:
     path = click_table if tones == 1 else with_rows(click_table, tmp_path / "two.nc")
-    done = run_here(tmp_path, "verify", str(path), *SIMULATED, "--drives", "zones", "--json")
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
+    summary = verified(tmp_path, path, "--drives", "zones", exit_status=0)
     assert (summary["verdict"], summary["kept"]) == ("kept", 2)
     assert all(point["kind"] == "drive" and abs(point["difference_db"]) < 0.1 for point in summary["points"])
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from engine.device import Device
 from engine.table import Table
 from engine.touch import Placement
+from precompute.builder.build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.figures.course import compute_rising, plot_course
@@ -18,13 +20,15 @@ from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_
 from tactable.figures.file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.state import compute_envelope, plot_state
+from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
-from tests.tactable.plot_table import build_small_table
 
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
-    with Table.open(build_small_table(tmp_path_factory.mktemp("table"))) as table:
+    path = tmp_path_factory.mktemp("table") / "bar.nc"
+    build_table(Device.parse(small_text("reference-a"), "bar.toml"), path, created="test", clicks_up_to=0)
+    with Table.open(path) as table:
         yield table
 
 
