@@ -388,11 +388,14 @@ def test_what_is_printed_is_what_a_device_file_reads(knows_size: bool) -> None:
     assert map_json(learnt)["table"] == digitizer_table(learnt)
 
 
-def test_a_stroke_that_tells_no_axis_is_refused() -> None:
+def test_a_stroke_that_tells_no_axis_and_a_recording_without_one_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DigitizerError, match="20 % of the touch area"):
         learn_axis(SURFACE, drawn(0.4, 0.6))
     with pytest.raises(DigitizerError, match="straight along"):
         learn_axis(without_size(SURFACE), Stroke((0, X_MAXIMUM), (0, Y_MAXIMUM)))
+    write_recording(replace(make_recording((DrawnStroke(0, 1, 0, 1),)), reports=()), tmp_path / "nothing.hid")
+    with pytest.raises(DigitizerError, match="nothing was touched"):
+        learn_from_recording(tmp_path / "nothing.hid", None)
 
 
 def test_of_several_strokes_in_a_recording_the_longest_counts(tmp_path: Path) -> None:
@@ -400,12 +403,6 @@ def test_of_several_strokes_in_a_recording_the_longest_counts(tmp_path: Path) ->
     write_recording(make_recording(strokes), tmp_path / "drawn.hid")
     learnt = learn_from_recording(tmp_path / "drawn.hid", TOUCH_MM)
     assert (learnt.axis, learnt.flip, learnt.start_margin) == ("x", True, 0.0)
-
-
-def test_a_recording_without_a_touch_is_refused(tmp_path: Path) -> None:
-    write_recording(replace(make_recording((DrawnStroke(0, 1, 0, 1),)), reports=()), tmp_path / "nothing.hid")
-    with pytest.raises(DigitizerError, match="nothing was touched"):
-        learn_from_recording(tmp_path / "nothing.hid", None)
 
 
 def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:

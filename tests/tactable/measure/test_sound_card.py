@@ -8,16 +8,15 @@ import pytest
 
 from tactable.audio.names import parse_input, parse_output
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
-from tactable.measure import DrivenDevice
 from tactable.measure.apparatus import ApparatusOptions, open_apparatus
 from tactable.measure.audio_process import Taker
 from tactable.measure.faults import Fault
 from tactable.measure.sample_stream import SampleStream
-from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
-from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
+from tactable.measure.stepped_sine import Reading, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.audio.cards import core
-from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, errors
+from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, errors, stepping
 from tests.tools.guard import allowed
 
 PORT = "audio:simulated,full_scale=0.6 um,most=90 %"
@@ -36,9 +35,7 @@ def bench_of(card: CardFlaws, flaws: str = "") -> SimulatedBench:
 
 
 def read(bench: SimulatedBench, actuator: int, hz: float) -> tuple[Reading, float | None]:
-    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
-        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions(attempts=2))
-        stepped.listen()
+    with stepping(bench, SteppedSineOptions(attempts=2)) as stepped:
         latency_s = stepped.measure_latency()
         return stepped.read(actuator, hz)[0], latency_s
 

@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.process import RunningEmulator, run_emulator
+from firmware_link.emulator.process import RunningEmulator
 from tactable.page.messages import Kind
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
@@ -36,12 +36,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
     strokes = [Stroke(t + 0.5 * k, t + 0.5 * k + 0.3, x, x) for t in range(200) for k, x in ((0, 1 / 6), (1, 5 / 6))]
     write_recording(make_recording(strokes), folder / "taps.hid")
     return folder
-
-
-@pytest.fixture
-def emulator() -> Iterator[RunningEmulator]:
-    with run_emulator() as running:
-        yield running
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """The chain from touches to the bar: what the table promises is what the simulated bar does."""
 
 import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,7 +36,7 @@ from tactable.run.click_process import Solver
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
 from tests.engine.shared_recordings import recording_params
-from tests.tactable.cli.in_process import run_here
+from tests.tactable.cli.in_process import summary_of
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tools.virtual import VirtualLine
 
@@ -199,9 +198,7 @@ def test_the_demo_plays_taps_and_three_fingers_through_its_processes_in_real_tim
 def demo_here(folder: Path, table: Table, recording: Path, *more: str) -> dict[str, Any]:
     """What `tactable demo` of a recording tells."""
     built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
-    done = run_here(folder, "demo", "--json", "--recording", str(recording), *built, *more)
-    assert done.returncode == 0, done.stderr + done.stdout
-    report: dict[str, Any] = json.loads(done.stdout)
+    report: dict[str, Any] = summary_of(folder, "demo", "--recording", str(recording), *built, *more)
     assert report["agrees"] and report["simulated"]
     return report
 

@@ -8,7 +8,6 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from engine.render import WhenNotAchieved
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
-from firmware_link.emulator.process import RunningEmulator, run_emulator
+from firmware_link.emulator.process import RunningEmulator
 from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unpacked, identity_of
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
@@ -32,12 +31,6 @@ from tests.tactable.rules import HELD
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
-
-
-@pytest.fixture
-def emulator() -> Iterator[RunningEmulator]:
-    with run_emulator() as running:
-        yield running
 
 
 def write(path: Path, response: float, device: Device = DEVICE) -> None:
