@@ -305,22 +305,19 @@ def test_a_step_that_divides_gives_both_ends(step: str, count: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "end", "start_m", "end_m"),
+    ("written", "attribute", "start_m", "other_m"),
     [
-        ("-5 mm", "-1 cm", -0.005, -0.01),
-        ("279 mm", "-1000 %", 0.279, -2.794),
+        (("-5 mm", "-1 cm"), "end_margin_m", -0.005, -0.01),
+        (("279 mm", "-1000 %"), "end_margin_m", 0.279, -2.794),
+        (("-10 mm", "0 mm", "500 mm"), "active_length_m", -0.01, 0.5),
+        (("-10 mm", "0 mm", "10.1 mm"), "active_length_m", -0.01, 0.0101),
     ],
 )
-def test_a_touch_area_may_reach_beyond_the_bar(start: str, end: str, start_m: float, end_m: float) -> None:
-    axis = Device.parse(with_margins(start, end), "some.toml").touch_axis
-    assert (axis.start_margin_m, axis.end_margin_m) == pytest.approx((start_m, end_m))
-
-
-@pytest.mark.parametrize(("start", "active"), [("-10 mm", "500 mm"), ("-10 mm", "10.1 mm")])
-def test_an_active_length_may_end_beyond_the_bar(start: str, active: str) -> None:
-    axis = Device.parse(with_margins(start, "0 mm", active), "some.toml").touch_axis
-    assert axis.active_length_m == pytest.approx(float(active.split()[0]) / 1000)
-    assert axis.start_margin_m == pytest.approx(float(start.split()[0]) / 1000)
+def test_a_touch_area_may_reach_beyond_the_bar(
+    written: tuple[str, ...], attribute: str, start_m: float, other_m: float
+) -> None:
+    axis = Device.parse(with_margins(*written), "some.toml").touch_axis
+    assert (axis.start_margin_m, getattr(axis, attribute)) == pytest.approx((start_m, other_m))
 
 
 @pytest.mark.parametrize("text", ["", "[bar", "bar = ", "name = 'a'\nname = 'b'\n", "\x00", "\ufeffname = 'a'", "[[[["])

@@ -11,13 +11,13 @@ import h5py
 import numpy as np
 import pytest
 
-from engine.table import Table, TableError
+from engine.table import Table
 from engine.table.schema import SCHEMA
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import changed, replace_array
-from tests.engine.table.test_table import DEVICE
+from tests.engine.table.test_table import DEVICE, refusal
 
 Change = Callable[[h5py.File, Path], object]
 
@@ -28,12 +28,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_table(
         tmp_path_factory.mktemp("sound") / "whole.nc", DEVICE, clicks, rows=rows_of(DEVICE, (20.0, math.inf))
     )
-
-
-def refusal(path: Path) -> str:
-    with pytest.raises(TableError) as error:
-        Table.open(path).close()
-    return str(error.value)
 
 
 def test_a_resealed_table_that_was_not_changed_opens(whole: Path, tmp_path: Path) -> None:

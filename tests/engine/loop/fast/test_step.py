@@ -29,7 +29,7 @@ from tests.engine.loop.fast.scripts import (
     report,
     varied_clicks,
 )
-from tests.engine.loop.fast.test_fast_path import on_sockets
+from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
 from tests.engine.loop.rig import DEVICE, Rig
 from tests.engine.made_rows import rows_of
 from tests.engine.made_states import LEVEL_DB
@@ -49,13 +49,9 @@ STARTED_NS = 1_234_567_000
 """When the device started, by the clock of the host."""
 
 
-@pytest.fixture(scope="module")
-def library(fast_library: ctypes.CDLL) -> ctypes.CDLL:
-    return fast_library
-
-
-class FastRig(Rig):
-    """With the fast path."""
+@pytest.fixture(autouse=True)
+def library(fast_library: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FastRig, "library", fast_library)
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,6 @@ class Both:
 
 
 def both(
-    library: ctypes.CDLL,
     recording: Recording,
     effects: Effects,
     device: Device = DEVICE,
@@ -79,7 +74,6 @@ def both(
     rows: BestRows | None = None,
 ) -> Both:
     """Run with and without the fast path, which do the same."""
-    FastRig.library = library
     clicks = (EVERY_CLICK if is_complete else CLICKS)[device]
     slow, fast = (
         rig(
@@ -104,12 +98,12 @@ def both(
 
 @pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
 @pytest.mark.parametrize("seed", first_quick(range(4)))
-def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.CDLL, device: Device, seed: int) -> None:
+def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, seed: int) -> None:
     random, answered, due = np.random.default_rng(seed), 0, 0
     for _ in range(25):
         frames, rules = random_frames(random, 14), random_rules(random, device)
         refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
-        found = both(library, recording_of(frames), Effects(rules), device, refuses)
+        found = both(recording_of(frames), Effects(rules), device, refuses)
         answered, due = answered + found.answered, due + len(found.clicks)
     # What is left to the loop: clicks that the table has not, and fingers that move under rules on moves.
     assert due > 50
@@ -118,14 +112,14 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(library: ctypes.C
 
 @pytest.mark.parametrize("drives", Drives)
 @pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
-def test_with_drives_of_zones_the_run_is_the_same_too(library: ctypes.CDLL, device: Device, drives: Drives) -> None:
+def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Drives) -> None:
     """Those of a table that plays clicks beside them, and those that take the place of clicks."""
     random, answered, due = np.random.default_rng(7), 0, 0
     rows = rows_of(device, (LEVEL_DB, math.inf), short_of=(1,))
     for _ in range(40):
         frames, rules = random_frames(random, 14), random_rules(random, device)
         refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
-        found = both(library, recording_of(frames), Effects(rules, drives=drives), device, refuses, rows=rows)
+        found = both(recording_of(frames), Effects(rules, drives=drives), device, refuses, rows=rows)
         answered += found.answered
         due += sum(each.report_index is not None and each.fate is Fate.WRITTEN for each in found.fast.trace)
     # What is left to the loop: drives after a click, and fingers that move.
@@ -133,21 +127,21 @@ def test_with_drives_of_zones_the_run_is_the_same_too(library: ctypes.CDLL, devi
     assert 0.4 * due < answered
 
 
-def test_in_zones_every_touch_is_answered_by_look_up(library: ctypes.CDLL) -> None:
+def test_in_zones_every_touch_is_answered_by_look_up() -> None:
     held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
     frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({1: 0.1, 2: 0.5, 3: 0.9}))]
     frames += [(0.4, report({2: 0.5, 3: 0.9}, [1])), (0.5, report({}, [2, 3]))]
-    found = both(library, recording_of([IDLE, *frames]), held, rows=rows_of(DEVICE))
+    found = both(recording_of([IDLE, *frames]), held, rows=rows_of(DEVICE))
     # Zones I, then I and III, then I, III and V, then III and V; then silence.
     assert found.fast.played() == [101.0, 105.0, 121.0, 120.0, 0.0]
     assert found.answered == 5
 
 
-def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone(library: ctypes.CDLL) -> None:
+def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone() -> None:
     """They are 4 mm apart, and the edge between zones I and II lies between them."""
     held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
     frames = [IDLE, (0.1, report({1: 0.195})), (0.2, report({1: 0.195, 2: 0.21})), (0.3, report({2: 0.21}, [1]))]
-    found = both(library, recording_of([*frames, (0.4, report({}, [2]))]), held, rows=rows_of(DEVICE))
+    found = both(recording_of([*frames, (0.4, report({}, [2]))]), held, rows=rows_of(DEVICE))
     assert found.fast.played() == [101.0, 102.0, 0.0]
 
 
@@ -157,57 +151,57 @@ IDLE = (0.0, report({}))
 
 
 def answered_whole(
-    library: ctypes.CDLL, frames: Frames, effects: Effects, device: Device = DEVICE
+    frames: Frames, effects: Effects, device: Device = DEVICE
 ) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
     """Positions in mm and roles of the clicks of a run, all of which the compiled step answered."""
-    found = both(library, recording_of([IDLE, *frames]), effects, device, is_complete=True)
+    found = both(recording_of([IDLE, *frames]), effects, device, is_complete=True)
     assert found.answered == len(found.clicks)
     placements = [record.placement for record in found.clicks if record.placement is not None]
     return [(tuple(round(1e3 * at_m, 1) for at_m in each.position_m), each.is_felt) for each in placements]
 
 
-def test_clicks_of_one_finger_and_of_two_are_answered(library: ctypes.CDLL) -> None:
+def test_clicks_of_one_finger_and_of_two_are_answered() -> None:
     frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({2: 0.5}, [1]))]
     frames += [(0.4, report({}, [2])), (0.5, report({4: 0.4, 5: 0.9})), (0.6, report({}, [4, 5]))]
-    assert answered_whole(library, frames, TOUCH) == [
+    assert answered_whole(frames, TOUCH) == [
         ((27.9,), (True,)),
         ((27.9, 139.7), (False, True)),
         ((111.8, 251.5), (True, True)),
     ]
 
 
-def test_fingers_that_are_one_to_the_bar_are_left_to_the_loop(library: ctypes.CDLL) -> None:
+def test_fingers_that_are_one_to_the_bar_are_left_to_the_loop() -> None:
     # Both times they are nearest to different places, first 5.6 mm apart and then 8.4 mm.
     frames = [IDLE, (0.1, report({1: 0.44, 2: 0.46})), (0.2, report({}, [1, 2])), (0.3, report({1: 0.435, 2: 0.465}))]
-    found = both(library, recording_of([*frames, (0.4, report({}, [1, 2]))]), TOUCH, is_complete=True)
+    found = both(recording_of([*frames, (0.4, report({}, [1, 2]))]), TOUCH, is_complete=True)
     assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 2]
     assert found.answered == 1
 
 
-def test_fingers_in_gaps_between_zones_are_fingers(library: ctypes.CDLL) -> None:
+def test_fingers_in_gaps_between_zones_are_fingers() -> None:
     frames = [(0.1, report({1: 0.4})), (0.2, report({1: 0.4, 2: 0.6})), (0.3, report({1: 0.4}, [2]))]
     frames += [(0.4, report({1: 0.4, 3: 0.98})), (0.5, report({}, [1, 3]))]
-    assert answered_whole(library, frames, TOUCH, GAPS) == [
+    assert answered_whole(frames, TOUCH, GAPS) == [
         ((111.8,), (True,)),
         ((111.8, 167.6), (False, True)),
         ((111.8, 273.8), (False, True)),
     ]
     in_zones = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0, 1})),))
     # Only the second lies in a zone; the first is quiet in its gap.
-    assert answered_whole(library, frames, in_zones, GAPS) == [((111.8, 167.6), (False, True))]
+    assert answered_whole(frames, in_zones, GAPS) == [((111.8, 167.6), (False, True))]
 
 
 @pytest.mark.parametrize("zone", range(5))
-def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(library: ctypes.CDLL, zone: int) -> None:
+def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(zone: int) -> None:
     """Some of the edges are positions of the digitizer to the last bit."""
     one_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames: Frames = []
     for edge in range(6):
         frames += [(0.1 + 0.1 * edge, report({1: 0.2 * edge})), (0.15 + 0.1 * edge, report({}, [1]))]
-    assert answered_whole(library, frames, one_zone)
+    assert answered_whole(frames, one_zone)
 
 
-def test_a_region_has_both_of_its_ends(library: ctypes.CDLL) -> None:
+def test_a_region_has_both_of_its_ends() -> None:
     length_m = DEVICE.bar.length_m
     regions = Effects(
         tuple(
@@ -216,57 +210,55 @@ def test_a_region_has_both_of_its_ends(library: ctypes.CDLL) -> None:
         )
     )
     frames: Frames = [(0.1, report({1: 0.0})), (0.2, report({}, [1])), (0.3, report({1: 1.0})), (0.4, report({}, [1]))]
-    assert answered_whole(library, frames, regions) == [((0.0,), (True,)), ((279.4,), (True,))]
+    assert answered_whole(frames, regions) == [((0.0,), (True,)), ((279.4,), (True,))]
 
 
-def test_a_click_under_way_keeps_its_fingers(library: ctypes.CDLL) -> None:
+def test_a_click_under_way_keeps_its_fingers() -> None:
     first_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({0})),))
     frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.104, report({1: 0.1, 2: 0.55})), (0.108, report({1: 0.1}, [2]))]
     frames += [(0.112, report({1: 0.1, 3: 0.9})), (0.116, report({1: 0.15, 3: 0.9})), (0.2, report({}, [1, 3]))]
-    assert answered_whole(library, frames, first_zone) == [((27.9, 139.7), (True, False))]
+    assert answered_whole(frames, first_zone) == [((27.9, 139.7), (True, False))]
 
 
-def test_a_finger_that_lifts_is_felt_where_it_was_by_its_lift_rule(library: ctypes.CDLL) -> None:
+def test_a_finger_that_lifts_is_felt_where_it_was_by_its_lift_rule() -> None:
     frames = [(0.1, report({1: 0.1, 2: 0.5})), (0.2, report({2: 0.5}, [1])), (0.21, report({2: 0.5, 3: 0.9}))]
-    clicks = answered_whole(library, [*frames, (0.3, report({}, [2, 3]))], TOUCH_AND_LIFT)
+    clicks = answered_whole([*frames, (0.3, report({}, [2, 3]))], TOUCH_AND_LIFT)
     assert clicks[:2] == [((27.9, 139.7), (True, True)), ((27.9, 139.7), (True, False))]
     # The click of the lifted finger is cut by that of the next, and it does not touch.
     assert clicks[2] == ((139.7, 251.5), (False, True))
 
 
 @pytest.mark.parametrize(("units", "place_m"), [(1, 0.0), (2, 1.0)])
-def test_a_finger_counts_where_it_is_held_not_where_it_jitters(
-    library: ctypes.CDLL, units: int, place_m: float
-) -> None:
+def test_a_finger_counts_where_it_is_held_not_where_it_jitters(units: int, place_m: float) -> None:
     """A unit of the digitizer is 0.28 mm, a finger is followed from 0.5 mm on, and two places meet at unit 50."""
     only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
     frames = [(0.1, report({1: 0.049})), (0.2, report({1: 0.049 + 0.001 * units}))]
     frames += [(0.3, report({1: 0.049 + 0.001 * units, 2: 0.9})), (0.4, report({}, [1, 2]))]
-    ((position_mm, is_felt),) = answered_whole(library, frames, only_last)
+    ((position_mm, is_felt),) = answered_whole(frames, only_last)
     assert is_felt == (False, True)
     assert position_mm[0] == round((49 + units * place_m) * 0.2794, 1)
 
 
-def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_loop(library: ctypes.CDLL) -> None:
+def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_loop() -> None:
     """Places are 100 units of the digitizer apart: it is the upper one, but for rounding."""
     frames: Frames = []
     for number in range(10):
         frames += [(0.1 + 0.1 * number, report({1: 0.05 + 0.1 * number})), (0.15 + 0.1 * number, report({}, [1]))]
-    assert len(answered_whole(library, frames, TOUCH)) == 10
+    assert len(answered_whole(frames, TOUCH)) == 10
 
 
-def test_what_time_brings_at_the_time_of_a_report_comes_before_it(library: ctypes.CDLL) -> None:
+def test_what_time_brings_at_the_time_of_a_report_comes_before_it() -> None:
     """The click of the hold begins first, and the one that comes at the same time does not change it."""
     hold = Rule(Trigger.HOLD, click(LEVEL_DB), zones=frozenset({0}), after_ns=20_000_000)
     effects = Effects((Rule(Trigger.TOUCH, click(LOUD_DB), zones=frozenset({4})), hold))
     frames = [IDLE, (0.1, report({1: 0.1})), (0.12, report({1: 0.1, 2: 0.9})), (0.2, report({}, [1, 2]))]
-    found = both(library, recording_of(frames), effects, is_complete=True)
+    found = both(recording_of(frames), effects, is_complete=True)
     assert (found.answered, found.clicks) == (0, [])
 
 
 @pytest.mark.parametrize(("vendor_id", "product_id", "last"), [(0x0408, 0x3001, 9), (0x0486, 0x0185, 10)])
 def test_the_last_contact_of_a_digitizer_that_counts_its_contacts_is_answered(
-    library: ctypes.CDLL, vendor_id: int, product_id: int, last: int
+    vendor_id: int, product_id: int, last: int
 ) -> None:
     slots = (finger(flags="0942 0947") for _ in range(SLOTS))
     counts = replace(
@@ -275,84 +267,85 @@ def test_the_last_contact_of_a_digitizer_that_counts_its_contacts_is_answered(
         vendor_id=vendor_id,
         product_id=product_id,
     )
-    found = both(library, counts, TOUCH, is_complete=True)
+    found = both(counts, TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
-def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered(library: ctypes.CDLL) -> None:
+def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered() -> None:
     slots = struct.pack("<BBHHBBHH", 0, 1, 0, 500, 3, 2, 600, 500).ljust(6 * SLOTS, b"\0")
     frames = [(0.1, report({1: 0.1})), (0.2, b"\x01" + slots + b"\x02")]
-    assert answered_whole(library, frames, TOUCH) == [((27.9,), (True,)), ((167.6,), (True,))]
+    assert answered_whole(frames, TOUCH) == [((27.9,), (True,)), ((167.6,), (True,))]
 
 
-def test_a_contact_that_a_panel_no_longer_mentions_has_lifted(library: ctypes.CDLL) -> None:
+def test_a_contact_that_a_panel_no_longer_mentions_has_lifted() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.15, report({2: 0.6})), (0.2, report({}))]
     panel = replace(recording_of(frames), vendor_id=0x1FF7, product_id=0x0013)
-    found = both(library, panel, TOUCH, is_complete=True)
+    found = both(panel, TOUCH, is_complete=True)
     assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 1]
     assert found.answered == 2
 
 
-def test_a_touch_long_after_the_start_has_the_clock_reference_of_its_time(library: ctypes.CDLL) -> None:
+def test_a_touch_long_after_the_start_has_the_clock_reference_of_its_time() -> None:
     """It begins again every 6.6 s."""
-    assert answered_whole(library, [(10.0, report({1: 0.1})), (10.1, report({}, [1]))], TOUCH) == [((27.9,), (True,))]
+    assert answered_whole([(10.0, report({1: 0.1})), (10.1, report({}, [1]))], TOUCH) == [((27.9,), (True,))]
 
 
-def test_places_may_be_signed_numbers(library: ctypes.CDLL) -> None:
+def test_places_may_be_signed_numbers() -> None:
     signed = application(
         *(finger().replace(b"\x26\xe8\x03", b"\x16\x0c\xfe\x26\xf4\x01") for _ in range(SLOTS)), CONTACT_COUNT
     )
     slots = struct.pack("<BBhh", 3, 1, -400, 0).ljust(6 * SLOTS, b"\0")
     frames = [IDLE, (0.1, b"\x01" + slots + b"\x01"), (0.15, report({}, [1]))]
-    found = both(library, replace(recording_of(frames), descriptor=signed), TOUCH, is_complete=True)
+    found = both(replace(recording_of(frames), descriptor=signed), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
-def test_a_contact_that_hovers_feels_nothing_until_it_touches(library: ctypes.CDLL) -> None:
+def test_a_contact_that_hovers_feels_nothing_until_it_touches() -> None:
     """The second flag is In Range: without the first the contact of a Windows 8 panel is there, and does not touch."""
     hover = report({1: 0.1}).replace(b"\x03", b"\x02", 1)
     frames = [IDLE, (0.1, hover), (0.15, report({1: 0.1})), (0.2, hover), (0.3, report({2: 0.6}))]
     panel = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
-    found = both(library, replace(recording_of(frames), descriptor=panel), TOUCH, is_complete=True)
+    found = both(replace(recording_of(frames), descriptor=panel), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
-def test_a_digitizer_without_report_numbers_is_answered(library: ctypes.CDLL) -> None:
+def test_a_digitizer_without_report_numbers_is_answered() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({2: 0.6}))]
     without = recording_of([(time_s, data[1:]) for time_s, data in frames])
     descriptor = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, report_id=None)
-    found = both(library, replace(without, descriptor=descriptor), TOUCH, is_complete=True)
+    found = both(replace(without, descriptor=descriptor), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
-def test_a_report_that_is_cut_off_brings_nothing(library: ctypes.CDLL) -> None:
+def test_a_report_that_is_cut_off_brings_nothing() -> None:
     """Behind its end lies the report before, whose contact count would make it whole."""
     frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({}, [1])), (0.3, report({2: 0.6})[:8])]
-    found = both(library, recording_of(frames), TOUCH, is_complete=True)
+    found = both(recording_of(frames), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
-def test_a_report_that_is_cut_off_lifts_no_finger(library: ctypes.CDLL) -> None:
+def test_a_report_that_is_cut_off_lifts_no_finger() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.14, report({1: 0.1})[:8]), (0.18, report({}, [1]))]
-    found = both(library, recording_of(frames), TOUCH_AND_LIFT, is_complete=True)
+    found = both(recording_of(frames), TOUCH_AND_LIFT, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
 @pytest.mark.parametrize(("place", "zone"), [(0.115, 0), (0.885, 4)])
-def test_a_finger_beyond_an_end_of_the_bar_is_at_that_end(library: ctypes.CDLL, place: float, zone: int) -> None:
+def test_a_finger_beyond_an_end_of_the_bar_is_at_that_end(place: float, zone: int) -> None:
     only_there = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames = [(0.1, report({1: place})), (0.2, report({}, [1]))]
-    ((position_mm, _),) = answered_whole(library, frames, only_there, WIDE)
+    ((position_mm, _),) = answered_whole(frames, only_there, WIDE)
     assert position_mm == (0.0 if zone == 0 else 279.4,)
 
 
 def test_more_than_64_contacts_stay_within_bounds(
-    library: ctypes.CDLL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """More contacts than the compiled step has room for come, lift one after another, and come in parts of frames."""
     monkeypatch.setattr(library_module, "_FLAGS", (*library_module._FLAGS, "-fsanitize=undefined"))
     with allowed("compiles the step with the sanitizer"):
         library = library_module.compile_fast_path(tmp_path)
+    monkeypatch.setattr(FastRig, "library", library)
     slots, most = 40, 127
     maximum = bytes.fromhex(f"8502 050d 0955 1500 25{most:02x} 7508 9501 b102")
     descriptor = application(*(finger() for _ in range(slots)), CONTACT_COUNT, maximum)
@@ -368,7 +361,7 @@ def test_more_than_64_contacts_stay_within_bounds(
             frames.append((start_s + 0.001 * first / slots, b"\x01" + part + bytes([most * (first == 0)])))
     recording = replace(recording_of(frames), descriptor=descriptor)
     for rules in (TOUCH, TOUCH_AND_LIFT):
-        assert both(library, recording, rules, is_complete=True).fast.loop.counters.frames > 10
+        assert both(recording, rules, is_complete=True).fast.loop.counters.frames > 10
     with on_sockets(library) as ends:
         others = [ends.port, ends.ours, ends.device, ends.port]
         assert ends.fast.wait(0, [each.fileno() for each in others], ()) == []
