@@ -15,12 +15,6 @@ from base.files import FolderError, write_new_folder
 FILES = {"one.txt": b"1" * 100_000, "two.txt": b"2" * 100_000, "three.txt": b"3" * 100_000}
 
 
-def test_a_folder_appears_with_all_its_files_and_nothing_beside_it(tmp_path: Path) -> None:
-    write_new_folder(tmp_path / "new", FILES)
-    assert {path.name: path.read_bytes() for path in (tmp_path / "new").iterdir()} == FILES
-    assert [path.name for path in tmp_path.iterdir()] == ["new"]
-
-
 @pytest.mark.parametrize("kind", ["folder", "empty folder", "file", "dangling link"])
 def test_what_is_there_is_never_overwritten(kind: str, tmp_path: Path) -> None:
     target = tmp_path / "old"

@@ -91,15 +91,6 @@ def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_m
     assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
 
 
-def test_a_burst_is_felt_for_its_time_and_quiet_from_then_on() -> None:
-    seen = Story(BURSTS)
-    for time_ms in range(0, 200, 8):
-        seen.at(time_ms, touch(1, 10))
-    seen.at(200)
-    assert seen.moments == [(0, "F----", 20.0), (50, "-----", None)]
-    assert seen.player.next_change_ns is None
-
-
 def test_a_lift_ends_what_the_finger_feels() -> None:
     seen = story(Rule(Trigger.TOUCH, burst(20.0, 50)))
     seen.at(0, touch(1, 10))

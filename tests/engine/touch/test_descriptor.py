@@ -46,12 +46,6 @@ def test_without_report_ids_bits_count_from_the_first_byte() -> None:
     assert surface.reports[0].size_bytes == 6
 
 
-def test_extent_is_in_millimetres() -> None:
-    (surface,) = read_surfaces(SCREEN)
-    assert surface.width_mm == pytest.approx(200.0)
-    assert surface.height_mm == pytest.approx(200.0)
-
-
 @pytest.mark.parametrize(
     ("items", "extent_mm"),
     [

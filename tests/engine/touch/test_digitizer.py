@@ -65,12 +65,6 @@ def test_a_report_gives_position_and_time() -> None:
     assert frame == TouchFrame(5 * MS, (Contact(7, 300, 400, tip=True),))
 
 
-def test_a_lifted_contact_is_listed_no_more() -> None:
-    digitizer = open_digitizer(SERIAL)
-    digitizer.decode_report(b"\x01" + Finger(7).bytes(), 0)
-    assert ids(digitizer.decode_report(b"\x01" + Finger(7, flags=UP).bytes(), MS)) == []
-
-
 def test_a_serial_device_keeps_state_per_contact() -> None:
     digitizer = open_digitizer(SERIAL)
     assert ids(digitizer.decode_report(b"\x01" + Finger(1).bytes(), 0)) == [1]
@@ -134,11 +128,6 @@ def test_a_contact_unseen_is_up_where_the_class_says_so() -> None:
     digitizer = open_digitizer(HYBRID, 0x1FF7, 0x0013)
     digitizer.decode_report(hybrid(Finger(1), Finger(2), 2), 0)
     assert ids(digitizer.decode_report(hybrid(Finger(2), NOBODY, 1), 8 * MS)) == [2]
-
-
-def test_a_contact_outside_the_logical_range_is_moved_to_its_rim() -> None:
-    frame = open_digitizer(SERIAL).decode_report(b"\x01" + Finger(1, 1001, 65535).bytes(), 0)
-    assert frame is not None and (frame.contacts[0].x, frame.contacts[0].y) == (1000, 1000)
 
 
 def test_the_first_contact_sets_the_range_of_all() -> None:

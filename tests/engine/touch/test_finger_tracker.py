@@ -196,11 +196,3 @@ def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
     tracker.track(frame_of(at(195)))
     assert tracker.track(frame_of(at(195, tip=False))) == []
     assert [touch.zone for touch in tracker.track(frame_of(at(202)))] == [1]
-
-
-def test_a_finger_in_a_gap_is_seen_but_belongs_to_no_zone() -> None:
-    device = replace(REFERENCE, zones=(Zone("I", 0.0, 0.1), Zone("II", 0.2, LENGTH_M)))
-    tracker = FingerTracker(device, SURFACE)
-    (touch,) = tracker.track(frame_of(at(round(LAST * 0.15 / LENGTH_M))))
-    assert touch.zone is None
-    assert touch.position_m == pytest.approx(0.15, abs=LENGTH_M / LAST)
