@@ -1,12 +1,10 @@
 """The [calibration] table: read, counted in the fingerprint, and refused by key where it cannot be."""
 
-from pathlib import Path
-
 import pytest
 
 from engine.device import Device, DeviceError
+from tests.engine.device.test_file import TEXT
 
-TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
 TABLE = """
 [calibration]
 created = "2026-11-21T12:00:00+00:00"

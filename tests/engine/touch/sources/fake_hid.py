@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.touch.sources.hid_discovery import HidSystem
+from engine.touch.sources.hidraw import HidrawSource, open_hidraw
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, COUNT_MAXIMUM_5, application, finger
 
 MODE = bytes.fromhex("050d 090e a101 8507 0952 1500 250a 7508 9501 b102 c0")
@@ -100,9 +101,15 @@ class FakeMachine:
 
     folder: Path
     plugged: dict[str, FakeDevice] = field(default_factory=dict)
+    opened: list[HidrawSource] = field(default_factory=list)
 
     def system(self, backend: str = "hidraw") -> HidSystem:
         return HidSystem(self, backend, self.folder / "sys")
+
+    def open(self, name: str, backend: str = "hidraw", *, reconnect: bool = True) -> HidrawSource:
+        """A source of one of the devices, which is closed with the machine."""
+        self.opened.append(open_hidraw(self.system(backend), name, reconnect=reconnect))
+        return self.opened[-1]
 
     def enumerate(self) -> list[dict[str, Any]]:
         keys = ("vendor_id", "product_id", "serial_number", "product_string", "bus_type")
@@ -151,5 +158,7 @@ class FakeMachine:
             os.write(device.writer, report)
 
     def close(self) -> None:
+        for source in self.opened:
+            source.close()
         for device in tuple(self.plugged.values()):
             self.unplug(device)

@@ -115,7 +115,7 @@ def test_the_descriptor_is_read_without_permission_to_open(machine: FakeMachine)
 
 def test_reports_come_in_order_with_index_and_time(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system(), NUMBER)
+    source = machine.open(NUMBER)
     live: Source = source
     assert (live.name, live.vendor_id, live.product_id, live.descriptor) == ("Touch Bar", 0x04F3, 0x200A, DESCRIPTOR)
     assert live.read(5 * MS) is None
@@ -127,7 +127,6 @@ def test_reports_come_in_order_with_index_and_time(machine: FakeMachine) -> None
     assert live.read(9 * MS) is None
     assert not live.ended
     assert live.next_time_ns() is None
-    source.close()
 
 
 def readable(source: Source) -> bool:
@@ -138,7 +137,7 @@ def readable(source: Source) -> bool:
 
 def test_the_descriptor_to_wait_on_stays_the_same_over_a_replug(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system(), NUMBER)
+    source = machine.open(NUMBER)
     number = source.fileno()
     assert not readable(source)
     machine.send(device, touch_report((1, 5, True)))
@@ -151,7 +150,6 @@ def test_the_descriptor_to_wait_on_stays_the_same_over_a_replug(machine: FakeMac
     machine.send(machine.plug(), touch_report((1, 6, True)))
     assert source.read(2000 * MS) is not None
     assert (source.fileno(), source.state) == (number, Connection.CONNECTED)
-    source.close()
 
 
 def test_a_second_close_does_nothing_and_the_source_has_ended(machine: FakeMachine) -> None:
@@ -167,17 +165,16 @@ def test_a_second_close_does_nothing_and_the_source_has_ended(machine: FakeMachi
 
 def test_an_unplug_ends_a_source_that_does_not_wait(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system(), NUMBER, reconnect=False)
+    source = machine.open(NUMBER, reconnect=False)
     machine.unplug(device)
     assert source.read(0) is None
     assert source.ended
     assert source.next_time_ns() is None
-    source.close()
 
 
 def test_a_lost_device_is_looked_for_less_and_less_often_and_said_to_be_lost(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system(), NUMBER)
+    source = machine.open(NUMBER)
     machine.unplug(device)
     assert source.read(0) is None
     times_ms = []
@@ -196,11 +193,10 @@ def test_a_lost_device_is_looked_for_less_and_less_often_and_said_to_be_lost(mac
     assert source.device.path.endswith("hidraw7")
     assert source.problem is None
     assert (source.counters.losses, source.counters.reconnects) == (1, 1)
-    source.close()
 
 
 def lose(machine: FakeMachine, name: str) -> HidrawSource:
-    source = open_hidraw(machine.system(), name)
+    source = machine.open(name)
     machine.unplug(machine.plugged[source.device.path])
     assert source.read(0) is None
     return source
@@ -215,7 +211,6 @@ def test_the_twin_of_a_lost_device_does_not_stand_in_for_it(machine: FakeMachine
     machine.plug("hidraw2", port="usb-1")
     source.read(9000 * MS)
     assert source.device.path.endswith("hidraw2")
-    source.close()
 
 
 def test_a_device_with_a_serial_number_is_known_at_any_port(machine: FakeMachine) -> None:
@@ -225,7 +220,6 @@ def test_a_device_with_a_serial_number_is_known_at_any_port(machine: FakeMachine
     machine.plug("hidraw4", serial_number="A1", port="usb-9")
     source.read(1000 * MS)
     assert source.device.path.endswith("hidraw4")
-    source.close()
 
 
 def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
@@ -235,7 +229,6 @@ def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
     assert source.read(1000 * MS) is None
     assert source.state is Connection.LOST
     assert "another device" in str(source.problem)
-    source.close()
 
 
 # ---- overflow --------------------------------------------------------------------------------------------
@@ -255,7 +248,7 @@ def test_a_full_ring_is_an_overflow_that_releases_everything(
     machine: FakeMachine, waiting: int, overflows: int
 ) -> None:
     device = machine.plug()
-    source, digitizer = open_hidraw(machine.system(), NUMBER), open_digitizer(DESCRIPTOR)
+    source, digitizer = machine.open(NUMBER), open_digitizer(DESCRIPTOR)
     machine.send(device, *[touch_report((1, step, True), (2, step, True)) for step in range(waiting)])
     frame = drain(source, digitizer, 1000 * MS)
     assert frame is not None
@@ -268,17 +261,15 @@ def test_a_full_ring_is_an_overflow_that_releases_everything(
     assert [contact.contact_id for contact in frame.contacts] == ([1] if overflows else [1, 2])
     assert source.clock_time_ns(source.report_time_ns) == 1008 * MS
     assert source.clock_time_ns(source.source_time_ns(1009 * MS)) == 1009 * MS
-    source.close()
 
 
 def test_as_many_reports_in_two_bursts_are_no_overflow(machine: FakeMachine) -> None:
     device = machine.plug()
-    source, digitizer = open_hidraw(machine.system(), NUMBER), open_digitizer(DESCRIPTOR)
+    source, digitizer = machine.open(NUMBER), open_digitizer(DESCRIPTOR)
     for now_ns in (MS, 2 * MS):
         machine.send(device, *[touch_report((1, step, True)) for step in range(RING // 2 + 1)])
         drain(source, digitizer, now_ns)
     assert source.counters.overflows == 0
-    source.close()
 
 
 # ---- through hidapi --------------------------------------------------------------------------------------
@@ -286,7 +277,7 @@ def test_as_many_reports_in_two_bursts_are_no_overflow(machine: FakeMachine) -> 
 
 def test_hidapi_is_asked_again_and_again_where_nothing_can_be_waited_on(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system("hid"), NUMBER)
+    source = machine.open(NUMBER, "hid")
     assert (source.fileno(), source.next_time_ns()) == (None, 0)
     device.queue.append(touch_report((1, 5, True)))
     assert source.read(3 * MS) == touch_report((1, 5, True))
@@ -295,7 +286,6 @@ def test_hidapi_is_asked_again_and_again_where_nothing_can_be_waited_on(machine:
     machine.unplug(device)
     assert source.read(5 * MS) is None
     assert source.state is Connection.LOST
-    source.close()
 
 
 @pytest.mark.parametrize(("backend", "asks"), [("hidraw", False), ("hid", True)])
@@ -308,10 +298,9 @@ def test_features_are_sent_only_where_the_kernel_does_not(machine: FakeMachine, 
 
 def test_a_device_that_answers_no_feature_is_switched_all_the_same(machine: FakeMachine) -> None:
     device = machine.plug()
-    source = open_hidraw(machine.system("hid"), NUMBER)
+    source = machine.open(NUMBER, "hid")
     assert device.sent_features == [b"\x07\x02"]
     assert source.counters.failed_features == 2
-    source.close()
 
 
 # ---- refusals --------------------------------------------------------------------------------------------
@@ -328,7 +317,7 @@ def test_no_permission_prints_the_rule_and_where_it_goes(machine: FakeMachine) -
 def test_a_device_kept_by_the_system_says_what_to_do(machine: FakeMachine) -> None:
     machine.plug(open_error="busy")
     with pytest.raises(DigitizerError, match=r"busy.*other programs"):
-        open_hidraw(machine.system("hid"), NUMBER)
+        machine.open(NUMBER, "hid")
 
 
 def test_a_node_that_is_gone_again_says_so(machine: FakeMachine) -> None:
