@@ -8,7 +8,7 @@ import select
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
@@ -104,6 +104,7 @@ def test_a_page_that_is_gone_releases_everything_and_ends(pipe: Pipe) -> None:
     assert (source.fileno(), source.next_time_ns()) == (None, None)
 
 
+@example(math.nan, 0.5, 1)
 @given(st.floats(), st.floats(), st.integers(-(2**31), 2**31 - 1))
 def test_any_place_is_on_the_bar_or_refused(x: float, y: float, pointer_id: int) -> None:
     source, feed = open_pointer_pipe()
