@@ -112,9 +112,10 @@ def a_run_that_begins_anew_under_the_tour_changes_no_sentence(demo: Demo, visit:
     """Its resting finger feels a click then, as it comes down again, and the tapping one has left."""
     choose(visit, source="click", quiet_zones=[])
     restarts = visit.ask("tactable.scene.restarts")
-    visit.page.click("#show-me")
-    visit.wait("/dB more than finger.1/.test(outcome.textContent)")
     visit.ask(NOTE_SENTENCES)
+    visit.page.click("#show-me")
+    visit.wait("said.some((each) => each.startsWith('Finger 2 taps')) && /dB more than finger.1/.test(said.at(-1))")
+    visit.ask("said.length = 0")
     for process in processes(demo, "engine"):
         os.kill(process, signal.SIGKILL)
     visit.wait("tactable.fingers.says?.startsWith('Your turn')")
