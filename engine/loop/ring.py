@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 
 from base.errors import TactableError
 from engine.loop.latency import Stamps
-from engine.loop.observer import CommandRecord, LoopCounters
+from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
 
@@ -114,6 +114,13 @@ class RingWriter:
         finally:
             os.close(descriptor)
         _HEAD.pack_into(self._memory, 0, MAGIC, REVISION, _SLOT_SIZE, slots, os.getpid(), 0)
+
+    def begin_run(self, time_ns: int) -> None:
+        """Write that no finger touches: those of the run before may lift before this one reads them."""
+        stamps_ns = (time_ns, 0, 0, 0, 0, 0)
+        self.observe(
+            CommandRecord(stamps_ns, None, b"", None, None, None, False, (), b"", Fate.NONE, None), LoopCounters()
+        )
 
     def observe(self, record: CommandRecord, counters: LoopCounters) -> None:
         """Write a record, in place of the oldest where all slots are taken."""

@@ -199,7 +199,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 
 def map_json(learnt: LearntAxis) -> dict[str, Any]:
-    """The learnt axis for JSON; a length is None where neither the bar nor the digitizer states one."""
+    """The learnt axis for JSON; a length is None where both the device file and the digitizer leave it out."""
     bar_mm = learnt.bar_mm
     return {
         "axis": learnt.axis,

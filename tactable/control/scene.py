@@ -34,7 +34,7 @@ class Scene:
         self.regions[region.name], self.owners[region.name] = region, owner
 
     def remove_region(self, name: str) -> None:
-        """Remove a region of any program. Raises ControlError where there is none."""
+        """Remove a region, whichever program set it. Raises ControlError where no region has this name."""
         if name not in self.regions:
             known = ", ".join(self.regions) or "there is none"
             raise ControlError(f"remove.name: {name!r}: there is no such region; expected one of: {known}")

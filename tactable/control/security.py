@@ -147,7 +147,7 @@ def read_connections() -> list[str]:
 
 
 def user_of(near: Endpoint, far: Endpoint, connections: Iterable[str]) -> int | None:
-    """The number of the user whose socket of this machine, `near`, is connected with `far`; None if there is none.
+    """User ID of the owner of the local socket `near` that is connected with `far`; None without such a connection.
 
     Only open connections count: the system gives root those that nobody holds any more.
     """

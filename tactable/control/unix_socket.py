@@ -32,7 +32,7 @@ def listening_socket(path: Path, owner_id_of: Callable[[Path], int] = _owner_id_
 
 
 def _remove_left_over(path: Path) -> None:
-    """Remove the socket of an ended run. Raises ChildError for one that somebody listens at, and for what is none."""
+    """Remove the socket of an ended run. Raises ChildError where a run still listens, or the file is no socket."""
     if not path.exists():
         return
     if not stat.S_ISSOCK(path.stat().st_mode):

@@ -100,5 +100,6 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         source = PointerSource(pipe)
         live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
         lines = programs.begin_run(live.capabilities)
+        ring.begin_run(clock.now_ns())
         parent.say({"clicks": live.clicks, "lines": lines, "first_record": ring.written})
         live.run(_NextOrder(parent))

@@ -141,6 +141,19 @@ async def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up
         assert run.player.level_db is None and run.slot.scene().rules == ()
 
 
+@on_virtual_time
+async def test_a_finger_that_lifts_between_two_runs_touches_in_neither(tmp_path: Path) -> None:
+    async with started(tmp_path) as run:
+        client = await run.connect()
+        await client.ask({"type": "subscribe", "to": ["touches"]})
+        run.touch(FINGER)
+        assert len((await anext(client.events()))["fingers"]) == 1
+        run.change_run(run.served.table)
+        run.ring.begin_run(0)
+        assert (await anext(client.events()))["fingers"] == []
+        await client.close()
+
+
 def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(ClientError, match=r"nobody.sock: no run listens there .*tactable run ... --control"):
         tactable.connect(tmp_path / "nobody.sock")
