@@ -21,10 +21,10 @@ from tactable.page.server import listen_at
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 IN_CHROMIUM = [
-    pytest.mark.machine,
+    pytest.mark.machine(stall_s=0.25),
     pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium: run tests/system/prepare.sh"),
 ]
-"""The marks of tests in the browser. Any stall excuses them, though they wait for what is late: too much."""
+"""The marks of tests in the browser. Only a stall that latches an emulated board excuses them."""
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 # Only against a page that hangs.
 PATIENCE_S = 120

@@ -198,7 +198,9 @@ def test_garbage_closes_its_own_connection_alone(demo: Demo, browser: Browser) -
                 socket.onclose = (event) => done(event.code); }));
             return codes; })()""".replace("VERSION", str(VERSION))
         )
-        assert codes == [1003, 1007, 1007, 4001, 1007, 1007, 1009, 1007, 1009]
+        assert codes[:-1] == [1003, 1007, 1007, 4001, 1007, 1007, 1009, 1007]
+        # A megabyte is still on its way when the connection ends: TCP then resets it, and may take the code along.
+        assert codes[-1] in (1009, 1006)
         assert visit.ask("tactable.wire.connections") == 1
 
 
