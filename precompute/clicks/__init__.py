@@ -1,4 +1,4 @@
-"""Best clicks of placements of the fingers by linear programs over sampled plants; solver.py says what a click is."""
+"""Best clicks of placements of the fingers over sampled plants; solver.py says what a click is."""
 
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.solver import Click, ClickSolver

@@ -20,9 +20,9 @@ from precompute.clicks.evaluation import decibels
 from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.percentiles import percentiles
 from precompute.clicks.plants import SampledPlants, count_modes
-from precompute.clicks.program import Effort, Optimum, Program
+from precompute.clicks.program import Optimum, Program
 from precompute.clicks.responses import Responses
-from precompute.clicks.search import Found, Search
+from precompute.clicks.search import Search
 from precompute.clicks.watched import WatchedCourses
 from precompute.sampling.plants import sample_scenarios
 
@@ -34,13 +34,9 @@ _SEARCH_GAIN = 1e-2
 """Instants that promise less than this relative gain of the felt level are not pursued: 0.09 dB."""
 _FIRST_LIMIT_DB = -1.0
 """First limit of the program relative to the quiet level, about where trimming ends."""
-_ROUGH_DB, _CLOSE_DB = 0.1, 0.03
+_CLOSE_DB = 0.03
 _SEARCH_AGAIN_DB = 1.0
 """Change of the limit beyond which other instants may be the best, and the first bounds are loose."""
-_NEAR_DB = 1.5
-"""Distance from the 95th percentile beyond which a plant keeps its side while the limit moves by tenths of a dB."""
-_ROUGHLY = 201
-"""Plants for the first, rough trim, the nominal one included."""
 _TRIMS = 6
 _FIRST_PLANTS, _FIRST_S = 5, 0.07
 
@@ -57,7 +53,6 @@ class Design:
     waveform: Array
     bound_db: float
     gap_db: float
-    effort: Effort
 
 
 class ProgramSolver:
@@ -93,15 +88,6 @@ class ProgramSolver:
             return Designer(self._device, self._options, optimised, trimmed, placement).design()
 
 
-@dataclass(frozen=True)
-class _Trimmed:
-    """A limit of the program, its optimum, and the 95th percentile of the quiet level over the trimmed plants."""
-
-    limit_db: float
-    optimum: Optimum
-    quiet_db: float
-
-
 class Designer:
     """Designs the click of one placement over the responses of some plants, and trims it on those of others."""
 
@@ -112,63 +98,41 @@ class Designer:
         self.felt, self.quiet = placement.felt, placement.quiet
         self._tones = tones_of(click_set(device, options.length_s, options.crowding))
         watched = WatchedCourses(optimised.under(self.quiet), self._tones)
-        self._program = Program(drive_rows(self._tones, device.limits.amplitude), watched, len(self.felt))
+        program = Program(drive_rows(self._tones, device.limits.amplitude), watched, len(self.felt))
         course = optimised.under(self.felt).mean().play_each(self._tones)[0]
-        self.search = Search(self._program, course, options.length_s, _SEARCH_GAIN)
+        self.search = Search(program, course, options.length_s, _SEARCH_GAIN)
         if watched.shape[0]:
-            self._program.add(_first_rows(watched))
+            program.add(_first_rows(watched))
 
     def waveform(self, weight: Array) -> Array:
         """Base displacements (actuator, time) of weights (tone,)."""
         return self._tones.waveform(weight)
 
     def design(self) -> Design:
-        """The strongest click within the quiet level."""
-        limit_db = self._quiet_db
-        if not self.quiet:
-            return self._settle(_Trimmed(limit_db, self.search.strongest(_factor(limit_db)).optimum, limit_db))
-        limit_db += _FIRST_LIMIT_DB
-        return self._settle(self._trim(self.search.strongest(_factor(limit_db)), limit_db))
-
-    def _trim(self, found: Found, limit_db: float) -> _Trimmed:
-        """Move the limit until 95 % of the trimmed plants stay below the quiet level: first on few plants, then on all.
-
-        After all plants were played once, only those near the percentile are played again.
-        """
-        trimmed, optimum = self._trimmed, found.optimum
-        over_db = _share(self._levels_db(trimmed.first(_ROUGHLY), optimum)) - self._quiet_db
-        if abs(over_db) >= _ROUGH_DB:
-            limit_db -= over_db
-            if abs(over_db) >= _SEARCH_AGAIN_DB:
-                found = self.search.strongest(_factor(limit_db))
-                optimum = found.optimum
-            else:
-                optimum = self.search.improve(found.aim, _factor(limit_db))
-        every_db = self._levels_db(trimmed, optimum)
-        over_db = _share(every_db) - self._quiet_db
-        near = np.flatnonzero(np.abs(every_db - self._quiet_db - over_db) < _NEAR_DB)
-        close_to = Responses(trimmed.transfer[1:][near], trimmed.lines)
-        for _ in range(_TRIMS):
+        """The strongest click within the quiet level, which the limit is moved to, and a last scaling down."""
+        limit_db = self._quiet_db + (_FIRST_LIMIT_DB if self.quiet else 0.0)
+        found = self.search.strongest(_factor(limit_db))
+        aim, optimum = found.aim, found.optimum
+        for _ in range(_TRIMS if self.quiet else 0):
+            over_db = self._over_db(optimum)
             if abs(over_db) < _CLOSE_DB:
                 break
             limit_db -= over_db
-            optimum = self.search.improve(found.aim, _factor(limit_db))
-            every_db[near] = decibels(close_to.peaks(self.waveform(optimum.weight), self.quiet).max(axis=1))
-            over_db = _share(every_db) - self._quiet_db
-        return _Trimmed(limit_db, optimum, self._quiet_db + over_db)
-
-    def _levels_db(self, plants: Responses, optimum: Optimum) -> Array:
-        """Level of the strongest quiet finger in every sampled plant (plant,)."""
-        return decibels(plants.peaks(self.waveform(optimum.weight), self.quiet)[1:].max(axis=1))
-
-    def _settle(self, trimmed: _Trimmed) -> Design:
-        """Scale down to the quiet level; the bound is that of the search at the trimmed limit."""
-        optimum, limit = trimmed.optimum, _factor(trimmed.limit_db)
-        change_db = min(0.0, self._quiet_db - trimmed.quiet_db)
-        bound_db = float(decibels(max(self.search.bound(limit), optimum.bound.at(limit))))
+            if abs(over_db) >= _SEARCH_AGAIN_DB:
+                found = self.search.strongest(_factor(limit_db))
+                aim, optimum = found.aim, found.optimum
+            else:
+                optimum = self.search.improve(aim, _factor(limit_db))
+        change_db = min(0.0, -self._over_db(optimum)) if self.quiet else 0.0
+        bound_db = float(decibels(max(self.search.bound(_factor(limit_db)), optimum.bound.at(_factor(limit_db)))))
         gap_db = bound_db - float(decibels(optimum.value)) - change_db
         weight = optimum.weight * _factor(change_db)
-        return Design(weight, self.waveform(weight), bound_db, gap_db, self._program.effort)
+        return Design(weight, self.waveform(weight), bound_db, gap_db)
+
+    def _over_db(self, optimum: Optimum) -> float:
+        """By how much the 95th percentile of the quiet level over the trimmed plants passes the quiet level."""
+        level_db = decibels(self._trimmed.peaks(self.waveform(optimum.weight), self.quiet)[1:].max(axis=1))
+        return float(percentiles(level_db, (SHARE,))[0]) - self._quiet_db
 
 
 def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:
@@ -178,10 +142,6 @@ def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:
     sample = np.arange(0, min(round(_FIRST_S * SAMPLE_RATE_HZ), watched.shape[1]), 2)
     numbers: NDArray[np.int64] = (course * watched.shape[1] + sample).ravel()
     return numbers
-
-
-def _share(level_db: Array) -> float:
-    return float(percentiles(level_db, (SHARE,))[0])
 
 
 def _factor(level_db: float) -> float:

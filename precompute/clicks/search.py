@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.clicks.basis import EVALUATION_RATE_HZ
-from precompute.clicks.program import TOLERANCE, UNBOUNDED, Basis, Optimum
+from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class LinearProgram(Protocol):
     def set_limit(self, limit: float) -> None:
         """Change the limit of the watched courses."""
 
-    def maximise(self, aims: Array, floor: float = ..., tolerance: float = ..., start: Basis | None = ...) -> Optimum:
+    def maximise(self, aims: Array, floor: float = ..., tolerance: float = ...) -> Optimum:
         """The best weights for aims (aim, tone), to `tolerance` relative; given up once the bound is below `floor`."""
 
 
@@ -134,7 +134,7 @@ class Search:
             aim, _ = self._peak_aim(begun.weight)
             if best is not None and aim.is_same(best.aim):
                 return best
-            found = self._program.maximise(aim.rows(self._course), start=begun.basis)
+            found = self._program.maximise(aim.rows(self._course))
             if best is not None and found.value <= best.optimum.value * (1 + 10 * TOLERANCE):
                 return best
             best, begun = Found(aim, found), found

@@ -101,6 +101,7 @@ def test_what_is_promised_holds_on_other_plants(name: str) -> None:
     assert np.mean(errors_db, axis=0) == pytest.approx([0.0, 0.0], abs=0.3)
 
 
+@pytest.mark.long
 def test_it_loses_little_against_the_linear_program() -> None:
     """Felt by each placement, and kept quiet in their mean: what a percentile of one errs by is a law of its own."""
     quiet_db = list[float]()

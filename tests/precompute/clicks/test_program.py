@@ -5,14 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from precompute.clicks import program as program_module
-from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, drive_rows, make_tones, orthogonalised
-from precompute.clicks.options import DEFAULT_OPTIONS
 from precompute.clicks.program import TOLERANCE
-from precompute.clicks.simplex import Outcome
-from tests.precompute.clicks.click_cases import fresh_responses, placed
 from tests.precompute.clicks.dense_rows import program_of
-from tests.precompute.devices import shipped
 
 Array = NDArray[np.float64]
 seeds = pytest.mark.parametrize("seed", range(6))
@@ -47,19 +41,6 @@ def test_it_is_the_optimum_of_the_whole_program(seed: int, aims: int) -> None:
 
 @seeds
 @aims_of
-def test_an_earlier_optimum_is_found_again_from_its_basis(seed: int, aims: int) -> None:
-    kept, watched, goals = problem(seed, aims)
-    program = program_of(kept, watched, aims)
-    first = program.maximise(goals)
-    for other in range(20):  # rows of the first are deleted meanwhile
-        program.maximise(problem(100 + other, aims)[2])
-    before = program.effort.pivots
-    again = program.maximise(goals, start=first.basis)
-    assert again.value == pytest.approx(first.value, rel=1e-6) and program.effort.pivots - before <= 1
-
-
-@seeds
-@aims_of
 def test_watched_courses_may_reach_the_limit_and_what_was_solved_before_does_not_matter(seed: int, aims: int) -> None:
     kept, watched, goals = problem(seed, aims)
     program = program_of(kept, watched, aims)
@@ -89,40 +70,7 @@ def test_a_search_below_its_floor_is_given_up_with_a_bound() -> None:
     assert best * (1 - 1e-9) <= given_up.bound.at(1.0) <= 1.05 * best
 
 
-def test_many_aims_one_after_another_do_not_fill_the_program() -> None:
-    """Rows that press no longer go; what they leave is solved like the first."""
-    random = np.random.default_rng(7)
-    kept, watched = random.normal(size=(60, 20)), 0.4 * random.normal(size=(40, 300, 20))
-    program, aims = program_of(kept, watched, 1), random.normal(size=(12, 1, 20))
-    values = [program.maximise(aim).value for aim in aims]
-    assert program.maximise(aims[0]).value == pytest.approx(values[0], rel=2 * TOLERANCE)
-    assert program.rows < 0.1 * watched[..., 0].size
-
-
 def test_without_watched_courses_only_the_kept_rows_count() -> None:
     kept, _, goals = problem(1, 1)
     found = program_of(kept, np.zeros((0, 60, 8)), 1).maximise(goals)
     assert found.value == pytest.approx(whole(kept, np.zeros((0, 60, 8)), goals), rel=TOLERANCE)
-
-
-@pytest.mark.parametrize("letters", ["F--q-", "qF-Fq", "q--qF"])
-def test_highs_finds_the_same_optimum_of_a_click_s_program(letters: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Values within the tolerance of both, and each below the bound that the other proves."""
-    device = shipped("reference-a")
-    placement, tones = placed(device, letters), orthogonalised(make_tones(device, DEFAULT_OPTIONS.length_s))
-    played = fresh_responses(device.name, placement, 6).play_each(tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
-    watched = played[:, placement.quiet].reshape(-1, *played.shape[2:])
-    drive, course = drive_rows(tones, device.limits.amplitude), played[:, placement.felt].mean(axis=0)
-    ours, highs = (program_of(drive, watched, len(placement.felt)) for _ in range(2))
-    for instant, limit in ((60, 1.0), (75, 1.0), (60, 0.7)):
-        ours.set_limit(limit)
-        highs.set_limit(limit)
-        own = ours.maximise(course[:, instant])
-        with monkeypatch.context() as patch:
-            patch.setattr(program_module, "maximise", lambda *_: (Outcome.FAILED, 0))
-            other = highs.maximise(course[:, instant])
-        assert own.value == pytest.approx(other.value, rel=2 * TOLERANCE)
-        assert other.bound.at(limit) == pytest.approx(own.bound.at(limit), rel=2 * TOLERANCE)
-        assert own.value <= other.bound.at(limit) * (1 + 2e-5)
-        assert other.value <= own.bound.at(limit) * (1 + 2e-5)
-    assert highs.effort.fallbacks > 0 == ours.effort.fallbacks
