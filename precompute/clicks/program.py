@@ -112,9 +112,8 @@ class Program:
     def set_limit(self, limit: float) -> None:
         """Change the limit of the watched courses."""
         self._limit = limit
-        changed = np.arange(self._first_watched, self._solver.getNumRow(), dtype=np.int32)
-        limits = np.full(len(changed), limit)
-        self._solver.changeRowsBounds(len(changed), changed, -limits, limits)
+        for row in range(self._first_watched, self._solver.getNumRow()):
+            self._solver.changeRowBounds(row, -limit, limit)
 
     def add(self, numbers: Integers) -> None:
         """Add watched rows, given as course * samples + sample; none may be among the rows already."""
@@ -144,8 +143,8 @@ class Program:
         count, unknowns = len(rows), rows.shape[1] + 1
         dense = np.column_stack([rows, np.full(count, of_value)]).ravel()
         starts, columns = np.arange(count, dtype=np.int32) * unknowns, np.arange(unknowns, dtype=np.int32)
-        limits = (np.full(count, limit) for limit in (low, high))
-        self._solver.addRows(count, *limits, dense.size, starts, np.tile(columns, count), dense)
+        below, above = np.full(count, low), np.full(count, high)
+        self._solver.addRows(count, below, above, dense.size, starts, np.tile(columns, count), dense)
 
     def _solve(self) -> tuple[Array, Bound]:
         """The best weights for the rows so far, and the bound that their prices prove."""

@@ -78,6 +78,15 @@ def test_a_click_keeps_to_the_amplitude_and_the_quiet_level_and_reaches_one(name
     assert max(drive, quiet) == pytest.approx(1.0, abs=1e-5)
 
 
+@any_case
+def test_another_processor_s_rounding_is_not_felt(name: str, letters: str) -> None:
+    given = problem(name, placed(shipped(name), letters))
+    rounding = 1 + 1e-7 * np.random.default_rng(5).standard_normal(given.pool.transfer.shape)
+    rounded = Responses((given.pool.transfer * rounding).astype(np.complex64), given.pool.lines)
+    other = given.closed_form.solve(rounded, given.felt, given.quiet, LIMIT, given.many)
+    assert given.felt_db(other) == pytest.approx(given.felt_db(given.solve()), abs=0.05)
+
+
 @pytest.mark.parametrize("name", ["reference-a", "reference-t"])
 def test_a_quiet_finger_less_of_two_or_a_higher_quiet_level_is_never_weaker(name: str) -> None:
     """Of three and more quiet fingers it holds in 85 to 97 % of cases only, since solving is a search."""
