@@ -60,6 +60,11 @@ class Effect:
     name: str
     envelope: tuple[Segment, ...]
 
+    @property
+    def is_endless(self) -> bool:
+        """Whether it lasts as long as its event, or until a program ends it."""
+        return any(segment.duration_ns is None and not segment.is_click for segment in self.envelope)
+
 
 @dataclass(frozen=True)
 class Rule:

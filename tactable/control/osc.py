@@ -1,9 +1,10 @@
 """Programs that speak Open Sound Control: datagrams to a loopback port become messages of the control channel.
 
-Each sender, an address and a port, is a program of its own with a lease of LEASE_S, renewed by whatever it sends. A
-sender that is silent for its lease is forgotten, and what it held ends. Answers and events go back to the sender's
-port; one that does not listen there misses them, so refusals are counted and told at the end of the run too. OSC has
-no token: any program of this machine may send.
+Each sender, an address and a port, is a program of its own with a lease of LEASE_S, renewed by whatever it sends. One
+that holds nothing, such as a command that triggers a click, is forgotten at once, since each such command has a port of
+its own; one that is silent for its lease is, too, and what it held ends. Answers and events go back to the sender's
+port, or to the one that it named in a hello; whoever does not listen there misses them, so refusals are counted and
+told at the end of the run too. OSC has no token: any program of this machine may send.
 """
 
 import asyncio
@@ -22,6 +23,7 @@ from tactable.control.server import ControlServer
 
 LEASE_S = 30.0  # senders of OSC do not renew on their own: longer than the 5 s of programs that do
 PREFIX = "/tactable/"
+HELLO = f"{PREFIX}hello"
 _MOST_WAITING = 256
 """Messages of one sender that were not answered yet; more are refused."""
 Peer = tuple[str, int]
@@ -43,6 +45,11 @@ def _number(value: Value) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         raise ValueError(value)
     return float(value)
+
+
+def _switch(value: Value) -> bool:
+    """On or off: T, F or a number; no text, since "0" and "off" would be true."""
+    return value if isinstance(value, bool) else _number(value) != 0
 
 
 def _place(value: Value) -> str:
@@ -73,12 +80,19 @@ def _region(values: Sequence[Value]) -> dict[str, Any]:
 
 def _settings(values: Sequence[Value]) -> dict[str, Any]:
     enabled, rule_file, *change = values
-    return {"type": "settings", "enabled": bool(enabled), "rule_file": bool(rule_file), **_change(change)}
+    return {"type": "settings", "enabled": _switch(enabled), "rule_file": _switch(rule_file), **_change(change)}
 
 
 def _quiet(values: Sequence[Value]) -> dict[str, Any]:
     finger, quiet = values
-    return {"type": "role", "finger": round(_number(finger)), "role": "quiet" if quiet else "by rules"}
+    return {"type": "role", "finger": round(_number(finger)), "role": "quiet" if _switch(quiet) else "by rules"}
+
+
+def _hello(values: Sequence[Value]) -> dict[str, Any]:
+    (port,) = values
+    if not 0 < _number(port) < 1 << 16:
+        raise ValueError(port)
+    return {"type": "ping"}
 
 
 def _json(values: Sequence[Value]) -> dict[str, Any]:
@@ -98,6 +112,7 @@ _MESSAGES: Mapping[str, tuple[str, Callable[[Sequence[Value]], dict[str, Any]]]]
     "remove": ("the name of a region", lambda values: {"type": "remove", "name": values[0]}),
     "settings": ("enabled, rule_file (0 or 1), and a change of level in dB if wanted", _settings),
     "quiet": ("finger, and 1 for quiet or 0 for by rules", _quiet),
+    "hello": ("the port that answers and events are to go to", _hello),
     "stop": ("nothing", lambda _: {"type": "stop"}),
     "ping": ("nothing", lambda _: {"type": "ping"}),
     "subscribe": ("touches, played, both or nothing", lambda values: {"type": "subscribe", "to": list(values)}),
@@ -110,8 +125,9 @@ class _Sender:
 
     def __init__(self, owner: "OscControl", peer: Peer) -> None:
         self._owner, self._peer = owner, peer
+        self.reply_to = peer
         self._lines: asyncio.Queue[bytes] = asyncio.Queue(_MOST_WAITING)
-        self._asked = deque([f"{PREFIX}hello"])
+        self._asked = deque([PREFIX])
         hello = {"type": "hello", "version": VERSION, "name": f"OSC {peer[1]}", "lease": f"{LEASE_S:g} s"}
         self._lines.put_nowait(json.dumps(hello).encode())
 
@@ -124,36 +140,41 @@ class _Sender:
         self._asked.append(address)
 
     async def lines(self) -> AsyncIterator[bytes]:
-        """Lines as they come, until the sender is silent for its lease."""
-        while True:
+        """Lines as they come, until the sender holds nothing any more or is silent for its lease."""
+        while not self._is_done():
             try:
                 # `asyncio.wait_for` of Python 3.11 forgets that it was cancelled when a line comes at that moment.
                 async with asyncio.timeout(LEASE_S):
                     line = await self._lines.get()
             except TimeoutError:
-                return
+                break
             yield line
+        self._owner.forget(self._peer, self)
+
+    def _is_done(self) -> bool:
+        """Whether all was answered, and the sender may be forgotten at once."""
+        return not self._asked and self.reply_to == self._peer and self._owner.server.let_go(self)
 
     def send(self, line: bytes) -> None:
         document = json.loads(line)
         if "answer" in document:
             address = self._asked.popleft() if self._asked else ""
-            if address == f"{PREFIX}hello" and document["ok"]:
+            if address == PREFIX and document["ok"]:
                 return
-            self._owner.answer(self._peer, address, document.get("error"))
+            self._owner.answer(self.reply_to, address, document.get("error"))
             if "fingers" in document:  # of a subscription: those that touch now
                 self._send_touches(document["fingers"])
         elif document["event"] == "touches":
             self._send_touches(document["fingers"])
         elif document["event"] == "played":
             level_db = -1.0 if document["level_db"] is None else float(document["level_db"])
-            self._owner.send(self._peer, "played", [document["kind"], level_db])
+            self._owner.send(self.reply_to, "played", [document["kind"], level_db])
         else:
-            self._owner.send(self._peer, "event", [json.dumps(document)])
+            self._owner.send(self.reply_to, "event", [json.dumps(document)])
 
     def _send_touches(self, fingers: list[dict[str, Any]]) -> None:
         values = [value for each in fingers for value in (each["finger"], 1e3 * each["at_m"])]
-        self._owner.send(self._peer, "touches", values)
+        self._owner.send(self.reply_to, "touches", values)
 
     async def drain(self) -> None:
         """A datagram is gone at once."""
@@ -166,9 +187,10 @@ class OscControl(asyncio.DatagramProtocol):
     """The OSC port of one control server; `open` binds it."""
 
     def __init__(self, server: ControlServer) -> None:
-        self._server = server
+        self.server = server
         self._transport: asyncio.DatagramTransport | None = None
-        self._senders: dict[Peer, tuple[_Sender, asyncio.Task[None]]] = {}
+        self._senders: dict[Peer, _Sender] = {}
+        self._talks = set[asyncio.Task[None]]()
         self.messages = self.refused = 0
         self.last_error = ""
 
@@ -190,10 +212,9 @@ class OscControl(asyncio.DatagramProtocol):
 
     async def close(self) -> None:
         """End all senders and the port."""
-        tasks = [task for _, task in self._senders.values()]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        for talk in self._talks:
+            talk.cancel()
+        await asyncio.gather(*self._talks, return_exceptions=True)
         if self._transport is not None:
             self._transport.close()
 
@@ -214,7 +235,10 @@ class OscControl(asyncio.DatagramProtocol):
             self.messages += 1
             try:
                 message = message_of(address, values)
-                self._sender(addr).take_message(address, message)
+                sender = self._sender(addr)
+                if address == HELLO:
+                    sender.reply_to = addr[0], round(_number(values[0]))
+                sender.take_message(address, message)
             except (OscError, ValueError, TypeError) as error:
                 self.answer(addr, address, str(error))
 
@@ -231,10 +255,16 @@ class OscControl(asyncio.DatagramProtocol):
             self._transport.sendto(encode_osc(PREFIX + name, values), peer)
 
     def _sender(self, peer: Peer) -> _Sender:
-        known = self._senders.get(peer)
-        if known is None:
-            sender = _Sender(self, peer)
-            talk = asyncio.ensure_future(self._server.converse(sender.lines(), sender))
-            talk.add_done_callback(lambda _: self._senders.pop(peer, None))
-            known = self._senders[peer] = (sender, talk)
-        return known[0]
+        sender = self._senders.get(peer)
+        if sender is None:
+            sender = self._senders[peer] = _Sender(self, peer)
+            talk = asyncio.ensure_future(self.server.converse(sender.lines(), sender))
+            self._talks.add(talk)
+            talk.add_done_callback(lambda _: self.forget(peer, sender))
+            talk.add_done_callback(self._talks.discard)
+        return sender
+
+    def forget(self, peer: Peer, sender: _Sender) -> None:
+        """What this peer sends from now on begins anew."""
+        if self._senders.get(peer) is sender:
+            del self._senders[peer]

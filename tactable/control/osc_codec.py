@@ -53,6 +53,8 @@ def decode_osc(data: bytes, depth: int = 0) -> list[tuple[str, list[Value]]]:
 def _decode_message(data: bytes) -> tuple[str, list[Value]]:
     if not OscMessage.dgram_is_message(data):
         raise OscError(f"{data[:40]!r}: expected an address that begins with /")
+    if len(data) % 4:  # python-osc would fill a number that was cut off with zeros
+        raise OscError(f"{data[:40]!r}: {len(data)} bytes; a message has a multiple of 4")
     try:
         address, at = osc_types.get_string(data, 0)
         tags = osc_types.get_string(data, at)[0] if at < len(data) else ","  # old senders leave them out

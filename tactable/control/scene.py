@@ -64,6 +64,12 @@ class Scene:
             del self.effects[name], self._definers[name]
         self._settings.pop(owner, None)
 
+    def is_held_by(self, owner: int) -> bool:
+        """Whether something would end with a program's lease."""
+        regions = (name for name, holder in self.owners.items() if holder == owner)
+        is_holding = owner in self._settings or owner in self._definers.values()
+        return is_holding or any(not self.regions[name].stays for name in regions)
+
     @property
     def settings(self) -> SceneSettings:
         """Settings of all programs together: what one of them switches off is off, and changes of the level add up."""

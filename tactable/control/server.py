@@ -73,6 +73,8 @@ class _Program:
         self.streams: frozenset[str] = frozenset()
         self.has_acted = False
         """Whether it has ever asked for a step: what may be under way then ends with its lease."""
+        self.is_lasting = False
+        """Whether it has triggered an effect without an end, or kept a finger quiet."""
         self.lost_events = 0
         self.timer: asyncio.TimerHandle | None = None
 
@@ -120,6 +122,13 @@ class ControlServer:
             if program.timer is not None:
                 program.timer.cancel()
             await self._end_lease(program)
+
+    def let_go(self, connection: Connection) -> bool:
+        """Whether the program at this connection holds nothing; what it triggered then goes on to its own end."""
+        program = next(each for each in self._programs.values() if each.connection is connection)
+        is_idle = not (program.streams or program.is_lasting or self.scene.is_held_by(program.number))
+        program.has_acted &= not is_idle
+        return is_idle
 
     def publish(self, events: Iterable[dict[str, Any]]) -> None:
         """Send events to the programs that want them."""
@@ -243,6 +252,7 @@ class ControlServer:
     async def _trigger(self, program: _Program, request: TriggerRequest) -> None:
         place = request.contact_id, request.position_m
         trigger = TriggeredEffect(request.effect, program.number, *place, request.level_change_db)
+        program.is_lasting |= request.effect.is_endless
         outcome = await self._step(ControlStep(trigger=trigger))
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
@@ -255,6 +265,7 @@ class ControlServer:
 
     async def _set_role(self, program: _Program, request: RoleRequest) -> None:
         role = Role(request.contact_id, request.is_quiet, program.number)
+        program.is_lasting |= request.is_quiet
         outcome = await self._step(ControlStep(role=role))
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("role.finger", request.contact_id)

@@ -27,6 +27,7 @@ ASKED: dict[str, list[Value]] = {
     "remove": ["ok"],
     "settings": [1, False, 3],
     "quiet": [3, 1],
+    "hello": [9001],
     "stop": [],
     "ping": [],
     "subscribe": ["touches", "played"],
@@ -96,6 +97,10 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
     backwards = b"#bundle\0" + bytes(8) + (-4).to_bytes(4, "big", signed=True)
     with pytest.raises(OscError, match="byte 16: an element of -4 bytes"):
         decode_osc(backwards)
+    number = encode_osc("/tactable/trigger_at", ["press", 83.7])
+    for cut in (1, 2, 3):
+        with pytest.raises(OscError, match="a multiple of 4"):
+            decode_osc(number[:-cut])
     for size in (0, 9):
         with pytest.raises(OscError, match=f"byte 16: an element of {size} bytes"):
             decode_osc(b"#bundle\0" + bytes(8) + size.to_bytes(4, "big") + bytes(8))
@@ -126,6 +131,10 @@ def test_each_address_is_a_message_of_the_channel(name: str) -> None:
         ("/tactable/trigger", ["press"], r"\['press'\]: expected effect, finger"),
         ("/tactable/trigger", ["press", "x"], "expected effect, finger"),
         ("/tactable/region", ["ok", 1, 2, "touch"], "then pairs of event and effect"),
+        ("/tactable/settings", ["0", 1], "expected enabled, rule_file"),
+        ("/tactable/quiet", [3, "off"], "expected finger, and 1 for quiet or 0"),
+        ("/tactable/settings", [float("nan"), 1], "expected enabled, rule_file"),
+        ("/tactable/hello", [70_000], "expected the port"),
         ("/tactable/json", [b"{}"], "expected a message of the control channel"),
         ("/tactable/json", ["[]"], "expected a message of the control channel"),
         ("/tactable/json", ["[" * 5000], "expected a message of the control channel"),
@@ -200,8 +209,26 @@ async def test_only_programs_of_this_machine_are_heard(osc: OscControl, host: st
     for data in (encode_osc(f"{PREFIX}ping", []), b"nonsense"):
         osc.datagram_received(data, (host, 9))
     await settle()
-    assert (osc.messages, osc.refused, len(osc._senders)) == ((2, 1, 1) if is_heard else (2, 2, 0))
+    assert (osc.messages, osc.refused) == ((2, 1) if is_heard else (2, 2)) and not osc._senders  # a ping holds nothing
     assert (host in osc.last_error) is not is_heard
+    await osc.close()
+
+
+@on_virtual_time
+async def test_commands_that_trigger_and_end_take_no_place_from_others(
+    osc: OscControl, server: ControlServer, slot: VirtualSlot
+) -> None:
+    """As a loop of `oscsend` does; a click that was triggered so plays on."""
+    osc._transport = port = Port()
+    for number in range(100):
+        osc.datagram_received(encode_osc(f"{PREFIX}trigger", ["press", 3]), ("127.0.0.1", 1000 + number))
+        await settle()
+    assert not server._programs and not osc._senders and osc.refused == 0
+    assert len(slot.steps) == 100 and slot.player.level_db is not None
+    osc.datagram_received(encode_osc(f"{PREFIX}trigger", ["buzz", 3]), ("127.0.0.1", 1))  # it does not end by itself
+    osc.datagram_received(encode_osc(f"{PREFIX}hello", [9001]), ("127.0.0.1", 2))
+    await settle()
+    assert len(server._programs) == 2 and ("127.0.0.1", 9001) in port.said and ("127.0.0.1", 2) not in port.said
     await osc.close()
 
 
