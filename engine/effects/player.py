@@ -4,6 +4,8 @@ Each finger has at most one effect under way, a walk through the segments of its
 waits for. A new effect of a finger replaces the one before. Roles and precedence:
 
 - A finger without an effect, or in a quiet segment, is quiet. Two fingers in one zone may have different roles.
+- A palm is a quiet finger: it loads the bar, and no rule or program has it feel. A finger that the digitizer takes for
+  a palm in mid-touch loses its effect; a click that has begun is played to its end.
 - Of several levels the greatest is wanted: a placement has one level for all felt fingers, and no finger may feel less
   than its rule says.
 - A click takes precedence over everything steady while it lasts; of two clicks the one that began last. Fingers whose
@@ -124,6 +126,9 @@ class EffectPlayer:
                 self._put_down(touch, time_ns)
                 has_changed = True
             else:
+                if touch[3] is not finger.touch[3]:
+                    self._turn_palm(finger, touch, time_ns)
+                    has_changed = True
                 finger.touch = touch
                 if not -FOLLOW_M <= touch[1] - finger.held_m <= FOLLOW_M:
                     finger.held_m = touch[1]
@@ -229,9 +234,18 @@ class EffectPlayer:
 
     def _keep_quiet(self, finger: "Finger", owners: frozenset[int], time_ns: int) -> None:
         was_quiet, finger.quiet_for = finger.is_kept_quiet, owners
-        if finger.is_kept_quiet is was_quiet:
-            return
-        if finger.play is not None and not was_quiet:
+        if finger.is_kept_quiet is not was_quiet:
+            self._turn_quiet(finger, time_ns)
+
+    def _turn_palm(self, finger: "Finger", touch: Touch, time_ns: int) -> None:
+        """The digitizer takes a finger for a palm now, or no longer."""
+        was_quiet, finger.touch = finger.is_kept_quiet, touch
+        if finger.is_kept_quiet is not was_quiet:
+            self._turn_quiet(finger, time_ns)
+
+    def _turn_quiet(self, finger: "Finger", time_ns: int) -> None:
+        """A finger is kept quiet from now on, or follows its rules again."""
+        if finger.play is not None and finger.is_kept_quiet:
             finger.play.cut()
         finger.mark_m = finger.touch.position_m
         self._rest(finger, time_ns)
@@ -284,7 +298,7 @@ class EffectPlayer:
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch)
-        rule = _first(self._rules.touch, touch)
+        rule = None if touch.is_palm else _first(self._rules.touch, touch)
         if rule is not None:
             self._begin(finger, rule, time_ns, None)
         if self._rules.hold:
@@ -393,8 +407,8 @@ class Finger:
 
     @property
     def is_kept_quiet(self) -> bool:
-        """Whether any program keeps it quiet."""
-        return bool(self.quiet_for)
+        """Whether it is a palm, or any program keeps it quiet."""
+        return self.touch.is_palm or bool(self.quiet_for)
 
 
 def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:

@@ -36,7 +36,7 @@ _GUARD = struct.Struct("<IIQ")
 # fingers, touches, drive, play and report; no finger stands for no placement
 _FIXED = struct.Struct("<6qqd?h6QHBBHHH")
 _FINGERS = [struct.Struct(f"<{count}d") for count in range(MOST_FINGERS + 1)]
-_TOUCH = struct.Struct("<qdb")
+_TOUCH = struct.Struct("<qdb?")
 _NO_LEVEL = float("-inf")
 _NO_FINGER = Placement((), ())
 _NONE = -1
@@ -151,7 +151,7 @@ class RingWriter:
                     min(len(report), room),
                 ),
                 fingers.pack(*position_m),
-                *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2]) for t in touches[:count]],
+                *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]],
                 drive,
                 play,
                 report[:room],
@@ -257,8 +257,8 @@ def _decode(body: bytes) -> Record:
         drive_sequence=None if sequence == _NONE else sequence,
         counters=RingCounters(*counters),
         touches=tuple(
-            Touch(number, position_m, None if zone == _NONE else zone)
-            for number, position_m, zone in _TOUCH.iter_unpack(body[fingers_end:touches_end])
+            Touch(number, position_m, None if zone == _NONE else zone, is_palm)
+            for number, position_m, zone, is_palm in _TOUCH.iter_unpack(body[fingers_end:touches_end])
         ),
         drive=body[touches_end:drive_end],
         report=body[play_end : play_end + report_size],

@@ -53,7 +53,8 @@ class DigitizerError(TactableError):
 class Contact(NamedTuple):
     """One finger: position in the logical units of the surface, always inside its logical range.
 
-    `tip` is False while the finger hovers; `confidence` is False where the device takes the contact for a palm.
+    `tip` is False while the finger hovers; `confidence` is False where the device takes the contact for a palm. As
+    Linux does, certified devices alone are believed: others send the field and do not keep it.
     """
 
     contact_id: int
@@ -95,6 +96,8 @@ class Frame:
     """Contacts in range by their key, oldest first."""
     seen: set[int] = field(default_factory=set)
     """Keys that this frame has mentioned."""
+    palms: list[Contact] = field(default_factory=list)
+    """Contacts that lifted as palms: they are shown once more, so that what they began ends as a palm's."""
     taken: int = 0
     """Contacts that were active or mentioned in this frame."""
     received: int = 0
@@ -106,6 +109,7 @@ class Frame:
         """Start the next frame; the contacts stay."""
         self.received = 0
         self.seen.clear()
+        self.palms.clear()
         self.taken = len(self.active)
 
 
@@ -150,7 +154,11 @@ class Digitizer:
         self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
         self.counters = DigitizerCounters()
         self.maximum_contacts = _maximum_contacts(surface, self.quirks)
-        self.plans = {report.report_id: build_plan(report, surface, self.quirks) for report in surface.reports}
+        # Reports of our own making (sources/own_reports.py) have no numbers.
+        tells_palms = surface.is_win8 or not (vendor_id or product_id)
+        self.plans = {
+            report.report_id: build_plan(report, surface, self.quirks, tells_palms) for report in surface.reports
+        }
         self.uses_report_ids = surface.uses_report_ids
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
@@ -267,6 +275,9 @@ class Digitizer:
             tip = bits >> shift & mask != 0
             if not tip and not bits >> hover_at[0] & hover_at[1]:
                 if is_active:
+                    shift, mask = confidence_at
+                    if mask and not bits >> shift & mask:
+                        frame.palms.append(active[contact_id]._replace(confidence=False))
                     del active[contact_id]
                 continue
             shift, mask, sign, minimum, maximum = x_at
@@ -298,7 +309,7 @@ class Digitizer:
         if self.quirks.unseen_means_up:
             for contact_id in active.keys() - frame.seen:
                 del active[contact_id]
-        contacts = tuple(active.values())
+        contacts = (*active.values(), *frame.palms)
         frame.start()
         self._is_shown = bool(contacts)
         self._frame_ns = now_ns

@@ -39,11 +39,12 @@ class ZoneState(IntEnum):
 
 
 class Touch(NamedTuple):
-    """One finger on the bar. A finger in a gap between two zones has no `zone` (None)."""
+    """One finger on the bar. A finger in a gap between two zones has no `zone` (None); a palm loads the bar alone."""
 
     contact_id: int
     position_m: float
     zone: int | None
+    is_palm: bool = False
 
 
 class TouchPosition:
@@ -118,7 +119,7 @@ class FingerTracker:
         position_of, zone_at = self.position.position_m, self.edges.zone_at
         touches = []
         for contact in frame.contacts:
-            contact_id, _, _, tip, _ = contact
+            contact_id, _, _, tip, confidence = contact
             if tip:
                 last = previous.get(contact_id)
                 if last is not None and last[0] is contact:  # the digitizer reuses contacts that have not moved
@@ -128,7 +129,7 @@ class FingerTracker:
                 else:
                     position_m = position_of(contact)
                     zone = zone_at(position_m, None if last is None else last[1].zone)
-                    touch = _new(Touch, (contact_id, position_m, zone))
+                    touch = _new(Touch, (contact_id, position_m, zone, not confidence))
                 zones[contact_id] = (contact, touch)
                 touches.append(touch)
         self.touches = zones

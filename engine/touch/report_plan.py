@@ -50,16 +50,16 @@ class ReportPlan:
     scan_time: Bits | None
 
 
-def build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass) -> ReportPlan:
-    """Prepare a report layout for decoding."""
-    slots = tuple(_build_slot(contact, surface, quirks) for contact in report.contacts)
+def build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass, tells_palms: bool) -> ReportPlan:
+    """Prepare a report layout for decoding; tells_palms: a contact without confidence is a palm."""
+    slots = tuple(_build_slot(contact, surface, quirks, tells_palms) for contact in report.contacts)
     count = None if report.contact_count is None else _bits(report.contact_count)
     scan_time = None if report.scan_time is None else _bits(report.scan_time)
     stops = [*(slot.place.stop for slot in slots), *(part.stop for part in (count, scan_time) if part is not None)]
     return ReportPlan(max(stops), slots, count, scan_time)
 
 
-def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) -> SlotPlan:
+def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass, tells_palms: bool) -> SlotPlan:
     validity = {
         Validity.ALWAYS: None,
         Validity.IN_RANGE: contact.in_range,
@@ -67,7 +67,8 @@ def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) ->
         Validity.CONFIDENCE: contact.confidence,
     }[quirks.validity]
     hover = contact.in_range if quirks.hovers else None
-    used = (contact.tip, contact.contact_id, validity, hover, contact.confidence, contact.x, contact.y)
+    confidence = contact.confidence if tells_palms else None
+    used = (contact.tip, contact.contact_id, validity, hover, confidence, contact.x, contact.y)
     fields = [field for field in used if field is not None]
     start = min(field.bit for field in fields) // 8
     stop = max(field.bit + field.size_bits + 7 for field in fields) // 8
@@ -78,7 +79,7 @@ def _build_slot(contact: ContactLayout, surface: Surface, quirks: QuirkClass) ->
         contact_id=_shift_and_mask(contact.contact_id, start),
         valid=_shift_and_mask(validity, start),
         hover=_shift_and_mask(hover, start),
-        confidence=_shift_and_mask(contact.confidence, start),
+        confidence=_shift_and_mask(confidence, start),
         x=(*_shift_and_mask(contact.x, start), *_limits(contact.x, surface.x)),
         y=(*_shift_and_mask(contact.y, start), *_limits(contact.y, surface.y)),
     )

@@ -80,11 +80,16 @@ def replay(
         if frame is None:
             continue
         completed += 1
-        contacts = [{"id": c.contact_id, "x": c.x, "y": c.y, "tip": c.tip} for c in frame.contacts]
+        contacts = [
+            {"id": c.contact_id, "x": c.x, "y": c.y, "tip": c.tip, "palm": not c.confidence} for c in frame.contacts
+        ]
         if frames and as_json:
             print_json({"report": report.index, "t_s": report.time_s, "contacts": contacts}, indent=None)
         elif frames:
-            shown = "  ".join(f"{c['id']}: {c['x']},{c['y']}{'' if c['tip'] else ' hovers'}" for c in contacts)
+            shown = "  ".join(
+                f"{c['id']}: {c['x']},{c['y']}{'' if c['tip'] else ' hovers'}{' palm' if c['palm'] else ''}"
+                for c in contacts
+            )
             say(f"{report.index:6d} {report.time_s:10.4f} s  {shown or 'nothing'}")
     if frames:
         return

@@ -69,7 +69,7 @@ class Events:
                 "zone": None if zone is None else zones[zone].name,
                 "region": self._region_at(at_m, zone),
             }
-            for finger, at_m, zone in self._touches
+            for finger, at_m, zone, _ in self._touches
         ]
 
     def _played(self, record: Record) -> dict[str, Any]:

@@ -257,7 +257,8 @@ class ControlServer:
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
         if outcome is Outcome.QUIET:
-            raise ControlError("trigger.finger: this finger is kept quiet by a program: give it the role 'by rules'")
+            text = "trigger.finger: this finger is a palm, or a program keeps it quiet: give it the role 'by rules'"
+            raise ControlError(text)
         if outcome is Outcome.OFF:
             raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
         if outcome is Outcome.OFF_BAR:

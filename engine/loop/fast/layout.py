@@ -42,7 +42,7 @@ NONE = CONSTANTS["NONE"]
 STRUCTURES = {
     # A field of a report: `byte` and `shift` of its lowest bit. A mask of 0: the device has no such field.
     "Bits": ["int64_t byte shift mask"],
-    "Slot": ["Bits tip contact_id valid hover place", "int64_t sign minimum maximum"],
+    "Slot": ["Bits tip contact_id valid hover confidence place", "int64_t sign minimum maximum"],
     "Plan": ["int64_t report_id needed_bytes slots", "Bits count scan_time", "Slot slot[MOST_SLOTS]"],
     # Where the rule holds: between start_m and stop_m; if start_m > stop_m, in the zones whose bits are set in `zones`
     # (NONE: in all zones).

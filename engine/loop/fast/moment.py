@@ -231,6 +231,7 @@ def _set_slot(place: Any, slot: SlotPlan, column: int) -> None:
         (place.contact_id, slot.contact_id),
         (place.valid, slot.valid),
         (place.hover, slot.hover),
+        (place.confidence, slot.confidence),
         (place.place, position[:2]),
     ):
         _set_bits(field, start, number)

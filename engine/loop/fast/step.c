@@ -85,6 +85,8 @@ static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t
         received++;
         if (at == NONE && !admits(fast, contact_id, &taken)) continue;
         const int tip = get(report, &slot->tip) != 0;
+        if ((tip || at != NONE) && slot->confidence.mask && !get(report, &slot->confidence))
+            return NONE; /* a palm: left to Python */
         if (!tip && !get(report, &slot->hover)) {
             if (at != NONE) {
                 memmove(active + at, active + at + 1, (size_t)(--count - at) * sizeof *active);

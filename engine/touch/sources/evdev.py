@@ -24,8 +24,11 @@ _REPEAT_NS = 60_000_000
 # linux/input-event-codes.h
 _EV_SYN, _EV_ABS = 0x00, 0x03
 _SYN_REPORT, _SYN_DROPPED = 0, 3  # of type EV_SYN
-_SLOT, _X, _Y, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x39, 0x3B  # ABS_MT_..., of type EV_ABS
-_SLOT_CODES = (_X, _Y, _TRACKING_ID, _DISTANCE)
+# ABS_MT_..., of type EV_ABS
+_SLOT, _X, _Y, _TOOL_TYPE, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
+_SLOT_CODES = (_X, _Y, _TRACKING_ID, _DISTANCE, _TOOL_TYPE)
+_OPTIONAL = (_DISTANCE, _TOOL_TYPE)
+_PALM = 2  # MT_TOOL_PALM
 _NOBODY = -1
 
 
@@ -162,10 +165,10 @@ class SlotTracker:
     def take_frame(self) -> tuple[Contact, ...]:
         """Contacts of a SYN_REPORT, lifted ones first; empty when nothing is down and nothing was."""
         values = self._values
-        rows = zip(values[_TRACKING_ID], values[_X], values[_Y], values[_DISTANCE], strict=True)
+        rows = zip(*(values[code] for code in _SLOT_CODES), strict=True)
         down = {
-            contact_id: Contact(contact_id, x, y, tip=True)
-            for contact_id, x, y, distance in rows
+            contact_id: Contact(contact_id, x, y, tip=True, confidence=tool != _PALM)
+            for x, y, contact_id, distance, tool in rows
             if contact_id != _NOBODY and distance <= 0
         }
         lifted = [contact._replace(tip=False) for contact_id, contact in self._shown.items() if contact_id not in down]
@@ -205,8 +208,8 @@ class EvdevSource(OnClock):
         self.descriptor = self._encoder.descriptor
         self.slots = slots
         """How many fingers the device tells apart."""
-        has_distance = _DISTANCE in _axis_codes(node)
-        self._codes = [code for code in _SLOT_CODES if code != _DISTANCE or has_distance]
+        axes = _axis_codes(node)
+        self._codes = [code for code in _SLOT_CODES if code in axes or code not in _OPTIONAL]
         self._is_dropping = False
         self._ready: deque[bytes] = deque()
         self._read_slot_state()

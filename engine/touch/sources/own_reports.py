@@ -14,10 +14,12 @@ from engine.touch.digitizer import Contact
 # A descriptor of 4096 bytes, the most Linux takes, holds 41.
 MOST_CONTACTS = 32
 
+TIP, CONFIDENT = 1, 2
+"""Flags of a contact, its first byte: it touches; it is no palm."""
 _REPORT_ID = b"\x01"
-_SLOT = struct.Struct("<B3I")  # tip, contact id, X, Y
+_SLOT = struct.Struct("<B3I")  # tip and confidence, contact id, X, Y
 _32_BITS = 0xFFFF_FFFF  # the size of its fields, "75 20" in the descriptor
-_TIP = bytes.fromhex("05 0d 09 22 a1 02  09 42 15 00 25 01 75 01 95 01 81 02  75 07 81 03")
+_FLAGS = bytes.fromhex("05 0d 09 22 a1 02  09 42 15 00 25 01 75 01 95 01 81 02  09 47 81 02  75 06 81 03")
 _CONTACT_ID = bytes.fromhex("75 20 09 51 27 ff ff ff 7f 81 02")
 _FINGER_END = bytes.fromhex("35 00 45 00 65 00 c0")
 _COUNT = bytes.fromhex("05 0d 09 54 15 00 25 20 75 08 81 02")
@@ -52,7 +54,7 @@ class ContactReports:
         """One report of at most as many contacts as it carries; one that has lifted must be in it once, tip False."""
         slots = b"".join(
             _SLOT.pack(
-                contact.tip,
+                TIP * contact.tip | CONFIDENT * contact.confidence,
                 contact.contact_id & _32_BITS,
                 _on_axis(contact.x, self._axes[0]),
                 _on_axis(contact.y, self._axes[1]),
@@ -69,7 +71,7 @@ def _on_axis(value: int, axis: Axis) -> int:
 
 
 def _descriptor(x: Axis, y: Axis, contacts: int, maximum_contacts: int) -> bytes:
-    finger = _TIP + _CONTACT_ID + b"\x05\x01" + _axis_items(0x30, x) + _axis_items(0x31, y) + _FINGER_END
+    finger = _FLAGS + _CONTACT_ID + b"\x05\x01" + _axis_items(0x30, x) + _axis_items(0x31, y) + _FINGER_END
     touch_screen = bytes.fromhex("05 0d 09 04 a1 01 85 01") + finger * contacts
     return touch_screen + _COUNT + _MAXIMUM + maximum_contacts.to_bytes(2, "little") + _END
 

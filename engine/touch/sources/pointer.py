@@ -9,7 +9,7 @@ from enum import Enum
 
 from engine.touch.digitizer import RELEASE_AFTER_NS, Contact, DigitizerError
 from engine.touch.sources import OnClock
-from engine.touch.sources.own_reports import Axis, ContactReports
+from engine.touch.sources.own_reports import CONFIDENT, TIP, Axis, ContactReports
 
 RESOLUTION = 65_535
 """Logical maximum of both axes."""
@@ -106,7 +106,7 @@ class PointerSource(OnClock):
             return None
         contact_id = report[2:6]
         self._pressed.pop(contact_id, None)
-        if report[1]:
+        if report[1] & TIP:
             self._pressed[contact_id] = (now_ns, report)
         self.report_index += 1
         self.report_time_ns = now_ns
@@ -133,5 +133,5 @@ class PointerSource(OnClock):
         for last_ns, report in self._pressed.values():
             if self._is_open and now_ns - last_ns < RELEASE_AFTER_NS:
                 break
-            return report[:1] + b"\0" + report[2:-1] + b"\1"
+            return report[:1] + bytes([CONFIDENT]) + report[2:-1] + b"\1"
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,23 +71,27 @@ def varied_clicks(device: Device, missing: int = 9) -> Clicks:
     return made_clicks(device, clicks)
 
 
-def report(fingers: Fingers, lifted: Sequence[int] = ()) -> bytes:
-    """One frame of up to four contacts in one report."""
-    slots = [struct.pack("<BBHH", 3, contact, round(1000 * place), 500) for contact, place in fingers.items()]
-    slots += [struct.pack("<BBHH", 0, contact, 0, 500) for contact in lifted]
+def report(fingers: Fingers, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
+    """One frame of up to four contacts in one report: they touch, are in range and, but for palms, have confidence."""
+    slots = [
+        struct.pack("<BBHH", 3 if contact in palms else 7, contact, round(1000 * place), 500)
+        for contact, place in fingers.items()
+    ]
+    slots += [struct.pack("<BBHH", 4, contact, 0, 500) for contact in lifted]
     return b"\x01" + b"".join(slots[:SLOTS]).ljust(6 * SLOTS, b"\0") + bytes([min(len(slots), SLOTS)])
 
 
 def recording_of(frames: Sequence[tuple[float, bytes]]) -> Recording:
     """Reports with their times in seconds, of a digitizer with four slots."""
     reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
-    descriptor = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT)
+    descriptor = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT)
     return Recording("virtual digitizer", 3, 0, 0, descriptor, reports)
 
 
 def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, bytes]]:
     """Fingers that come, move, jitter and lift; of up to four, mostly one or two."""
     time_s, fingers, frames = 0.0, dict[int, float](), list[tuple[float, bytes]]()
+    palms, has_palms = set[int](), random.random() < 0.2
     for _ in range(steps):
         before = dict(fingers)
         wanted = int(random.choice(SLOTS + 1, p=(0.15, 0.35, 0.3, 0.1, 0.1)))
@@ -105,7 +109,9 @@ def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, 
             fingers[int(random.choice([each for each in range(1, 9) if each not in fingers]))] = float(
                 np.clip(place, 0, 1)
             )
-        frames.append((time_s, report(fingers, [contact for contact in before if contact not in fingers])))
+        if fingers and has_palms and random.random() < 0.2:
+            palms ^= {int(random.choice(list(fingers)))}
+        frames.append((time_s, report(fingers, [contact for contact in before if contact not in fingers], palms)))
         time_s += float(random.choice((0.002, 0.008, 0.025, 0.06)))
     return [*frames, (time_s + 0.1, report({}, list(fingers)))]
 
