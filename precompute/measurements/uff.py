@@ -18,6 +18,9 @@ _RESPONSES, _UNITS = 58, 164  # datasets
 _FREQUENCY_RESPONSE = 4
 _FREQUENCY, _ACCELERATION = 18, 12  # specific data types of an axis
 _SI_UNITS = 1
+_COMPLEX = (5, 6)  # ordinate data types, of single and double precision
+_DENOMINATORS = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "excitation force"}
+_ACROSS, _UNSAID = 3, 0  # directions of a response: +z or -z, and a file that says none
 _LONGEST_LINE = 80  # of an ID line of dataset 58
 _NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stands for
 
@@ -25,21 +28,25 @@ _NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stan
 def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     """Read a row from every line of every response: the acceleration for one actuator alone at full scale.
 
-    The x of a node is its place along the bar in metres; the reference node lies at an actuator. Raises
+    The x of a node is its place along the bar; the reference node lies at an actuator. What a file declares is read, or
+    refused by its name: a response per newton, of magnitudes alone or along the bar is none at full scale. Raises
     MeasurementError.
     """
     try:
         sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
     except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files
-        raise MeasurementError(f"{path}: cannot be read as a universal file: {error}") from error
-    for part in sets:
-        if part["type"] == _UNITS and int(part["units_code"]) != _SI_UNITS:
-            raise MeasurementError(f"{path}: dataset 164: units code {part['units_code']}: expected 1, SI")
-    place_m = _read_nodes(sets, path)
+        cause: BaseException = error
+        while cause.__context__ is not None:  # pyuff says "Error when reading data-set(s)." in place of the cause
+            cause = cause.__context__
+        raise MeasurementError(f"{path}: cannot be read as a universal file: {cause}") from error
+    unit_m = next((_unit_m(part, path) for part in sets if part["type"] == _UNITS), 1.0)
+    place_m = {number: unit_m * place for number, place in _read_nodes(sets, path).items()}
     responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
     if not responses:
         raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses")
-    rows = [_read_response(part, place_m, device, f"{path}: dataset {number} (58)") for number, part in responses]
+    rows = [
+        _read_response(part, place_m, unit_m, device, f"{path}: dataset {number} (58)") for number, part in responses
+    ]
     numbers = np.concatenate([np.full(len(hz), n) for (n, _), (_, _, hz, _) in zip(responses, rows, strict=True)])
     position_m = np.concatenate([np.full(len(hz), place) for place, _, hz, _ in rows])
     actuator = np.concatenate([np.full(len(hz), which) for _, which, hz, _ in rows])
@@ -139,8 +146,16 @@ def _listed(sets: Any) -> list[Mapping[str, Any]]:
     return [sets] if isinstance(sets, dict) else list(sets)
 
 
+def _unit_m(part: Mapping[str, Any], path: Path) -> float:
+    """The file's unit of length in metres: its factor leads from SI to what is written."""
+    factor = float(part["length"])
+    if not 0 < factor < np.inf:
+        raise MeasurementError(f"{path}: dataset 164: factor of length {factor:g}: expected more than 0, 1 for metres")
+    return 1 / factor
+
+
 def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path) -> dict[int, float]:
-    """Place along the bar in metres, by node number."""
+    """Place along the bar in the file's unit, by node number."""
     places: dict[int, float] = {}
     for number, part in enumerate(sets, 1):
         if part["type"] in _NODES:
@@ -152,7 +167,7 @@ def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path) -> dict[int, floa
 
 
 def _read_response(
-    part: Mapping[str, Any], place_m: Mapping[int, float], device: Device, where: str
+    part: Mapping[str, Any], place_m: Mapping[int, float], unit_m: float, device: Device, where: str
 ) -> tuple[float, int, Any, Any]:
     """Place in metres, index of the actuator, frequencies in Hz and accelerations in m/s^2."""
     expected = (
@@ -163,26 +178,48 @@ def _read_response(
     for key, wanted, text in expected:
         if int(part.get(key) or 0) != wanted:
             raise MeasurementError(f"{where}: {key}: {part.get(key)}: expected {text}")
+    _check_kind(part, where)
     for key in ("rsp_node", "ref_node"):
         if int(part[key]) not in place_m:
             raise MeasurementError(f"{where}: {key}: node {part[key]} has no place; give it in a dataset 15 or 2411")
-    scale = _ordinate_scale(str(part.get("ordinate_axis_units_lab") or ""), where)
+    scale = _unit(part, "ordinate_axis_units_lab", "m/s^2", unit_m, where)
+    for key in ("rsp_dir", "ref_dir"):
+        scale *= -1.0 if int(part.get(key) or _UNSAID) == -_ACROSS else 1.0
     base_m = place_m[int(part["ref_node"])]
     distance_m = [abs(actuator.position_m - base_m) for actuator in device.actuators]
     nearest = int(np.argmin(distance_m))
     if distance_m[nearest] > _NEAR * device.bar.length_m:
         there = ", ".join(f"{a.name} {1e3 * a.position_m:g} mm" for a in device.actuators)
         raise MeasurementError(f"{where}: ref_node: {1e3 * base_m:g} mm: is where no actuator is; they are {there}")
-    hz, value = np.asarray(part["x"], dtype=np.float64), scale * np.asarray(part["data"], dtype=np.complex128)
+    count = int(part["num_pts"])  # the last line may be filled up with zeros
+    hz = _unit(part, "abscissa_axis_units_lab", "Hz", 1.0, where) * np.asarray(part["x"], dtype=np.float64)[:count]
+    value = scale * np.asarray(part["data"], dtype=np.complex128)[:count]
+    if not len(hz) == len(value) == count:
+        raise MeasurementError(f"{where}: num_pts: {count}: the dataset has {min(len(hz), len(value))} values")
     return place_m[int(part["rsp_node"])], nearest, hz[hz > 0], value[hz > 0]
 
 
-def _ordinate_scale(label: str, where: str) -> float:
-    """Factor from the values to m/s^2; an empty label means SI."""
-    text = label.strip().strip("()").replace("²", "^2").replace("s2", "s^2")
+def _check_kind(part: Mapping[str, Any], where: str) -> None:
+    """Refuse what is no complex response, across the bar, to an actuator at full scale."""
+    if int(part["ord_data_type"]) not in _COMPLEX:
+        text = "a response is complex, 5 or 6; magnitudes alone have no phase"
+        raise MeasurementError(f"{where}: ord_data_type: {part['ord_data_type']}: {text}")
+    if (per := int(part.get("orddenom_spec_data_type") or 0)) != 0:
+        kind = _DENOMINATORS.get(per, "another quantity")
+        text = f"the response is per {kind}; expected 0, the response to the actuator at full scale"
+        raise MeasurementError(f"{where}: orddenom_spec_data_type: {per}: {text}")
+    for key in ("rsp_dir", "ref_dir"):
+        if abs(direction := int(part.get(key) or _UNSAID)) not in (_ACROSS, _UNSAID):
+            text = "expected 3 or -3, across the bar (z), where bending is"
+            raise MeasurementError(f"{where}: {key}: {direction}: {text}")
+
+
+def _unit(part: Mapping[str, Any], key: str, unit: str, unlabelled: float, where: str) -> float:
+    """Factor from the values of an axis to a unit; `unlabelled` where the file does not name its own."""
+    text = str(part.get(key) or "").strip().strip("()").replace("²", "^2").replace("s2", "s^2")
     if text.upper() in ("", "NONE"):
-        return 1.0
+        return unlabelled
     try:
-        return read_quantity(f"1 {'g_0' if text == 'g' else text}", "m/s^2")
+        return read_quantity(f"1 {'g_0' if text == 'g' else text}", unit)
     except QuantityError as error:
-        raise MeasurementError(f"{where}: ordinate_axis_units_lab: {error}") from None
+        raise MeasurementError(f"{where}: {key}: {error}") from None

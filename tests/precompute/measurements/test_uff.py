@@ -70,16 +70,49 @@ def test_every_line_of_every_response_is_a_row(tmp_path: Path) -> None:
     assert found.sensor_mass_kg.tolist() == [2e-3] * 6
 
 
-def test_accelerations_may_be_in_g(tmp_path: Path) -> None:
-    found = read_uff(written(tmp_path, nodes(), response(1, 8, ordinate_axis_units_lab="g")), DEVICE, 0.0)
-    assert found.acceleration[0] == pytest.approx(9.80665 * (1 + 2j), rel=1e-4)
+def units(code: int, per_metre: float) -> dict[str, Any]:
+    """Dataset 164, whose factor leads from metres to the file's unit."""
+    others = {"temp_mode": 1, "force": 1.0, "temp": 1.0, "temp_offset": 0.0}
+    return dict(pyuff.prepare_164(units_code=code, units_description="user's", length=per_metre, **others))
 
 
-FEET = dict(
-    pyuff.prepare_164(
-        units_code=2, units_description="feet", temp_mode=1, length=3.28, force=0.22, temp=1.0, temp_offset=0.0
-    )
+@pytest.mark.parametrize(
+    ("changes", "factor"),
+    [
+        ({}, 1.0),
+        ({"ordinate_axis_units_lab": "g"}, 9.80665),
+        ({"ordinate_axis_units_lab": "mm/s2"}, 1e-3),
+        ({"rsp_dir": -3}, -1.0),
+        ({"rsp_dir": -3, "ref_dir": -3}, 1.0),
+        ({"rsp_dir": 0, "ref_dir": 0}, 1.0),  # nothing said
+        ({"x": HZ / 1e3, "abscissa_axis_units_lab": "kHz"}, 1.0),
+    ],
 )
+def test_what_a_dataset_declares_is_read(changes: dict[str, Any], factor: float, tmp_path: Path) -> None:
+    found = read_uff(written(tmp_path, nodes(), response(1, 8, **changes)), DEVICE, 0.0)
+    assert found.acceleration == pytest.approx(factor * np.array([1 + 2j, 3 - 1j, -2 + 0.5j]), rel=1e-4)
+    assert found.frequency_hz[:, 0] == pytest.approx(HZ[1:])
+
+
+@pytest.mark.parametrize(("code", "per_metre"), [(1, 1.0), (2, 3.28084), (5, 1e3), (9, 1.0), (9, 1e3)])
+def test_places_and_unlabelled_accelerations_are_in_the_unit_of_the_file(
+    code: int, per_metre: float, tmp_path: Path
+) -> None:
+    places = nodes()
+    places["x"] = per_metre * np.asarray(places["x"])
+    part = response(1, 8, ordinate_axis_units_lab="NONE")
+    part["data"] = per_metre * part["data"]
+    found = read_uff(written(tmp_path, units(code, per_metre), places, part), DEVICE, 0.0)
+    assert found.position_m == pytest.approx([0.02] * 3, rel=1e-4)
+    assert found.acceleration[0] == pytest.approx(1 + 2j, rel=1e-4)
+
+
+def test_a_last_line_that_is_filled_up_is_no_value(tmp_path: Path) -> None:
+    path = written(tmp_path, nodes(), response(1, 8, x=HZ[1:], data=np.array([1 + 2j, 3 - 1j, -2 + 0.5j])))
+    lines = path.read_text(encoding="ascii").splitlines()
+    lines.insert(len(lines) - 1, f"{0:13.5e}{0:20.11e}{0:20.11e}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    assert len(read_uff(path, DEVICE, 0.0)) == 3
 
 
 @pytest.mark.parametrize(
@@ -92,7 +125,13 @@ FEET = dict(
         ([nodes(), response(5, 8)], "rsp_node: node 5 has no place"),
         ([nodes(), response(1, 2)], "ref_node: 130 mm: is where no actuator is; they are left 44.704 mm"),
         ([nodes(), response(1, 8, ordinate_axis_units_lab="N")], "ordinate_axis_units_lab: '1 N' is a force"),
-        ([FEET, nodes(), response(1, 8)], "dataset 164: units code 2"),
+        ([units(9, 0.0), nodes(), response(1, 8)], "dataset 164: factor of length 0"),
+        ([nodes(), response(1, 8, orddenom_spec_data_type=13)], "orddenom_spec_data_type: 13: the response is per exc"),
+        ([nodes(), response(1, 8, orddenom_spec_data_type=8)], "orddenom_spec_data_type: 8: the response is per displ"),
+        ([nodes(), response(1, 8, rsp_dir=1)], "dataset 2 (58): rsp_dir: 1: expected 3 or -3, across the bar"),
+        ([nodes(), response(1, 8, ref_dir=-2)], "ref_dir: -2: expected 3 or -3"),
+        ([nodes(), response(1, 8, data=np.ones(4), ord_data_type=4)], "ord_data_type: 4: a response is complex"),
+        ([nodes(), response(1, 8, abscissa_axis_units_lab="rpm")], "abscissa_axis_units_lab: "),
         ([nodes(), response(1, 8, data=np.zeros(4, complex))], "dataset 2 (58) at 120 Hz: acceleration: 0 m/s^2"),
     ],
 )
