@@ -50,7 +50,7 @@ class _PortAudioStream:
         self, name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_input: bool
     ) -> None:
         module = load_portaudio()
-        card = select_interface(name, find_interfaces(module))
+        card = select_interface(name, find_interfaces(module), is_input=is_input)
         most = card.inputs if is_input else card.outputs
         if channels > most:
             what = "inputs" if is_input else "outputs"

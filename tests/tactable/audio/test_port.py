@@ -75,26 +75,47 @@ def test_a_sensor_without_a_scale_is_refused_before_anything_starts() -> None:
         AudioSensor("audio:card", DEVICE)
 
 
-def interface(index: int, name: str) -> Interface:
-    return Interface(index, name, 2, 2, 48_000.0, 0.01)
-
-
 class FakePortAudio:
-    """What sounddevice says of one card."""
+    """What sounddevice says of three cards; the two of one kind have the numbers that the last start gave them."""
 
-    @staticmethod
-    def query_devices() -> list[dict[str, object]]:
-        low = {"default_low_output_latency": 0.0087}
-        ends = {"max_output_channels": 4, "max_input_channels": 2}
-        return [{"name": "USB: (hw:1,0)", "default_samplerate": 44_100.0, **ends, **low}]
+    class PortAudioError(Exception):
+        pass
+
+    is_running = True
+
+    def query_devices(self) -> list[dict[str, object]]:
+        if not self.is_running:
+            raise self.PortAudioError("not initialised")
+        low = {"default_low_output_latency": 0.0087, "default_samplerate": 44_100.0}
+        names = ("USB: (hw:1,0)", "USB: (hw:3,0)", "Other: (hw:2,1)", "default")
+        return [{"name": name, "max_output_channels": 4, "max_input_channels": 2, **low} for name in names]
 
 
-def test_cards_are_found_by_their_name_or_a_part_of_it() -> None:
-    (found,) = find_interfaces(FakePortAudio())  # type: ignore[arg-type]
-    assert (found.name, found.outputs, found.inputs) == ("USB: (hw:1,0)", 4, 2)
-    cards = (found, interface(1, "HDA Intel: ALC (hw:0,0)"), interface(2, "HDA Intel: HDMI (hw:0,3)"))
-    assert select_interface("usb", cards) is found
-    with pytest.raises(AudioError, match=r"is the name of several: .*ALC.*HDMI"):
-        select_interface("HDA", cards)
-    with pytest.raises(AudioError, match="those that there are: USB"):
-        select_interface("nothing", cards)
+def test_cards_are_found_by_their_name_or_a_part_of_it(tmp_path: Path) -> None:
+    """Of two cards of a kind by ALSA's id, since their numbers change places at a start."""
+    for number, card_id in ((1, "Device"), (3, "Device_1")):
+        (tmp_path / f"card{number}").mkdir()
+        (tmp_path / f"card{number}" / "id").write_text(f"{card_id}\n", encoding="utf-8")
+    cards = find_interfaces(FakePortAudio(), tmp_path)  # type: ignore[arg-type]
+    assert [card.name for card in cards] == ["USB: (hw:Device,0)", "USB: (hw:Device_1,0)", "Other: (hw:2,1)", "default"]
+    assert (cards[0].outputs, cards[0].inputs) == (4, 2)
+    assert select_interface("hw:Device_1,0", cards, is_input=False) is cards[1]
+    assert select_interface("other", cards, is_input=False) is cards[2]
+    with pytest.raises(AudioError, match=r"is the name of several: .*Device,0.*Device_1,0"):
+        select_interface("usb", cards, is_input=False)
+    with pytest.raises(AudioError, match="no sound card 'hw:1,0' .*hw:Device,0"):
+        select_interface("hw:1,0", cards, is_input=False)
+
+
+def test_of_two_cards_of_a_name_the_one_of_the_direction_is_taken() -> None:
+    cards = (Interface(0, "USB", 2, 0, 48_000.0, 0.01), Interface(1, "USB", 0, 2, 48_000.0, 0.01))
+    assert [select_interface("USB", cards, is_input=is_input) for is_input in (False, True)] == list(cards)
+    with pytest.raises(AudioError, match="'USB' with inputs"):
+        select_interface("USB", cards[:1], is_input=True)
+
+
+def test_a_sound_system_that_does_not_run_is_named() -> None:
+    stopped = FakePortAudio()
+    stopped.is_running = False
+    with pytest.raises(AudioError, match="not initialised"):
+        find_interfaces(stopped)  # type: ignore[arg-type]
