@@ -103,7 +103,7 @@ def test_cards_are_found_by_their_name_or_a_part_of_it(tmp_path: Path) -> None:
     assert select_interface("other", cards, is_input=False) is cards[2]
     with pytest.raises(AudioError, match=r"is the name of several: .*Device,0.*Device_1,0"):
         select_interface("usb", cards, is_input=False)
-    with pytest.raises(AudioError, match="no sound card 'hw:1,0' .*hw:Device,0"):
+    with pytest.raises(AudioError, match=r"no sound card 'hw:1,0' .*hw:Device,0"):
         select_interface("hw:1,0", cards, is_input=False)
 
 

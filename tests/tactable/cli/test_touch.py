@@ -229,7 +229,11 @@ def test_replayed_frames_are_one_object_a_line(bench: Bench) -> None:
         for line in bench.run("replay", str(DEMO_RECORDING), "--frames", "--json").output.split("\n")[:-1]
     ]
     assert len(frames) == 692
-    assert frames[0] == {"report": 0, "t_s": 0.0, "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True}]}
+    assert frames[0] == {
+        "report": 0,
+        "t_s": 0.0,
+        "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True, "palm": False}],
+    }
     assert frames[-1]["contacts"] == []
 
 
