@@ -39,6 +39,9 @@ _LARGEST_MAXIMUM_CONTACTS = 250  # MT_MAX_MAXCONTACT of hid-multitouch.c
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
 
+# A contact id that comes down again in the frame in which it lifted is another finger: its number has this many added.
+AGAIN = 1 << 32
+_ID = AGAIN - 1
 # For the hot path: no method look-up, and half the time of calling a named tuple's class.
 _from_bytes, _new = int.from_bytes, tuple.__new__
 
@@ -52,6 +55,8 @@ class DigitizerError(TactableError):
 
 class Contact(NamedTuple):
     """One finger: position in the logical units of the surface, always inside its logical range.
+
+    `contact_id` is the device's, and stands for one finger from when it comes down until it lifts (AGAIN).
 
     `tip` is False while the finger hovers; `confidence` is False where the device takes the contact for a palm. As
     Linux does, certified devices alone are believed: others send the field and do not keep it.
@@ -93,11 +98,13 @@ class Frame:
     """The frame that is being assembled, and the contacts in range."""
 
     active: dict[int, Contact] = field(default_factory=dict)
-    """Contacts in range by their key, oldest first."""
+    """Contacts in range by their key, the id that the device gave them, oldest first."""
     seen: set[int] = field(default_factory=set)
     """Keys that this frame has mentioned."""
     palms: list[Contact] = field(default_factory=list)
     """Contacts that lifted as palms: they are shown once more, so that what they began ends as a palm's."""
+    lifted: set[int] = field(default_factory=set)
+    """Keys that have lifted in this frame."""
     taken: int = 0
     """Contacts that were active or mentioned in this frame."""
     received: int = 0
@@ -110,6 +117,7 @@ class Frame:
         self.received = 0
         self.seen.clear()
         self.palms.clear()
+        self.lifted.clear()
         self.taken = len(self.active)
 
 
@@ -165,6 +173,8 @@ class Digitizer:
         self.frame = Frame()
         """The frame that is being assembled."""
         self._scan_clock, self._waiting = _ScanClock(), _Waiting()
+        self._again: dict[int, int] = {}
+        """What is added to the contact ids that came down again in the frame in which they lifted."""
         self.report_ns = 0  # when the last report came
         self._frame_ns = 0
         self._is_shown = False  # the last frame listed a contact
@@ -252,7 +262,7 @@ class Digitizer:
             if bits == memory[0]:
                 # 40 % of recorded contacts are unchanged. Reusing the object takes a fifth of the time here, and lets
                 # the finger tracker see by identity that the contact has not moved.
-                contact_id = memory[1][0]
+                contact_id = memory[1][0] & _ID
                 if active.get(contact_id) is memory[1] and contact_id not in seen and not is_numbered:
                     received += 1
                     seen.add(contact_id)
@@ -279,7 +289,11 @@ class Digitizer:
                     if mask and not bits >> shift & mask:
                         frame.palms.append(active[contact_id]._replace(confidence=False))
                     del active[contact_id]
+                    frame.lifted.add(contact_id)
                 continue
+            if contact_id in frame.lifted:
+                frame.lifted.discard(contact_id)
+                self._again[contact_id] = self._again.get(contact_id, 0) + AGAIN
             shift, mask, sign, minimum, maximum = x_at
             x = (bits >> shift & mask ^ sign) - sign
             if not minimum <= x <= maximum:
@@ -289,7 +303,8 @@ class Digitizer:
             if not minimum <= y <= maximum:
                 y = min(max(y, minimum), maximum)
             shift, mask = confidence_at
-            contact = _new(Contact, (contact_id, x, y, tip, not mask or bits >> shift & mask != 0))
+            number = contact_id + self._again.get(contact_id, 0) if self._again else contact_id
+            contact = _new(Contact, (number, x, y, tip, not mask or bits >> shift & mask != 0))
             active[contact_id] = contact
             memory[:] = bits, contact
         frame.received = received

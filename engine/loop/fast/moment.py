@@ -18,6 +18,7 @@ from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
 from engine.render import DriveCommand
 from engine.touch import Digitizer
+from engine.touch.digitizer import AGAIN
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
@@ -134,10 +135,12 @@ class Moment:
         fast, levels, most = self.fast, self._levels, CONSTANTS["MOST_CONTACTS"]
         frame, player = pipeline.digitizer.frame, pipeline.player
         # A frame that is under way may list fewer contacts than there are fingers.
-        if max(len(frame.active), len(player.fingers), len(player.lifted)) > most:
+        if frame.lifted or max(len(frame.active), len(player.fingers), len(player.lifted)) > most:
             return False
         column = pipeline.tracker.position.column
         for active, contact in zip(self._active, frame.active.values(), strict=False):
+            if contact.contact_id >= AGAIN:
+                return False  # the step knows fingers by the device's ids
             active.contact_id, active.place = contact.contact_id, contact[column]
             active.tip, active.seen = contact.tip, contact.contact_id in frame.seen
         fingers = (*player.fingers.values(), *player.lifted)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from engine.touch import Contact, DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.descriptor import SurfaceKind
+from engine.touch.digitizer import AGAIN
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.shared_recordings import RECORDINGS, recording_params
 from tests.engine.test_fuzz import check_frame
@@ -336,3 +337,14 @@ def test_no_tablet_mouse_or_keyboard_opens_as_a_digitizer(path: Path) -> None:
 def test_every_recorded_digitizer_opens(path: Path) -> None:
     surface = opened(read_recording(path)).surface
     assert surface.has_contact_ids and not surface.is_stylus
+
+
+def test_an_id_that_comes_down_in_the_frame_in_which_it_lifted_is_another_finger() -> None:
+    """As the kernel gives it another tracking id; it keeps its number until it lifts."""
+    digitizer = open_digitizer(HYBRID)
+    assert ids(digitizer.decode_report(hybrid(Finger(1), NOBODY, 1), 0)) == [1]
+    assert ids(digitizer.decode_report(hybrid(Finger(1, flags=UP), Finger(1, 900), 2), 8 * MS)) == [1 + AGAIN]
+    assert ids(digitizer.decode_report(hybrid(Finger(1, 900), Finger(2), 2), 16 * MS)) == [1 + AGAIN, 2]
+    assert digitizer.decode_report(hybrid(Finger(2), Finger(1, flags=UP), 3), 24 * MS) is None
+    assert ids(digitizer.decode_report(hybrid(Finger(1, 500), NOBODY, 0), 25 * MS)) == [2, 1 + 2 * AGAIN]
+    assert ids(digitizer.decode_report(hybrid(Finger(1, flags=UP), Finger(2, flags=UP), 2), 33 * MS)) == []

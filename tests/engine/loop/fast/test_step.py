@@ -366,3 +366,15 @@ def test_more_than_64_contacts_stay_within_bounds(
         others = [ends.port, ends.ours, ends.device, ends.port]
         assert ends.fast.wait(0, [each.fileno() for each in others], ()) == []
     assert "runtime error" not in capfd.readouterr().err  # as the sanitizer says it
+
+
+def test_an_id_that_comes_down_in_the_report_in_which_it_lifted_is_another_finger_to_both() -> None:
+    again = struct.pack("<BBHHBBHH", 4, 1, 100, 500, 7, 1, 900, 500).ljust(6 * SLOTS, b"\0")
+    frames = [
+        (0.1, report({1: 0.1})),
+        (0.3, b"\x01" + again + b"\x02"),
+        (0.5, report({1: 0.9, 2: 0.1})),
+        (0.7, report({}, [1, 2])),
+    ]
+    found = both(recording_of(frames), TOUCH, is_complete=True)
+    assert len(found.clicks) == 3
