@@ -1,5 +1,6 @@
 """Reads one table of a TOML file key by key; wrong, missing and unknown keys are refused by name."""
 
+import codecs
 import difflib
 import errno
 import math
@@ -178,7 +179,7 @@ def read_text(path: Path, family: type[ValueError]) -> str:
     """Read the text of a plain file.
 
     Raises OSError if the file does not exist, and an error of the family if it is a pipe or a device, which may never
-    end, if it is larger than MOST_BYTES, or if it is not UTF-8.
+    end, if it is larger than MOST_BYTES, or if it is neither UTF-8 nor, by its first bytes, UTF-16.
     """
     status = path.stat()
     if stat.S_ISDIR(status.st_mode):
@@ -187,7 +188,9 @@ def read_text(path: Path, family: type[ValueError]) -> str:
         raise family(f"{path}: is not a plain file; write its content into one")
     if status.st_size > MOST_BYTES:
         raise family(f"{path}: has {status.st_size} bytes; expected at most {MOST_BYTES}: name another file")
-    try:
-        return path.read_text(encoding="utf-8-sig")  # editors and spreadsheets begin a file with a byte order mark
-    except UnicodeDecodeError as error:
-        raise family(f"{path}: not UTF-8 text: {error}") from error
+    with path.open("rb") as file:
+        is_utf_16 = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    try:  # editors and spreadsheets begin a file with a byte order mark
+        return path.read_text(encoding="utf-16" if is_utf_16 else "utf-8-sig")
+    except UnicodeError as error:
+        raise family(f"{path}: not UTF-8 text: {error}; save it as UTF-8") from error

@@ -1,32 +1,32 @@
 """Apple's haptic patterns (.ahap) to events.
 
-A pattern is a list of events, each with fixed parameters, and of parameter curves that act on all events: the curve of
-the intensity multiplies, that of the sharpness adds. As Core Haptics does, values out of range are clipped, missing
-ones get their defaults, and unknown keys are passed over
+A pattern is a list of events, each with fixed parameters, and of parameters and parameter curves that act on all
+events: that of the intensity multiplies, that of the sharpness adds. Each of them sets one value, which holds until the
+next one begins; longer courses are chains of curves, which have at most 16 points each. As Core Haptics does, values
+out of range are clipped, missing ones get their defaults, and unknown keys are passed over
 (https://developer.apple.com/documentation/corehaptics/representing-haptic-patterns-in-ahap-files).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from engine.effects.files.json_part import Part, clipped
+from engine.effects.files.json_part import LONGEST_WORD, Part, clipped
 from engine.effects.files.pattern import Budget, Event, Kind, Pattern
 
 FORMAT = "ahap"
 _INTENSITY_CURVE = "HapticIntensityControl"
 _SHAPES = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
 """Parameters of an event's own envelope, of which no exact course is published."""
-_MOST_CURVES = 500
-"""Each multiplies every point: a curve of Core Haptics has 16 points, so these are the curves of 8000."""
+_JUST_S = 1e-6
+"""So long before a value is replaced it is still there."""
 Curve = list[tuple[float, float]]
 
 
 def read_ahap(document: Part) -> Pattern:
     """The events of a pattern. Raises EffectError."""
-    curves, dynamic = list[Curve](), list[tuple[float, float]]()
+    curves = list[Curve]()
     events, others, has_sharpness_curve = list[Part](), list[Event](), False
     for item in document.need("Pattern").items():
         if (curve := item.get("ParameterCurve")) is not None:
@@ -37,16 +37,17 @@ def read_ahap(document: Part) -> Pattern:
         elif (parameter := item.get("Parameter")) is not None:
             kind = parameter.need("ParameterID").word()
             if kind == _INTENSITY_CURVE:
-                dynamic.append((_time(parameter), clipped(parameter.need("ParameterValue").number())))
+                curves.append([(_time(parameter), clipped(parameter.need("ParameterValue").number()))])
             else:
                 others.append(Event(item.path, Kind.OTHER, ((_time(parameter), 0.0),), reason=f"{kind} is not kept"))
-        else:
+        elif item.get("Event") is not None:
             events.append(item)
-    if len(curves) > _MOST_CURVES:
-        raise document.error(f"at most {_MOST_CURVES} curves of the intensity")
+        else:
+            keys = ", ".join(map(str, item.value))[:LONGEST_WORD]
+            others.append(Event(item.path, Kind.OTHER, ((0.0, 0.0),), reason=f"no event or parameter, but {keys}"))
     metadata = document.get("Metadata")
     description = None if metadata is None else metadata.get("Description") or metadata.get("Project")
-    read = _along([_event(item, has_sharpness_curve) for item in events], curves, dynamic, document)
+    read = _along([_event(item, has_sharpness_curve) for item in events], _control(curves), document)
     return Pattern(FORMAT, "" if description is None else description.text(), (*read, *others))
 
 
@@ -65,21 +66,29 @@ def _curve(curve: Part) -> Curve:
     return sorted(points, key=lambda point: point[0])
 
 
-def _along(events: Sequence[Event], curves: Sequence[Curve], dynamic: Curve, document: Part) -> list[Event]:
-    """The events with what all curves and dynamic parameters multiply them with: 1 before the first, held after."""
-    courses = [np.array(curve).T for curve in curves if curve]
-    steps_s, values = np.array([(-math.inf, 1.0), *sorted(dynamic)]).T
-    # A dynamic parameter is a step: two points, the one just before it at the old value.
-    bends_s = np.unique(np.concatenate([*(times_s for times_s, _ in courses), steps_s[1:], steps_s[1:] - 1e-6]))
+def _control(curves: Sequence[Curve]) -> Curve:
+    """What all intensities are multiplied with, 1 before the first curve: each replaces the one before as it begins."""
+    chain = sorted(filter(None, curves), key=lambda curve: curve[0][0])
+    if not chain:
+        return [(0.0, 1.0)]
+    course = [(chain[0][0][0] - _JUST_S, 1.0)]
+    for curve, begin_s in zip(chain, [*(after[0][0] for after in chain[1:]), np.inf], strict=True):
+        kept = [point for point in curve if point[0] < begin_s]
+        if kept and kept[-1][0] < begin_s - _JUST_S < np.inf:
+            kept.append((begin_s - _JUST_S, float(np.interp(begin_s - _JUST_S, *np.array(curve).T))))
+        course += kept
+    return course
+
+
+def _along(events: Sequence[Event], control: Curve, document: Part) -> list[Event]:
+    """The events with what the course of the control multiplies them with."""
+    bends_s, values = np.array(control).T
     budget, parts = Budget(), [np.zeros(0)]
     for event in events:
         first, last = np.searchsorted(bends_s, (event.start_s, event.stop_s), side="right").tolist()
         budget.spend(2 + last - first, document)
         parts.append(np.unique([event.start_s, *bends_s[first:last], event.stop_s]))
-    times_s = np.concatenate(parts)
-    factor = values[np.searchsorted(steps_s, times_s, side="right") - 1]
-    for curve_s, factors in courses:
-        factor *= np.interp(times_s, curve_s, factors, left=1.0)
+    factor = np.interp(np.concatenate(parts), bends_s, values)
     of_each = np.split(factor, np.cumsum([len(part) for part in parts])[:-1])
     return [
         replace(event, points=tuple(zip(part.tolist(), (event.peak * factors).tolist(), strict=True)))

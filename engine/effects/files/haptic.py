@@ -1,7 +1,8 @@
 """Meta's haptic clips (.haptic) to events.
 
-A clip has one envelope of the amplitude and one of the frequency, both straight lines between points. A point of the
-amplitude may have an emphasis, which is a transient. Each stretch of the envelope above 0 is one continuous event.
+A clip has one envelope of the amplitude and one of the frequency, both straight lines between points. The amplitude
+rises from 0 at the start to a first point that comes later. A point of the amplitude may have an emphasis, which is a
+transient. Each stretch of the envelope above 0 is one continuous event.
 """
 
 from itertools import pairwise
@@ -33,14 +34,18 @@ def read_haptic(document: Part) -> Pattern:
             frequency = emphasis.get("frequency")
             more = () if frequency is None else (f"frequency {frequency.number():g} of 1",)
             transients.append(Event(f"amplitude[{len(points) - 1}].emphasis", Kind.TRANSIENT, ((time_s, peak),), more))
+    added = [(0.0, 0.0)] if points and points[0][0] > 0 else []
     metadata = document.get("metadata")
     project = None if metadata is None else metadata.get("project")
     description = "" if project is None else project.text()
-    return Pattern(FORMAT, description, (*transients, *_stretches(points, unused)))
+    return Pattern(FORMAT, description, (*transients, *_stretches([*added, *points], unused, len(added))))
 
 
-def _stretches(points: list[tuple[float, float]], unused: tuple[str, ...]) -> list[Event]:
-    """The stretches of an envelope above 0; one that touches 0 between two of its points is two."""
+def _stretches(points: list[tuple[float, float]], unused: tuple[str, ...], added: int) -> list[Event]:
+    """The stretches of an envelope above 0; one that touches 0 between two of its points is two.
+
+    added: points that the file has not, before its first one.
+    """
     runs: list[list[int]] = []
     for number, (before, after) in enumerate(pairwise(points)):
         if before[1] == after[1] == 0:
@@ -50,6 +55,11 @@ def _stretches(points: list[tuple[float, float]], unused: tuple[str, ...]) -> li
         else:
             runs.append([number, number + 1])
     return [
-        Event(f"amplitude[{run[0]}..{run[-1]}]", Kind.CONTINUOUS, tuple(points[number] for number in run), unused)
+        Event(
+            f"amplitude[{max(run[0] - added, 0)}..{run[-1] - added}]",
+            Kind.CONTINUOUS,
+            tuple(points[number] for number in run),
+            unused,
+        )
         for run in runs
     ]

@@ -3,8 +3,10 @@
 A file has perceptions, these have channels with a place on the body, and these have bands with effects at positions in
 ticks. In a band of transients each keyframe is one; in a band of vectorial waves an effect is a sine whose amplitude
 and frequency follow its keyframes; a band of curves has the signal itself, whose size stands for the amplitude. Bands
-of wavelets hold coded samples and are not played. Known from the files and the reader of the reference software
-(github.com/MPEGGroup/HapticReferenceSoftware); a negative position is written there as a 16-bit one without its sign.
+of wavelets hold coded samples and are not played. As the reference player has it, an amplitude is 1 where no keyframe
+has one, the first is held from the start on, and the last until the last keyframe. Known from the files and the reader
+of the reference software (github.com/MPEGGroup/HapticReferenceSoftware); a negative position is written there as a
+16-bit one without its sign.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,6 +17,8 @@ from engine.effects.files.pattern import Budget, Event, Kind, Pattern
 FORMAT = "hjif"
 DEFAULT_TICKS_PER_S = 1000
 _VIBRATIONS = ("Vibrotactile", "Vibration", "Other")
+_MOST_EXPONENT = 9
+"""Of ten, in the unit of amplitudes."""
 _DEEPEST = 8
 """Composite effects in one another."""
 Library = Mapping[int, Part]
@@ -34,19 +38,23 @@ def read_hjif(document: Part) -> Pattern:
         library = {
             round(part.need("id").number()): part for part in perception.list_of("effect_library") if part.get("id")
         }
+        exponent = perception.get("perception_unit_exponent")
+        unit = 1.0 if exponent is None else 10.0 ** min(max(exponent.number(), -_MOST_EXPONENT), _MOST_EXPONENT)
         for channel in perception.list_of("channels") or perception.list_of("tracks"):
-            events += _Channel(channel, word, library, ticks_per_s, budget).events()
+            events += _Channel(channel, word, library, ticks_per_s, unit, budget).events()
     return Pattern(FORMAT, "" if description is None else description.text(), tuple(events))
 
 
 class _Channel:
     """One channel of a perception, while it is read."""
 
-    def __init__(self, part: Part, modality: str, library: Library, ticks_per_s: float, budget: Budget) -> None:
+    def __init__(
+        self, part: Part, modality: str, library: Library, ticks_per_s: float, unit: float, budget: Budget
+    ) -> None:
         self._part, self._modality, self._library, self._ticks_per_s = part, modality, library, ticks_per_s
         self._budget = budget
         gain = part.get("gain")
-        self._gain = 1.0 if gain is None else gain.number()
+        self._gain = unit * (1.0 if gain is None else gain.number())
         self._place = _place_of(part)
 
     def events(self) -> Iterator[Event]:
@@ -86,26 +94,34 @@ class _Channel:
         if band_type not in ("Transient", "VectorialWave", "Curve"):
             yield Event(part.path, Kind.OTHER, ((at_s, 0.0),), reason=f"a band of {band_type} holds coded samples")
             return
-        points, frequencies = [], []
+        points, frequencies, times_s = [], [], [at_s]
         keyframes = part.list_of("keyframes")
         self._budget.spend(len(keyframes), part)
         for keyframe in keyframes:
             offset, amplitude = keyframe.get("relative_position"), keyframe.get("amplitude_modulation")
             ticks = start_ticks + (0.0 if offset is None else _signed(offset))
+            times_s.append(self._seconds(keyframe, ticks))
             frequency = keyframe.get("frequency_modulation")
             if frequency is not None:
                 frequencies.append(frequency.number())
             if amplitude is not None:
                 size = clipped(abs(amplitude.number() * self._gain))
-                points.append((self._seconds(keyframe, ticks), size, keyframe, frequency))
-        if band_type == "Transient":
+                points.append((times_s[-1], size, keyframe, frequency))
+        if not keyframes or (band_type == "Transient" and not points):
+            yield Event(part.path, Kind.OTHER, ((at_s, 0.0),), reason="it has no keyframe with an amplitude")
+        elif band_type == "Transient":
             for time_s, size, keyframe, frequency in points:
                 of_one = [] if frequency is None else [frequency.number()]
                 yield Event(keyframe.path, Kind.TRANSIENT, ((time_s, size),), self._unused(of_one))
-        elif points:
-            course = tuple(sorted(((time_s, size) for time_s, size, *_ in points), key=lambda point: point[0]))
+        else:
+            course = sorted(((time_s, size) for time_s, size, *_ in points), key=lambda point: point[0])
+            course = course or [(at_s, clipped(abs(self._gain)))]
+            if at_s < course[0][0]:
+                course.insert(0, (at_s, course[0][1]))
+            if course[-1][0] < max(times_s):
+                course.append((max(times_s), course[-1][1]))
             more = ("the signal's own course",) if band_type == "Curve" else ()
-            yield Event(part.path, Kind.CONTINUOUS, course, (*self._unused(frequencies), *more))
+            yield Event(part.path, Kind.CONTINUOUS, tuple(course), (*self._unused(frequencies), *more))
 
     def _seconds(self, part: Part, ticks: float) -> float:
         """A time; one before the start is at the start, as it can be played no earlier."""

@@ -1,6 +1,7 @@
 """A part of a JSON document that is read key by key; an error names file, place, value and what was expected."""
 
 import json
+import re
 import reprlib
 from collections.abc import Iterator
 from typing import Any
@@ -11,6 +12,8 @@ LONGEST_S = 120.0
 """The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
 LONGEST_WORD = 64  # of names; a row of a report stays a row
 
+_STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\.)*")|,(?=\s*[\]}])')
+"""Half of Apple's own samples have such a comma, which JSON has not."""
 _GREATEST = 1e300  # Python reads 1e999 as infinity; what is less can still be scaled and compared
 
 
@@ -22,9 +25,9 @@ class Part:
 
     @classmethod
     def parse(cls, text: str, source: str) -> "Part":
-        """The whole of a document. Raises EffectError."""
+        """The whole of a document, with commas after the last value of a list or object. Raises EffectError."""
         try:
-            return cls(source, "", read_json(text))
+            return cls(source, "", read_json(_STRING_OR_LAST_COMMA.sub(lambda found: found[1] or "", text)))
         except (ValueError, RecursionError) as error:
             raise EffectError(f"{source}: not JSON: {error}") from None
 

@@ -329,7 +329,9 @@ def test_what_is_not_toml_or_empty_is_refused(text: str) -> None:
 def test_a_description_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bar.toml"
     path.write_bytes(TEXT.encode("utf-16"))
-    with pytest.raises(DeviceError, match=re.escape(str(path))):
+    assert Device.read(path).text == TEXT  # by its byte order mark
+    path.write_bytes(TEXT.replace("mm", "\u00b5m", 1).encode("cp1252"))
+    with pytest.raises(DeviceError, match=re.escape(str(path)) + ".*save it as UTF-8"):
         Device.read(path)
 
 
