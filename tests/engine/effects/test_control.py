@@ -96,7 +96,7 @@ def test_of_an_effect_that_is_cut_the_click_plays_to_its_end_and_nothing_after_i
     seen = story(region(0, 50, two))
     seen.at(0, touch(1, 10))
     seen.asks(10, rules=(), settings=ALONE)
-    assert seen.until(300).moments == [(0, "F----", 20.0), (30, "-----", None)]
+    assert seen.until(300).moments == [(0, "C----", 20.0), (30, "-----", None)]
     assert seen.player.next_change_ns is None
 
 
@@ -106,9 +106,9 @@ def test_a_hold_is_waited_for_once_whatever_changes_elsewhere() -> None:
     seen.at(0, touch(1, 10))
     for time_ms in (50, 150, 250):
         seen.asks(time_ms, rules=(hold, region(100 + time_ms, 250, HELD)), settings=ALONE)
-    assert seen.until(900).moments == [(100, "F----", 20.0), (130, "-----", None)]
+    assert seen.until(900).moments == [(100, "C----", 20.0), (130, "-----", None)]
     seen.asks(1000, rules=(region(0, 50, click(25.0), Trigger.HOLD, after_ms=200),), settings=ALONE)
-    assert seen.until(2000).moments[2:] == [(1200, "F----", 25.0), (1230, "-----", None)]
+    assert seen.until(2000).moments[2:] == [(1200, "C----", 25.0), (1230, "-----", None)]
 
 
 def test_a_drag_rule_that_comes_under_a_finger_counts_from_there() -> None:
@@ -151,19 +151,14 @@ def test_of_two_fingers_near_the_place_of_a_trigger_the_nearer_one_feels_it() ->
         assert finger.held_m == pytest.approx(felt_mm * MM)
 
 
-def test_effects_that_are_just_far_enough_apart_are_two() -> None:
-    seen = story()
-    for at_m in (0.0, CLOSEST_M):
-        seen.asks(0, trigger=TriggeredEffect(burst(20.0, 500), 7, position_m=at_m))
-    assert len(seen.player.lifted) == 2
-
-
-def test_later_effects_at_one_place_replace_the_earlier_ones() -> None:
+def test_a_later_effect_replaces_the_earlier_one_unless_it_is_just_far_enough_away() -> None:
     seen = story()
     for time_ms in range(1000):
-        place_m = 0.12 + (time_ms % 3) * CLOSEST_M / 8
+        place_m = (time_ms % 3) * CLOSEST_M / 8
         seen.asks(time_ms, trigger=TriggeredEffect(burst(20.0, 500), 7, position_m=place_m))
         assert len(seen.player.lifted) == 1
+    seen.asks(1000, trigger=TriggeredEffect(burst(20.0, 500), 7, position_m=CLOSEST_M))
+    assert len(seen.player.lifted) == 2
 
 
 def test_an_effect_at_a_place_does_not_replace_what_a_finger_left_there() -> None:
@@ -257,7 +252,7 @@ def test_a_finger_that_rests_when_feeling_comes_back_waits_for_its_hold_again() 
     seen.at(0, touch(1, 10))
     seen.asks(50, settings=OFF)
     seen.asks(200, settings=SceneSettings())
-    assert seen.until(900).moments == [(300, "F----", 20.0), (330, "-----", None)]
+    assert seen.until(900).moments == [(300, "C----", 20.0), (330, "-----", None)]
 
 
 def test_the_level_of_the_scene_is_added_to_everything_that_is_played_whoever_asked_and_when() -> None:

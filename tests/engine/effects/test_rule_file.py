@@ -79,11 +79,6 @@ def test_a_file_says_where_its_drives_come_from() -> None:
         parse_effects('drives = "zone"\n' + WHOLE, "some.toml", DEVICE)
 
 
-def test_the_levels_of_a_file_are_those_that_its_rules_can_ask_for() -> None:
-    unused = '[[effect]]\nname = "unused"\nenvelope = [["5 ms", "70 dB"]]\n'
-    assert parse_effects(unused + WHOLE, "some.toml", DEVICE).levels_db == (10.0, 12.5, FULL_SCALE_DB)
-
-
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_shipped_file_is_read_for_the_reference_bar(path: Path) -> None:
     assert read_effects(path, DEVICE).rules
@@ -144,16 +139,13 @@ def test_durations_and_levels_are_read_back(pairs: list[tuple[int, int]]) -> Non
 WRONG = [
     ('name = "tick"', 'name = "purr"', "effect[2].name: 'purr': another effect has this name"),
     ('name = "tick"', 'name = "tick"\nvolume = 3', "effect[1].volume: 3: unknown key; known keys are name, envelope"),
-    ('[["held", "10 dB"]]', '[["1e300 s", "10 dB"]]', "effect[2].envelope: '1e300 s': expected 1e-09 to 100000 s"),
     ('[["held", "10 dB"]]', "[]", "effect[2].envelope: []: expected a list of segments"),
     ('[["held", "10 dB"]]', '["held", "10 dB"]', "effect[2].envelope: 'held': expected a duration and a level"),
     ('[["held", "10 dB"]]', '[["held", "10 dB"], ["5 ms", "10 dB"]]', "only the last segment may be 'held'"),
-    ('["held", "10 dB"]', '["5 mm", "10 dB"]', "effect[2].envelope: '5 mm' is a length; expected a time"),
     ('["held", "10 dB"]', '["0 ms", "10 dB"]', "effect[2].envelope: '0 ms': expected at least 0.001 s"),
     ('["held", "10 dB"]', '["held", "81 dB"]', "effect[2].envelope: '81 dB': expected 0 to 80 dB above threshold"),
     ('["held", "10 dB"]', '["held", "loud"]', "'loud': expected 0 to 80 dB above threshold such as '20 dB', 'full sc"),
     ('on = "touch"', 'on = "tap"', "rule[1].on: 'tap': expected one of touch, hold, lift, drag"),
-    ('on = "touch"', "", "[rule[1]] has no key 'on'"),
     (
         'zones = ["I", "III"]',
         'zones = ["VI"]',
@@ -169,13 +161,7 @@ WRONG = [
     ('after = "500 ms"', 'after = "0 s"', "rule[2].after: '0 s': expected at least 0.001 s"),
     ('every = "1 cm"', 'every = "1 um"', "rule[3].every: '1 um': expected at least 0.0001 m"),
     ('on = "lift"\neffect = "tick"', 'on = "lift"\neffect = "purr"', "rule[4].effect: 'purr': its envelope ends with"),
-    (
-        'on = "lift"\neffect = "tick"',
-        'on = "lift"\neffect = "tic"',
-        "rule[4].effect: 'tic': expected one of tick",
-    ),
     ("[[effect]]", "[[effects]]", "unknown key; did you mean 'effect'?"),
-    ('\n[[effect]]\nname = "tick"', 'mode = 1\n[[effect]]\nname = "tick"', "mode: 1: unknown key"),
     ("[[effect]]", "[[effect", "not TOML"),
 ]
 
@@ -193,10 +179,3 @@ def test_more_rules_or_segments_than_a_loop_looks_through_are_refused() -> None:
     assert "effect[2].envelope: 1025: expected at most 1024 segments" in refusal(
         WHOLE.replace('["held", "10 dB"]', ", ".join(['["1 ms", "10 dB"]'] * 1025))
     )
-
-
-def test_a_file_that_is_not_utf_8_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "rules.toml"
-    path.write_bytes(WHOLE.encode("utf-16"))
-    with pytest.raises(EffectError, match=re.escape(str(path))):
-        read_effects(path, DEVICE)

@@ -22,11 +22,6 @@ def test_the_levels_are_those_of_all_rules_rising_and_without_pauses() -> None:
     assert effects.levels_db == (5.0, 20.0, FULL_SCALE_DB)
 
 
-def test_the_rules_on_a_trigger_keep_their_order() -> None:
-    rules = tuple(Rule(on, burst(level_db, 1)) for on in Trigger for level_db in (1.0, 2.0))
-    assert Effects(rules).of(Trigger.LIFT) == (rules[4], rules[5])
-
-
 def test_zones_are_asked_by_the_zone_and_regions_by_the_place() -> None:
     by_zone = Rule(Trigger.TOUCH, burst(20.0, 1), zones=frozenset({1, 3}))
     by_place = Rule(Trigger.TOUCH, burst(20.0, 1), region_m=(0.1, 0.2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -39,6 +39,7 @@ from engine.table.best_rows import BestRows
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
 from firmware_link.emulator import DriveEvent
+from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
@@ -50,7 +51,8 @@ from tests.tools.virtual import VirtualLine
 
 DEVICE = shipped("reference-a")
 NO_CLICKS = made_clicks(DEVICE, ())
-DESCRIPTOR = application(finger(), finger(), CONTACT_COUNT)
+SLOTS = 4
+DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT)
 BIT_RATE_HZ = 1_000_000
 
 Touch = tuple[int, float]
@@ -66,11 +68,14 @@ def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
     return state_index(states_of(DEVICE, zones, quiet))
 
 
-def report(*touches: Touch, lifted: Sequence[int] = ()) -> bytes:
-    """One frame of up to two contacts in one report, of those that touch and those that have just lifted."""
-    slots = [struct.pack("<BBHH", 3, contact_id, round(1000 * place), 500) for contact_id, place in touches]
-    slots += [struct.pack("<BBHH", 0, contact_id, 0, 500) for contact_id in lifted]
-    return b"\x01" + b"".join(slots).ljust(12, b"\0") + bytes([len(slots)])
+def report(*touches: Touch, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
+    """One frame of up to four contacts in one report: those that touch, of which some are palms, and those that lift."""
+    slots = [
+        struct.pack("<BBHH", 3 if contact_id in palms else 7, contact_id, round(1000 * place), 500)
+        for contact_id, place in touches
+    ]
+    slots += [struct.pack("<BBHH", 4, contact_id, 0, 500) for contact_id in lifted]
+    return b"\x01" + b"".join(slots[:SLOTS]).ljust(6 * SLOTS, b"\0") + bytes([min(len(slots), SLOTS)])
 
 
 def recording_of(*frames: tuple[float, bytes]) -> Recording:
@@ -82,6 +87,30 @@ def recording_of(*frames: tuple[float, bytes]) -> Recording:
 def held(start_s: float, stop_s: float, *touches: Touch) -> list[tuple[float, bytes]]:
     """A frame each 8 ms while fingers rest."""
     return [(start_s + 0.008 * i, report(*touches)) for i in range(round((stop_s - start_s) / 0.008))]
+
+
+def rendering_of(
+    capabilities: Capabilities,
+    effects: Effects,
+    clicks: Clicks = NO_CLICKS,
+    device: Device = DEVICE,
+    always_hz: float | None = None,
+) -> Rendering:
+    """Another table for the run of a rig; its steady drives are those of `MadeSteady`."""
+    configuration = link_configuration(DEVICE, BIT_RATE_HZ)
+    basis = choose_basis(clicks.basis, capabilities, BIT_RATE_HZ, configuration.lease_ms)
+    steady, rendered = MadeSteady(device, always_hz=always_hz), RenderedClicks(clicks, basis, refuses=False)
+    renderer = Renderer(capabilities, steady, rendered, effects.levels_db)
+    configuration = replace(configuration, basis=basis.basis)
+    made = Rendering(device, renderer, configuration, DEFAULT_CLICK_NS, BoardFit((1.0, 1.0)))
+    return with_fast_table(made, capabilities)
+
+
+@dataclass
+class Watch:
+    """Looks at each wake-up of a loop, and may ask it to stop."""
+
+    is_set: Callable[[], bool]
 
 
 @dataclass

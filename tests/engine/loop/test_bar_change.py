@@ -14,21 +14,15 @@ from engine.device import Device, TouchAxis, Zone
 from engine.effects import ControlStep, Effect, Effects, Outcome, Role, Rule, Segment, Trigger, TriggeredEffect
 from engine.effects.rules import burst, click
 from engine.loop import Pipeline, open_pipeline
-from engine.loop.fast.table import with_fast_table
-from engine.render import SILENCE, Renderer, Rendering, link_configuration
-from engine.render.board_fit import BoardFit
-from engine.render.chosen_basis import choose_basis
-from engine.render.clicks import RenderedClicks
+from engine.render import SILENCE, Rendering
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.sources.recording import Recording
-from tests.engine.loop.fast import scripts
 from tests.engine.loop.fast.scripts import random_frames, random_rules, varied_clicks
-from tests.engine.loop.rig import DEVICE, HELD, Rig, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, Rig, held, recording_of, rendering_of, report
 from tests.engine.loop.test_table_swap import Later
 from tests.engine.made_states import LEVEL_DB
-from tests.engine.render.made_steady import MadeSteady
 from tests.quick import first_quick
 from tests.tools.virtual import MS, VirtualLine
 
@@ -55,13 +49,8 @@ def bar(length: float = 1.0, zones: int = 5, *, flip: bool = False) -> Device:
 
 def rendering_for(rig: Rig, device: Device, *, has_clicks: bool = False) -> Rendering:
     assert rig.session.link.capabilities is not None
-    capabilities, configuration = rig.session.link.capabilities, link_configuration(DEVICE, rig.bit_rate_hz)
     clicks = varied_clicks(device, missing=10**6) if has_clicks else rig.clicks
-    basis = choose_basis(clicks.basis, capabilities, rig.bit_rate_hz, configuration.lease_ms)
-    rendered = RenderedClicks(clicks, basis, refuses=False)
-    renderer = Renderer(capabilities, MadeSteady(device), rendered, rig.effects.levels_db)
-    made = Rendering(device, renderer, replace(configuration, basis=basis.basis), 30 * MS, BoardFit((1.0, 1.0)))
-    return with_fast_table(made, capabilities)
+    return rendering_of(rig.session.link.capabilities, rig.effects, clicks, device)
 
 
 RIG = Rig(recording_of((0.0, report((1, 0.1)))), effects=EVERYTHING, device=bar())
@@ -175,7 +164,7 @@ def test_the_compiled_step_follows_changes_of_the_bar(fast_library: ctypes.CDLL,
         library = fast_library
 
     random = np.random.default_rng(seed)
-    frames, effects = scripts.recording_of(random_frames(random, 60)), Effects(random_rules(random, DEVICE))
+    frames, effects = recording_of(*random_frames(random, 60)), Effects(random_rules(random, DEVICE))
     made = [bar(float(random.choice([0.3, 0.6, 1.0])), int(random.integers(1, 6))) for _ in range(12)]
     coming = [(100 * (1 + i), device) for i, device in enumerate(made)]
     slow, fast = (run_over(each, frames, effects, coming, has_clicks=True) for each in (Rig, FastRig))

@@ -7,32 +7,16 @@ import numpy as np
 
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
-from engine.render import Renderer, Rendering, link_configuration
-from engine.render.board_fit import BoardFit
-from engine.render.chosen_basis import choose_basis
-from engine.render.clicks import RenderedClicks
+from engine.render import Rendering
 from engine.table import Clicks
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DeviceConfiguration, Outcome
-from firmware_link.host.link_values import Capabilities
-from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, Rig, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, Rig, held, recording_of, rendering_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks
 from tests.engine.made_states import LEVEL_DB
-from tests.engine.render.made_steady import MadeSteady
 from tests.tools.virtual import MS, VirtualLine
 
 CLICKS = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
-
-
-def rendering_of(
-    capabilities: Capabilities, frequency_hz: float, clicks: Clicks = NO_CLICKS, effects: Effects = HELD
-) -> Rendering:
-    """A table whose drives all have one frequency."""
-    configuration = link_configuration(DEVICE, 1_000_000)
-    basis = choose_basis(clicks.basis, capabilities, configuration.bit_rate_hz, configuration.lease_ms)
-    steady, rendered = MadeSteady(DEVICE, always_hz=frequency_hz), RenderedClicks(clicks, basis, refuses=False)
-    renderer = Renderer(capabilities, steady, rendered, effects.levels_db)
-    return Rendering(DEVICE, renderer, replace(configuration, basis=basis.basis), 30 * MS, BoardFit((1.0, 1.0)))
 
 
 def clicks_of(number: int, longer: int = 0) -> Clicks:
@@ -70,7 +54,7 @@ class SwapRig(Rig):
         self.capabilities = self.session.link.capabilities
 
     def table(self, frequency_hz: float, clicks: Clicks = NO_CLICKS) -> Rendering:
-        return rendering_of(self.capabilities, frequency_hz, clicks, self.effects)
+        return rendering_of(self.capabilities, self.effects, clicks, always_hz=frequency_hz)
 
     def run_over(self, *coming: tuple[float, Rendering]) -> None:
         """Tables come so many ms after the first report."""
@@ -159,8 +143,8 @@ def test_a_newer_table_takes_the_place_of_one_that_is_under_way() -> None:
 
 def test_a_table_for_another_wire_is_left() -> None:
     rig = SwapRig(taps(4))
-    foreign = rendering_of(replace(rig.capabilities, frequency_resolution_hz=0.02), 150.0)
-    rig.run_over((120.0, foreign))
+    foreign = replace(rig.capabilities, frequency_resolution_hz=0.02)
+    rig.run_over((120.0, rendering_of(foreign, HELD, always_hz=150.0)))
     assert rig.loop.counters.swaps == 0
     assert set(rig.played()) == {101.0, 0.0}
 

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Effect, EffectError, EffectPlayer, Effects, Rule, Trigger
+from engine.effects import Effect, EffectError, Rule, Trigger
 from engine.effects.files.conversion import CLICK_MS, FULL_LEVEL_DB, Converted, Fate, convert
 from engine.effects.files.hjif_out import encode_hjif
 from engine.effects.files.json_part import Part
 from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
 from engine.effects.rules import NS_PER_MS, Segment
-from engine.touch import Touch
 from tactable.shipped import named_effects
+from tests.engine.effects.test_player import story, touch
 
 MS = NS_PER_MS
 
@@ -98,13 +98,10 @@ def test_what_is_not_felt_is_lost_by_name() -> None:
         _ = converted(sound).effect
 
 
-def test_events_that_last_too_long_together_are_refused() -> None:
+def test_events_that_last_too_long_together_and_too_many_segments_are_refused() -> None:
     assert converted(*[hum((0.0, 1.0), (120_000.0, 1.0))] * 10).segments
     with pytest.raises(EffectError, match="its events last 1320 s in all; expected at most 1200 s"):
         converted(*[hum((0.0, 1.0), (120_000.0, 1.0))] * 11)
-
-
-def test_too_many_segments_are_refused() -> None:
     with pytest.raises(EffectError, match="2999 segments; expected at most 1024"):
         converted(*[tap(40 * number) for number in range(1500)])
 
@@ -134,20 +131,15 @@ def test_every_event_has_a_report_and_no_two_segments_overlap(events: list[Event
 
 def test_the_player_plays_the_clicks_and_drives_at_their_times() -> None:
     made = converted(tap(10), hum((100, 0.5), (200, 0.5)), tap(150))
-    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, made.effect),)))
-    player.take_touches([Touch(1, 0.1, 0)], 0)
-    seen = []
-    while player.next_change_ns is not None:
-        at_ns = player.next_change_ns
-        player.advance_effects(at_ns)
-        seen.append((at_ns // MS, player.level_db, player.click_ns is not None))
-    assert seen == [
-        (10, 25.0, True),
-        (40, None, False),
-        (100, 19.0, False),
-        (150, 25.0, True),
-        (180, 19.0, False),
-        (200, None, False),
+    played = story(Rule(Trigger.TOUCH, made.effect))
+    played.at(0, touch(1, 10))
+    assert played.until(1000).moments == [
+        (10, "C----", 25.0),
+        (40, "-----", None),
+        (100, "F----", 19.0),
+        (150, "C----", 25.0),
+        (180, "F----", 19.0),
+        (200, "-----", None),
     ]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -13,15 +12,13 @@ from engine.effects import Effect, Rule, Segment, Trigger
 from engine.effects.rules import click
 from engine.table import Clicks
 from engine.touch.places import Key
-from engine.touch.sources.recording import Recording, Report
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.loop.rig import DEVICE
+from tests.engine.loop import rig
+from tests.engine.loop.rig import DEVICE, SLOTS
 from tests.engine.made_clicks import basis_of, click_of, made_clicks, places_of
 from tests.engine.made_states import LEVEL_DB
-from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
 from tests.tools.virtual import MS
 
-SLOTS = 4
 LOUD_DB = LEVEL_DB + 6.0
 _HELD = Effect("held", (Segment(None, LEVEL_DB),))
 _LATE = Effect("late", (Segment(40 * MS, None), Segment(30 * MS, LOUD_DB)))
@@ -72,20 +69,8 @@ def varied_clicks(device: Device, missing: int = 9) -> Clicks:
 
 
 def report(fingers: Fingers, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
-    """One frame of up to four contacts in one report: they touch, are in range and, but for palms, have confidence."""
-    slots = [
-        struct.pack("<BBHH", 3 if contact in palms else 7, contact, round(1000 * place), 500)
-        for contact, place in fingers.items()
-    ]
-    slots += [struct.pack("<BBHH", 4, contact, 0, 500) for contact in lifted]
-    return b"\x01" + b"".join(slots[:SLOTS]).ljust(6 * SLOTS, b"\0") + bytes([min(len(slots), SLOTS)])
-
-
-def recording_of(frames: Sequence[tuple[float, bytes]]) -> Recording:
-    """Reports with their times in seconds, of a digitizer with four slots."""
-    reports = tuple(Report(index, time_s, data) for index, (time_s, data) in enumerate(frames))
-    descriptor = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT)
-    return Recording("virtual digitizer", 3, 0, 0, descriptor, reports)
+    """One frame of up to four contacts in one report."""
+    return rig.report(*fingers.items(), lifted=lifted, palms=palms)
 
 
 def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, bytes]]:

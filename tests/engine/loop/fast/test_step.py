@@ -13,7 +13,7 @@ import pytest
 
 import engine.loop.fast.library as library_module
 from engine.device import Device
-from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger
+from engine.effects import Drives, Effects, Rule, Trigger
 from engine.effects.rules import click
 from engine.loop import CommandRecord, Fate
 from engine.render import WhenNotAchieved
@@ -21,16 +21,14 @@ from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import (
     LOUD_DB,
-    SLOTS,
     device_with_gaps,
     random_frames,
     random_rules,
-    recording_of,
     report,
     varied_clicks,
 )
 from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
-from tests.engine.loop.rig import DEVICE, Rig
+from tests.engine.loop.rig import DEVICE, HELD, SLOTS, Rig, recording_of
 from tests.engine.made_rows import rows_of
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
@@ -45,6 +43,7 @@ CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
 EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS, WIDE)}
 TOUCH = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 TOUCH_AND_LIFT = Effects((*TOUCH.rules, Rule(Trigger.LIFT, click(LOUD_DB))))
+HELD_IN_ZONES = replace(HELD, drives=Drives.ZONES)
 STARTED_NS = 1_234_567_000
 """When the device started, by the clock of the host."""
 
@@ -103,7 +102,7 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, s
     for _ in range(25):
         frames, rules = random_frames(random, 14), random_rules(random, device)
         refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
-        found = both(recording_of(frames), Effects(rules), device, refuses)
+        found = both(recording_of(*frames), Effects(rules), device, refuses)
         answered, due = answered + found.answered, due + len(found.clicks)
     # What is left to the loop: clicks that the table has not, and fingers that move under rules on moves.
     assert due > 40
@@ -119,7 +118,7 @@ def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Dr
     for _ in range(40):
         frames, rules = random_frames(random, 14), random_rules(random, device)
         refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
-        found = both(recording_of(frames), Effects(rules, drives=drives), device, refuses, rows=rows)
+        found = both(recording_of(*frames), Effects(rules, drives=drives), device, refuses, rows=rows)
         answered += found.answered
         due += sum(each.report_index is not None and each.fate is Fate.WRITTEN for each in found.fast.trace)
     # What is left to the loop: drives after a click, and fingers that move.
@@ -128,10 +127,9 @@ def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Dr
 
 
 def test_in_zones_every_touch_is_answered_by_look_up() -> None:
-    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
     frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({1: 0.1, 2: 0.5, 3: 0.9}))]
     frames += [(0.4, report({2: 0.5, 3: 0.9}, [1])), (0.5, report({}, [2, 3]))]
-    found = both(recording_of([IDLE, *frames]), held, rows=rows_of(DEVICE))
+    found = both(recording_of(IDLE, *frames), HELD_IN_ZONES, rows=rows_of(DEVICE))
     # Zones I, then I and III, then I, III and V, then III and V; then silence.
     assert found.fast.played() == [101.0, 105.0, 121.0, 120.0, 0.0]
     assert found.answered == 5
@@ -139,9 +137,8 @@ def test_in_zones_every_touch_is_answered_by_look_up() -> None:
 
 def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone() -> None:
     """They are 4 mm apart, and the edge between zones I and II lies between them."""
-    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),), drives=Drives.ZONES)
     frames = [IDLE, (0.1, report({1: 0.195})), (0.2, report({1: 0.195, 2: 0.21})), (0.3, report({2: 0.21}, [1]))]
-    found = both(recording_of([*frames, (0.4, report({}, [2]))]), held, rows=rows_of(DEVICE))
+    found = both(recording_of(*frames, (0.4, report({}, [2]))), HELD_IN_ZONES, rows=rows_of(DEVICE))
     assert found.fast.played() == [101.0, 102.0, 0.0]
 
 
@@ -154,7 +151,7 @@ def answered_whole(
     frames: Frames, effects: Effects, device: Device = DEVICE
 ) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
     """Positions in mm and roles of the clicks of a run, all of which the compiled step answered."""
-    found = both(recording_of([IDLE, *frames]), effects, device, is_complete=True)
+    found = both(recording_of(IDLE, *frames), effects, device, is_complete=True)
     assert found.answered == len(found.clicks)
     placements = [record.placement for record in found.clicks if record.placement is not None]
     return [(tuple(round(1e3 * at_m, 1) for at_m in each.position_m), each.is_felt) for each in placements]
@@ -173,7 +170,7 @@ def test_clicks_of_one_finger_and_of_two_are_answered() -> None:
 def test_fingers_that_are_one_to_the_bar_are_left_to_the_loop() -> None:
     # Both times they are nearest to different places, first 5.6 mm apart and then 8.4 mm.
     frames = [IDLE, (0.1, report({1: 0.44, 2: 0.46})), (0.2, report({}, [1, 2])), (0.3, report({1: 0.435, 2: 0.465}))]
-    found = both(recording_of([*frames, (0.4, report({}, [1, 2]))]), TOUCH, is_complete=True)
+    found = both(recording_of(*frames, (0.4, report({}, [1, 2]))), TOUCH, is_complete=True)
     assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 2]
     assert found.answered == 1
 
@@ -252,7 +249,7 @@ def test_what_time_brings_at_the_time_of_a_report_comes_before_it() -> None:
     hold = Rule(Trigger.HOLD, click(LEVEL_DB), zones=frozenset({0}), after_ns=20_000_000)
     effects = Effects((Rule(Trigger.TOUCH, click(LOUD_DB), zones=frozenset({4})), hold))
     frames = [IDLE, (0.1, report({1: 0.1})), (0.12, report({1: 0.1, 2: 0.9})), (0.2, report({}, [1, 2]))]
-    found = both(recording_of(frames), effects, is_complete=True)
+    found = both(recording_of(*frames), effects, is_complete=True)
     assert (found.answered, found.clicks) == (0, [])
 
 
@@ -262,7 +259,7 @@ def test_the_last_contact_of_a_digitizer_that_counts_its_contacts_is_answered(
 ) -> None:
     slots = (finger(flags="0942 0947") for _ in range(SLOTS))
     counts = replace(
-        recording_of([IDLE, (0.1, report({last: 0.1})), (0.2, report({last + 1: 0.5}))]),
+        recording_of(IDLE, (0.1, report({last: 0.1})), (0.2, report({last + 1: 0.5}))),
         descriptor=application(*slots, CONTACT_COUNT),
         vendor_id=vendor_id,
         product_id=product_id,
@@ -279,7 +276,7 @@ def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered
 
 def test_a_contact_that_a_panel_no_longer_mentions_has_lifted() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.15, report({2: 0.6})), (0.2, report({}))]
-    panel = replace(recording_of(frames), vendor_id=0x1FF7, product_id=0x0013)
+    panel = replace(recording_of(*frames), vendor_id=0x1FF7, product_id=0x0013)
     found = both(panel, TOUCH, is_complete=True)
     assert [len(record.placement.position_m) for record in found.clicks if record.placement] == [1, 1]
     assert found.answered == 2
@@ -296,7 +293,7 @@ def test_places_may_be_signed_numbers() -> None:
     )
     slots = struct.pack("<BBhh", 3, 1, -400, 0).ljust(6 * SLOTS, b"\0")
     frames = [IDLE, (0.1, b"\x01" + slots + b"\x01"), (0.15, report({}, [1]))]
-    found = both(replace(recording_of(frames), descriptor=signed), TOUCH, is_complete=True)
+    found = both(replace(recording_of(*frames), descriptor=signed), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
@@ -305,13 +302,13 @@ def test_a_contact_that_hovers_feels_nothing_until_it_touches() -> None:
     hover = report({1: 0.1}).replace(b"\x03", b"\x02", 1)
     frames = [IDLE, (0.1, hover), (0.15, report({1: 0.1})), (0.2, hover), (0.3, report({2: 0.6}))]
     panel = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
-    found = both(replace(recording_of(frames), descriptor=panel), TOUCH, is_complete=True)
+    found = both(replace(recording_of(*frames), descriptor=panel), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
 def test_a_digitizer_without_report_numbers_is_answered() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({2: 0.6}))]
-    without = recording_of([(time_s, data[1:]) for time_s, data in frames])
+    without = recording_of(*((time_s, data[1:]) for time_s, data in frames))
     descriptor = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, report_id=None)
     found = both(replace(without, descriptor=descriptor), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 2
@@ -320,13 +317,13 @@ def test_a_digitizer_without_report_numbers_is_answered() -> None:
 def test_a_report_that_is_cut_off_brings_nothing() -> None:
     """Behind its end lies the report before, whose contact count would make it whole."""
     frames = [IDLE, (0.1, report({1: 0.1})), (0.2, report({}, [1])), (0.3, report({2: 0.6})[:8])]
-    found = both(recording_of(frames), TOUCH, is_complete=True)
+    found = both(recording_of(*frames), TOUCH, is_complete=True)
     assert found.answered == len(found.clicks) == 1
 
 
 def test_a_report_that_is_cut_off_lifts_no_finger() -> None:
     frames = [IDLE, (0.1, report({1: 0.1})), (0.14, report({1: 0.1})[:8]), (0.18, report({}, [1]))]
-    found = both(recording_of(frames), TOUCH_AND_LIFT, is_complete=True)
+    found = both(recording_of(*frames), TOUCH_AND_LIFT, is_complete=True)
     assert found.answered == len(found.clicks) == 2
 
 
@@ -359,7 +356,7 @@ def test_more_than_64_contacts_stay_within_bounds(
         for first in range(0, most, slots):
             part = b"".join(contacts[first : first + slots]).ljust(6 * slots, b"\0")
             frames.append((start_s + 0.001 * first / slots, b"\x01" + part + bytes([most * (first == 0)])))
-    recording = replace(recording_of(frames), descriptor=descriptor)
+    recording = replace(recording_of(*frames), descriptor=descriptor)
     for rules in (TOUCH, TOUCH_AND_LIFT):
         assert both(recording, rules, is_complete=True).fast.loop.counters.frames > 10
     with on_sockets(library) as ends:
