@@ -5,14 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
-from engine.effects import Effects, Rule, Trigger
-from engine.effects.rules import burst
+from engine.effects import Effects
 from engine.loop import Record, RingReader, RingWriter
-from tests.engine.loop.rig import BIT_RATE_HZ, HELD, Rig, held, recording_of, report
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.loop.rig import BIT_RATE_HZ, BURSTS, HELD, Rig, held, recording_of, report
 
 RUNS_BOTH_WAYS = True
-BURST = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
 
 
 def run_with_ring(
@@ -23,30 +20,24 @@ def run_with_ring(
         return rig, list(reader.read())
 
 
-FRAMES = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.1), (2, 0.5)), (0.2, report(lifted=[1, 2]))]
-
-
-def test_every_report_is_told_once_as_it_came(tmp_path: Path) -> None:
-    rig, records = run_with_ring(tmp_path / "ring", *FRAMES)
+def test_the_ring_has_every_report_and_command_with_its_fingers_its_sequence_and_its_stamps(tmp_path: Path) -> None:
+    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.1), (2, 0.5)), (0.2, report(lifted=[1, 2]))]
+    rig, records = run_with_ring(tmp_path / "ring", *frames)
     told = [(record.report_index, record.report) for record in records if record.report]
     assert told == [(r.index, r.data) for r in rig.recording.reports]
     assert all(later.time_ns >= earlier.time_ns for earlier, later in pairwise(records))
-
-
-def test_each_command_is_told_with_its_sequence_and_its_stamps(tmp_path: Path) -> None:
-    rig, records = run_with_ring(tmp_path / "ring", *FRAMES)
-    sent = [record for record in records if record.drive_sequence is not None]
-    changes = [change for change in rig.trace if change.drive_sequence is not None]
-    assert [(r.report_index, r.placement, r.drive_sequence) for r in sent] == [
-        (c.report_index, c.placement, c.drive_sequence) for c in changes
+    sent, changes = ([each for each in every if each.drive_sequence is not None] for every in (records, rig.trace))
+    assert [(r.report_index, r.placement, r.drive_sequence, r.touches) for r in sent] == [
+        (c.report_index, c.placement, c.drive_sequence, tuple(c.touches)) for c in changes
     ]
+    assert [touch.zone for touch in sent[1].touches] == [0, 2]
     assert [list(record.stamps_ns) for record in sent] == rig.latency.stamps_ns().tolist()
     assert sent[-1].counters.commands == rig.loop.counters.commands
 
 
 def test_what_time_alone_brings_is_told_too(tmp_path: Path) -> None:
     frames = [(0.0, report((1, 0.1))), (0.1, report(lifted=[1]))]
-    rig, records = run_with_ring(tmp_path / "ring", *frames, effects=BURST)
+    rig, records = run_with_ring(tmp_path / "ring", *frames, effects=BURSTS)
     (ended,) = [record for record in records if record.report_index is None]
     assert (ended.placement, ended.level_db) == (rig.trace[1].placement, None)
     assert ended.drive == b""
@@ -59,10 +50,3 @@ def test_a_command_that_the_line_held_up_is_told_when_it_has_left(tmp_path: Path
     told = [record.drive_sequence for record in records if record.drive_sequence is not None]
     assert told == [change.drive_sequence for change in rig.trace if change.drive_sequence is not None]
     assert records[-1].counters.replaced > 0
-
-
-def test_the_fingers_are_told_where_they_were(tmp_path: Path) -> None:
-    rig, records = run_with_ring(tmp_path / "ring", *FRAMES)
-    both = [record for record in records if len(record.touches) == 2]
-    assert [touch.zone for touch in both[0].touches] == [0, 2]
-    assert [touch.position_m for touch in both[0].touches] == [touch.position_m for touch in rig.trace[1].touches]

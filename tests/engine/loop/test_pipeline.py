@@ -49,16 +49,6 @@ def played(pipeline: Pipeline, recording: Recording) -> list[tuple[int, Placemen
     return found
 
 
-def test_a_touch_brings_one_command_and_rest_brings_none() -> None:
-    rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), (0.1, report(lifted=[1]))))
-    changes = played(pipeline_of(rig), rig.recording)
-    (touched_ns, placement, *_), (lifted_ns, *lifted) = changes
-    assert placement is not None and placement.is_felt == (True,)
-    assert placement.position_m == pytest.approx((0.1 * DEVICE.bar.length_m,), abs=1e-4)
-    assert (touched_ns, lifted_ns, lifted[0]) == (0, 100 * MS, None)
-    assert [command == SILENCE for *_, command in changes] == [False, True]
-
-
 def test_a_drive_that_follows_a_finger_is_told_the_frequency_before() -> None:
     steps = [(0.1 * k, report((1, 0.1 + 0.01 * k))) for k in range(3)]
     rig = Rig(recording_of(*steps, (0.3, report(lifted=[1])), (0.4, report((1, 0.12)))))
@@ -80,14 +70,6 @@ def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
     assert pipeline.due_ns == RELEASE_AFTER_NS
     assert list(pipeline.commands_due(RELEASE_AFTER_NS)) == []
     assert pipeline.is_at_rest and pipeline.touches == []
-
-
-def test_each_command_of_a_long_pause_comes_with_what_was_wanted_then() -> None:
-    steps = Effect("steps", (Segment(30 * MS, 30.0), Segment(30 * MS, None), Segment(None, LEVEL_DB)))
-    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=Effects((Rule(Trigger.TOUCH, steps),)))
-    pipeline = pipeline_of(rig)
-    pipeline.step(rig.recording.reports[0].data, 0)
-    assert [pipeline.wanted.level_db for _ in pipeline.commands_due(1_000 * MS)] == [None, LEVEL_DB, None]
 
 
 def test_silence_is_a_command_only_where_something_is_wanted() -> None:
