@@ -30,19 +30,14 @@ from tests.tools.virtual import MS, VirtualClock
 CLICKS = every_click(DEVICE)
 
 
-@pytest.fixture(scope="module")
-def library(fast_library: ctypes.CDLL) -> ctypes.CDLL:
-    return fast_library
-
-
 class FastRig(Rig):
     """With the fast path."""
 
 
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=8))
-def test_a_recorded_device_is_answered_as_the_loop_does(library: ctypes.CDLL, path: Path) -> None:
+def test_a_recorded_device_is_answered_as_the_loop_does(fast_library: ctypes.CDLL, path: Path) -> None:
     recording = read_recording(path)
-    FastRig.library = library
+    FastRig.library = fast_library
     short = replace(recording, reports=recording.reports[:400])
     slow, fast = (rig(short, speed=8.0, effects=DEFAULT_EFFECTS, clicks=CLICKS).run() for rig in (Rig, FastRig))
     assert fast.trace == slow.trace
@@ -95,8 +90,8 @@ def on_sockets(library: ctypes.CDLL, clock: Clock | None = None) -> Iterator[End
 
 
 @pytest.mark.machine
-def test_a_wait_without_a_report_ends_at_its_time_and_not_before(library: ctypes.CDLL) -> None:
-    with on_sockets(library, SystemClock()) as (fast, session, _, touch, _, port):
+def test_a_wait_without_a_report_ends_at_its_time_and_not_before(fast_library: ctypes.CDLL) -> None:
+    with on_sockets(fast_library, SystemClock()) as (fast, session, _, touch, _, port):
         for after_ns in (-(10**18), 0, 20_000_000, 20_000_000):  # the timer is set again
             until_ns = max(0, fast.now_ns() + after_ns)
             readable = fast.wait(until_ns, (touch.fileno(), port.fileno()), ())
@@ -105,8 +100,8 @@ def test_a_wait_without_a_report_ends_at_its_time_and_not_before(library: ctypes
 
 
 @pytest.mark.parametrize("waiting", [1, 2])
-def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL, waiting: int) -> None:
-    with on_sockets(library) as (fast, session, ours, touch, device, port):
+def test_a_report_that_is_not_the_last_is_left_to_the_loop(fast_library: ctypes.CDLL, waiting: int) -> None:
+    with on_sockets(fast_library) as (fast, session, ours, touch, device, port):
         source = fast.source
         for place in (0.1, 0.5)[:waiting]:
             ours.send(struct.pack("<qq", fast.now_ns(), 0) + report((1, place)))
@@ -125,8 +120,8 @@ def test_a_report_that_is_not_the_last_is_left_to_the_loop(library: ctypes.CDLL,
             device.recv(4096)
 
 
-def test_time_stands_at_a_report_until_its_answer_is_confirmed(library: ctypes.CDLL) -> None:
-    with on_sockets(library) as (fast, session, ours, touch, _, port):
+def test_time_stands_at_a_report_until_its_answer_is_confirmed(fast_library: ctypes.CDLL) -> None:
+    with on_sockets(fast_library) as (fast, session, ours, touch, _, port):
         source, due_ns = fast.source, fast.now_ns() - 5_000_000
         ours.send(struct.pack("<qq", due_ns, 0) + report((1, 0.1)))
         fast.wait(None, (touch.fileno(), port.fileno()), ())
@@ -137,8 +132,8 @@ def test_time_stands_at_a_report_until_its_answer_is_confirmed(library: ctypes.C
         assert source.source_time_ns(fast.now_ns()) > due_ns
 
 
-def test_a_wrong_answer_is_put_right_and_the_last(library: ctypes.CDLL) -> None:
-    FastRig.library = library
+def test_a_wrong_answer_is_put_right_and_the_last(fast_library: ctypes.CDLL) -> None:
+    FastRig.library = fast_library
     frames = [*held(0.0, 0.1, (1, 0.1)), (0.5, report(lifted=[1])), (1.0, report((1, 0.5))), (1.1, report(lifted=[1]))]
     frames += [(2.0, report((1, 0.9))), (2.1, report(lifted=[1]))]
     rig = FastRig(recording_of(*frames), effects=DEFAULT_EFFECTS, clicks=CLICKS, reconnect=True)
