@@ -45,22 +45,6 @@ def region(start_mm: float, stop_mm: float, effect: Effect, on: Trigger = Trigge
     return Rule(on, effect, region_m=(start_mm * MM, stop_mm * MM), after_ns=after_ns, every_m=every_m)
 
 
-def test_new_rules_hold_for_the_next_touch() -> None:
-    seen = story(region(0, 50, burst(20.0, 20)))
-    seen.at(0, touch(1, 10))
-    seen.at(40)
-    seen.asks(50, rules=(region(100, 150, burst(30.0, 20)),), settings=ALONE)
-    seen.at(60, touch(1, 10))
-    seen.at(80)
-    seen.at(90, touch(1, 120))
-    assert seen.until(200).moments == [
-        (0, "F----", 20.0),
-        (20, "-----", None),
-        (90, "--F--", 30.0),
-        (110, "-----", None),
-    ]
-
-
 def test_a_held_effect_ends_with_its_rule_and_goes_on_with_a_rule_that_still_covers_where_it_began() -> None:
     seen = story(region(0, 50, HELD))
     seen.at(0, touch(1, 10))

@@ -176,13 +176,6 @@ def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> N
     ]
 
 
-def test_a_finger_that_never_rests_feels_no_hold() -> None:
-    seen = story(Rule(Trigger.HOLD, HELD, after_ns=300 * MS))
-    for time_ms in range(0, 2000, 100):
-        seen.at(time_ms, touch(1, 10 + 1.1 * STILL_M / MM * (time_ms // 100)))
-    assert not seen.moments
-
-
 def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
     seen = story(Rule(Trigger.HOLD, pulse((200, 30.0), (None, 20.0)), after_ns=100 * MS))
     seen.at(0, touch(1, 10))

@@ -42,12 +42,6 @@ def test_a_touch_plays_the_click_of_its_state_at_the_level_of_its_rule() -> None
     assert event.sequence == rig.trace[0].drive_sequence
 
 
-def test_the_click_of_a_second_finger_is_that_of_both() -> None:
-    frames = [*held(0.0, 0.2, (1, 0.1)), *held(0.2, 0.4, (1, 0.1), (2, 0.5)), (0.4, report(lifted=[1, 2]))]
-    rig = Rig(recording_of(*frames), effects=RULES, clicks=CLICKS).run()
-    assert [waveform for _, waveform in plays(rig)] == [0, 1]
-
-
 def test_a_lift_does_not_cut_a_click() -> None:
     frames = [(0.0, report((1, 0.1))), (0.01, report(lifted=[1])), (0.1, report())]
     rig = Rig(recording_of(*frames), effects=RULES, clicks=CLICKS).run()
@@ -65,14 +59,6 @@ def test_a_click_that_never_left_is_not_played_late() -> None:
     rig.run()
     assert [change.is_click for change in rig.trace] == [True, False]
     assert plays(rig) == []
-
-
-def test_each_step_of_a_drag_is_a_click_of_its_own() -> None:
-    texture = Effects((Rule(Trigger.DRAG, click(LEVEL_DB), every_m=4e-3),))
-    step = 0.0005 / DEVICE.bar.length_m
-    frames = [(0.004 * i, report((1, 0.05 + 2 * i * step))) for i in range(18)]
-    rig = Rig(recording_of(*frames, (0.08, report(lifted=[1]))), effects=texture, clicks=CLICKS).run()
-    assert [waveform for _, waveform in plays(rig)] == [0] * 4
 
 
 def test_what_is_held_goes_on_after_a_click() -> None:

@@ -26,7 +26,8 @@ def test_the_ring_has_every_report_and_command_with_its_fingers_its_sequence_and
     told = [(record.report_index, record.report) for record in records if record.report]
     assert told == [(r.index, r.data) for r in rig.recording.reports]
     assert all(later.time_ns >= earlier.time_ns for earlier, later in pairwise(records))
-    sent, changes = ([each for each in every if each.drive_sequence is not None] for every in (records, rig.trace))
+    sent = [record for record in records if record.drive_sequence is not None]
+    changes = [change for change in rig.trace if change.drive_sequence is not None]
     assert [(r.report_index, r.placement, r.drive_sequence, r.touches) for r in sent] == [
         (c.report_index, c.placement, c.drive_sequence, tuple(c.touches)) for c in changes
     ]

@@ -112,11 +112,6 @@ def test_what_a_calibration_finds_beside_a_nominal_full_scale_is_played_as_it_is
     assert (fit.scales, fit.notes) == ((1.0, 1.0), ())
 
 
-def test_a_board_slower_than_the_samples_of_clicks_gets_steady_drives(table: Table) -> None:
-    rendering = render_table(table, DEFAULT_EFFECTS, board(TABLE_M, TABLE_M, synthesis_rate_hz=3999))
-    assert rendering.basis is None
-
-
 def test_actuators_beyond_the_tables_and_a_shorter_lease_are_said() -> None:
     fit = fit_board(REFERENCE, board(TABLE_M, TABLE_M, 1e-9, longest_lease_ms=20))
     assert fit.scales == (1.0, 1.0)

@@ -51,6 +51,7 @@ def test_sets_that_do_not_fit_are_left_out_and_the_others_keep_their_order(
         ({"features": Features(0)}, RATE_HZ),
         ({"basis_capacity_bytes": 100}, RATE_HZ),
         ({"longest_waveform_ms": 20}, RATE_HZ),
+        ({"synthesis_rate_hz": 3999}, RATE_HZ),
         ({}, 38_400),
     ],
 )

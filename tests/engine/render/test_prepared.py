@@ -43,9 +43,11 @@ def test_a_placement_of_the_table_gets_its_click_and_another_has_none_yet(table:
 def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives(table: Table) -> None:
     for effects, features in ((DEFAULT_EFFECTS, Features(0)), (STEADY, Features.WAVEFORMS)):
         rendering = render_table(table, effects, board(features=features))
-        assert rendering.basis is None
-        steady = rendering.renderer.render(PLACEMENTS[0], LEVEL_DB)
-        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click=True) == steady != SILENCE
+        renderer = rendering.renderer
+        assert (rendering.basis, renderer.playable_clicks, renderer.click_shortfalls) == (None, 0, {})
+        for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
+            steady = renderer.render(placement, LEVEL_DB)
+            assert renderer.render(placement, LEVEL_DB, is_click=True) == steady != SILENCE
 
 
 def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None:

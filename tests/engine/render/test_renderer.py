@@ -6,7 +6,7 @@ from math import inf
 import pytest
 
 from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
-from engine.render.chosen_basis import NO_BASIS, ChosenBasis
+from engine.render.chosen_basis import ChosenBasis
 from engine.render.clicks import RenderedClicks
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -30,13 +30,6 @@ def renderer_of(
 ) -> Renderer:
     rendered = RenderedClicks(made_clicks(REFERENCE, clicks), basis, refuses)
     return Renderer(CAPABILITIES, steady or MadeSteady(REFERENCE), rendered, LEVELS_DB)
-
-
-def test_without_a_felt_finger_there_is_silence() -> None:
-    steady = MadeSteady(REFERENCE)
-    renderer = renderer_of(CLICKS, steady)
-    assert renderer.render(None, None) == renderer.render(None, None, is_click=True) == SILENCE
-    assert steady.solved == []
 
 
 def test_a_steady_drive_is_solved_where_the_fingers_are() -> None:
@@ -115,10 +108,3 @@ def test_only_a_device_that_understands_the_drives_alike_fits() -> None:
     assert not renderer.fits(replace(CAPABILITIES, frequency_resolution_hz=0.02))
     assert not renderer.fits(replace(CAPABILITIES, full_scales_m=(0.52e-6, 0.6e-6)))
     assert renderer.suits_device_of(renderer_of(CLICKS))
-
-
-def test_a_device_that_plays_no_clicks_gets_the_steady_drive() -> None:
-    renderer = renderer_of(CLICKS, basis=NO_BASIS)
-    for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
-        assert renderer.render(placement, LEVEL_DB, is_click=True) == renderer.render(placement, LEVEL_DB) != SILENCE
-    assert (renderer.playable_clicks, renderer.click_shortfalls) == (0, {})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.steady.ascent import SHARPEST, climb, evaluate
+from engine.steady.ascent import evaluate
 from engine.steady.forms import fill_products, multiply, power_of, solve
 
 Complex = NDArray[np.complex128]
@@ -54,14 +54,3 @@ def test_the_gradient_is_that_of_the_objective(actuators: int, log_wanted: float
         step = 1e-6 * direction
         slope = (value_at(a + step, np.empty_like(a)) - value_at(a - step, np.empty_like(a))) / 2e-6
         assert slope == pytest.approx((direction.conj() @ gradient).real, rel=1e-5, abs=1e-6)
-
-
-def test_the_ascent_ends_at_the_greatest_eigenvalue() -> None:
-    """One numerator over one denominator, no level: a generalised eigenvalue."""
-    random = np.random.default_rng(5)
-    dense = random_forms(random, 2, 3)
-    forms, a, products = np.array([packed(each) for each in dense]), np.ones(3, dtype=np.complex128), np.empty(9)
-    climb(a, np.ones(3, dtype=np.bool_), forms, 1, 1, 0.0, 30.0, SHARPEST)
-    fill_products(a, products)
-    greatest = np.linalg.eigvals(np.linalg.solve(dense[1], dense[0])).real.max()
-    assert power_of(forms[0], products) / power_of(forms[1], products) == pytest.approx(greatest, rel=1e-4)

@@ -69,6 +69,8 @@ def test_fingers_feel_what_a_dense_model_says(name: str, fingers: int) -> None:
     solver = designer_of(device).solver
     for level_db in (12.0, np.inf):
         positions_m = random.uniform(0, device.bar.length_m, fingers).tolist()
+        if fingers > 3:
+            positions_m[:3] = [0.0, device.actuators[0].position_m, device.bar.length_m]
         felt = [True, *(random.random(fingers - 1) < 0.3).tolist()]
         drive = solver.solve(positions_m, felt, level_db)
         count = len(drive.sampled_level_db)
@@ -140,17 +142,6 @@ def test_a_drive_that_follows_keeps_to_its_peak_while_that_is_good_enough() -> N
             assert again.frequency_hz == pytest.approx(kept.frequency_hz, abs=0.1)
             held_hz, free_hz = kept.frequency_hz, free.frequency_hz
     assert jumps[1] < 0.7 * jumps[0]
-
-
-@pytest.mark.parametrize("at", ["actuator", "start", "end"])
-def test_fingers_at_an_actuator_and_at_the_ends_are_answered(at: str) -> None:
-    device = shipped("reference-a")
-    place_m = {"actuator": device.actuators[0].position_m, "start": 0.0, "end": device.bar.length_m}[at]
-    for positions_m, felt in (([place_m, 0.15], [True, False]), ([0.15, place_m], [True, False])):
-        figures = designer_of(device).solve(positions_m, felt, 10.0)
-        assert figures.drive.achieved
-        assert figures.drive.value > 5
-        assert figures.expected_contrast_db == pytest.approx(figures.drive.value, abs=3)
 
 
 def test_one_actuator_has_its_frequency_to_choose() -> None:

@@ -26,6 +26,8 @@ _CLICK_THEN_HELD = Effect("click, then held", (Segment(None, LEVEL_DB, is_click=
 _EFFECTS = (click(LEVEL_DB), click(LOUD_DB), _CLICK_THEN_HELD, _HELD, _LATE)
 # Most rules bring clicks, which the compiled step answers.
 _CHANCES = (0.4, 0.3, 0.1, 0.1, 0.1)
+_TRIGGERS = tuple(Trigger)
+_CHANCES_OF_TRIGGERS = (0.5, 0.1, 0.3, 0.1)  # touch, hold, lift, drag
 
 Fingers = Mapping[int, float]
 """Places by contact id, as fractions of the bar."""
@@ -103,25 +105,15 @@ def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, 
 
 def random_rules(random: np.random.Generator, device: Device) -> tuple[Rule, ...]:
     """Up to four rules by zone, by region, and anywhere, mostly on touches and lifts."""
-    triggers, zones = list(Trigger), range(len(device.zones))
+    zones = range(len(device.zones))
     return tuple(
         Rule(
-            triggers[int(random.choice(len(triggers), p=_chances_of(triggers)))],
+            _TRIGGERS[int(random.choice(len(_TRIGGERS), p=_CHANCES_OF_TRIGGERS))],
             _EFFECTS[int(random.choice(len(_EFFECTS), p=_CHANCES))],
             zones=frozenset(random.choice(zones, 1 + int(random.integers(2))).tolist()) if where == "zones" else None,
-            region_m=_region_m(random, device) if where == "region" else None,
+            region_m=tuple(sorted(random.uniform(0, device.bar.length_m, 2).tolist())) if where == "region" else None,
             after_ns=20 * MS,
             every_m=0.01,
         )
         for where in random.choice(("zones", "region", "anywhere"), 1 + int(random.integers(4))).tolist()
     )
-
-
-def _chances_of(triggers: Sequence[Trigger]) -> list[float]:
-    chances = {Trigger.TOUCH: 0.5, Trigger.LIFT: 0.3, Trigger.HOLD: 0.1, Trigger.DRAG: 0.1}
-    return [chances[trigger] for trigger in triggers]
-
-
-def _region_m(random: np.random.Generator, device: Device) -> tuple[float, float]:
-    start_m, stop_m = sorted(random.uniform(0, device.bar.length_m, 2).tolist())
-    return start_m, stop_m

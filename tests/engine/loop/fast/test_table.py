@@ -17,7 +17,7 @@ from engine.touch.places import Places
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import encode_play
 from tests.engine.loop.fast.scripts import LOUD_DB, varied_clicks
-from tests.engine.loop.rig import DEVICE, NO_CLICKS, Rig, recording_of, report
+from tests.engine.loop.rig import DEVICE, Rig, recording_of, report
 from tests.engine.made_clicks import click_of, every_click, made_clicks, places_of
 from tests.engine.made_states import LEVEL_DB
 
@@ -59,12 +59,6 @@ def test_a_set_that_the_device_does_not_hold_is_not_played() -> None:
     assert table is not None
     assert ((table.amplitude == NONE) == (clicks.basis_set == 0)).all()
     assert (table.head[clicks.basis_set == 1, 0] == 0).all()
-
-
-def test_a_table_without_clicks_answers_none() -> None:
-    table = table_of(Rig(IDLE, effects=EFFECTS, clicks=NO_CLICKS))
-    assert table.amplitude.size == 0
-    assert (table.pair == NONE).all()
 
 
 def test_more_places_or_zones_than_there_is_room_for_take_the_long_way() -> None:
