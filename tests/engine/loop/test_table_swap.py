@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 import numpy as np
+import pytest
 
 from engine.effects import Effects, Rule, Trigger
 from engine.effects.rules import click
@@ -93,27 +94,17 @@ def taps(count: int) -> Recording:
     return recording_of(*frames)
 
 
-def test_clicks_play_on_while_the_next_basis_comes_and_then_are_the_new_ones() -> None:
-    rig = SwapRig(taps(20), CLICKS, clicks_of(1))
+@pytest.mark.parametrize(("capacity_bytes", "most_missed"), [(1 << 18, 0), (600, 2)])
+def test_clicks_play_on_until_the_next_basis_is_there_or_without_room_for_two_until_no_finger_is(
+    capacity_bytes: int, most_missed: int
+) -> None:
+    """Without room a tap may fall into the new session."""
+    rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes)
     rig.run_over((320.0, rig.table(100.0, clicks_of(2, longer=4))))
     played = rig.played_samples()
-    assert rig.transfers() == 2
-    assert len(played) == 20
-    assert played == sorted(played)
-    assert played.count(1) >= 4
-    assert played.count(2) >= 10
-    assert rig.loop.counters.swaps == 1
-    assert rig.loop.counters.reconnects == 0
-
-
-def test_without_room_for_two_bases_the_change_waits_for_a_moment_without_fingers() -> None:
-    rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes=600)
-    rig.run_over((320.0, rig.table(100.0, clicks_of(2, longer=4))))
-    played = rig.played_samples()
-    assert played == sorted(played)
-    assert set(played) == {1, 2}
-    assert len(played) >= 18  # a tap may fall into the new session
-    assert rig.loop.counters.swaps == 1
+    assert played == sorted(played) and len(played) >= 20 - most_missed
+    assert played.count(1) >= 4 and played.count(2) >= 10
+    assert (rig.transfers(), rig.loop.counters.swaps, rig.loop.counters.reconnects) == (2, 1, 0)
 
 
 def test_other_clicks_of_the_same_basis_need_no_transfer() -> None:

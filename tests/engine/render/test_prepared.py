@@ -57,13 +57,6 @@ def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None
     assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
 
 
-def test_a_group_that_this_version_does_not_know_is_left_alone(tmp_path: Path) -> None:
-    path = write_table(tmp_path / "bar.nc", REFERENCE, others={"bursts": 1.0})
-    with Table.open(path, device=REFERENCE) as table:
-        rendering = render_table(table, DEFAULT_EFFECTS, board(features=Features(0)))
-        assert rendering.renderer.render(PLACEMENTS[0], LEVEL_DB) != SILENCE
-
-
 def test_zones_play_the_rows_of_the_sweep_and_no_clicks(tmp_path: Path) -> None:
     in_zones_mode = replace(DEFAULT_EFFECTS, drives=Drives.ZONES)
     clicks, rows = [click_of(REFERENCE, PLACEMENTS[0])], rows_of(REFERENCE)
