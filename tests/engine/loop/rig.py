@@ -69,7 +69,7 @@ def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
 
 
 def report(*touches: Touch, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
-    """One frame of up to four contacts in one report: those that touch, of which some are palms, and those that lift."""
+    """One frame of up to four contacts in one report: those that touch, some as palms, and those that lift."""
     slots = [
         struct.pack("<BBHH", 3 if contact_id in palms else 7, contact_id, round(1000 * place), 500)
         for contact_id, place in touches

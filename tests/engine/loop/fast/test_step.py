@@ -282,7 +282,7 @@ def test_a_contact_that_a_panel_no_longer_mentions_has_lifted() -> None:
 
 def test_a_contact_that_hovers_feels_nothing_until_it_touches() -> None:
     """The second flag is In Range: without the first the contact of a Windows 8 panel is there, and does not touch."""
-    hover = report({1: 0.1}).replace(b"\x03", b"\x02", 1)
+    hover = report({1: 0.1}).replace(b"\x07", b"\x06", 1)
     frames = [(0.1, hover), (0.15, report({1: 0.1})), (0.2, hover), (0.3, report({2: 0.6}))]
     panel = application(*(finger() for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
     assert answered_whole(frames, descriptor=panel) == TWO
@@ -349,5 +349,5 @@ def test_an_id_that_comes_down_in_the_report_in_which_it_lifted_is_another_finge
         (0.5, report({1: 0.9, 2: 0.1})),
         (0.7, report({}, [1, 2])),
     ]
-    found = both(recording_of(frames), TOUCH, is_complete=True)
+    found = both(recording_of(*frames), TOUCH, is_complete=True)
     assert len(found.clicks) == 3
