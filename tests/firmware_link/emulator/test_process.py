@@ -18,6 +18,7 @@ from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
+from tests.firmware_link.conformance import CLICKS
 from tests.firmware_link.driving_host import LEASE_MS, host_process, strike
 
 machine = pytest.mark.machine
@@ -37,7 +38,8 @@ def reopened(port_that_stays: ReopeningPort[SerialPort]) -> tuple[SerialPort, Se
     """The port once it is there, and a session over it that is ready."""
     while (port := port_that_stays.poll(time.monotonic_ns())) is None:
         time.sleep(0.01)
-    session = Session(Link(LinkConfiguration(2, handshake_timeout_s=PATIENCE_S)), port, time.monotonic_ns)
+    configuration = LinkConfiguration(2, handshake_timeout_s=PATIENCE_S, basis=CLICKS.basis)
+    session = Session(Link(configuration), port, time.monotonic_ns)
     session.connect()
     run_until(session, lambda: session.link.state is LinkState.READY)
     return port, session
@@ -99,6 +101,8 @@ def test_the_port_of_a_host_that_is_killed_is_let_go_and_a_stopped_one_keeps_it_
             last_us = max(frame.device_time_us for frame in log.received if frame.message == "SET")
             assert log.events[-1].cause is cause
             assert log.events[-1].device_time_us <= last_us + 1_000 * LEASE_MS, how
+        emulator.reboot()
+        assert len(emulator.log().earlier) == 1
 
 
 def test_faults_that_are_none_are_refused_before_anything_starts() -> None:
