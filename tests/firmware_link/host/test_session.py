@@ -10,25 +10,22 @@ from firmware_link.host.session import Session
 from firmware_link.protocol.errors import LinkLostError
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.messages import HelloRequest, decode_body
-
-MS = 1_000_000
+from tests.tools.virtual import MS, VirtualClock
 
 
 class SlowPort:
-    """Takes at most `most` bytes at a time; gone, it raises."""
+    """Takes at most `most` bytes at a time, and has nothing to read; gone, it raises."""
 
     def __init__(self, most: int = 1_000) -> None:
         self.most = most
         self.written = b""
-        self.to_read = b""
         self.is_gone = False
 
     def fileno(self) -> int:
         return -1
 
     def read(self) -> bytes:
-        data, self.to_read = self.to_read, b""
-        return data
+        return b""
 
     def write(self, data: bytes) -> int:
         if self.is_gone:
@@ -37,18 +34,9 @@ class SlowPort:
         return min(self.most, len(data))
 
 
-class Clock:
-    """Set by the test."""
-
-    now_ns = 0
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-
-def session_on(port: SlowPort) -> tuple[Session, Clock]:
-    clock = Clock()
-    return Session(Link(LinkConfiguration(2)), port, clock), clock
+def session_on(port: SlowPort) -> tuple[Session, VirtualClock]:
+    clock = VirtualClock(0)
+    return Session(Link(LinkConfiguration(2)), port, clock.now_ns), clock
 
 
 def test_what_a_port_does_not_take_goes_first_the_next_time() -> None:
@@ -58,7 +46,7 @@ def test_what_a_port_does_not_take_goes_first_the_next_time() -> None:
     for _ in range(400):
         port.most = rng.randrange(4)
         session.send()
-        clock.now_ns += 2 * MS
+        clock.time_ns += 2 * MS
     port.most = 1_000
     while session.wants_to_write():
         session.send()
@@ -102,7 +90,7 @@ def test_a_device_that_says_nothing_is_given_up() -> None:
     session.connect()
     session.exchange()
     assert not session.must_receive()
-    clock.now_ns = 60_000 * MS
+    clock.time_ns = 60_000 * MS
     assert session.must_receive()
     with pytest.raises(LinkLostError):
         session.receive()
