@@ -8,16 +8,14 @@ import pytest
 
 from firmware_link.emulator import Cause, synthesise
 from firmware_link.emulator.process import EmulatorLog, decode_log
-from firmware_link.protocol.errors import LinkLostError
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Status, TimeRequest, encode_drive
+from tests.firmware_link.conformance import DISARM_US, RAMP_US
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import VirtualRig, decode_messages
 from tests.tools.virtual import MS, VirtualLine
 
 LEASE_US = 40_000
-RAMP_US = 5_000
-DISARM_US = 250_000
 SAMPLE_RATE_HZ = 50_000.0
 
 
@@ -95,16 +93,3 @@ def test_a_host_that_fails_leaves_no_drive(
     assert log.events[-1].cause is cause
     assert silent_from_us(log) <= last_us + LEASE_US + RAMP_US
     assert told_at_the_next_opening(rig) == (DeviceState.LATCHED, fault)
-
-
-def test_an_unplugged_port_is_lost_and_comes_back_after_its_time() -> None:
-    rig = VirtualRig()
-    rig.connect()
-    rig.line.unplug(300 * MS)
-    with pytest.raises(LinkLostError, match="is gone"):
-        rig.step()
-    rig.line.close()
-    rig.line.clock.run_to(rig.now_ns + 300 * MS)
-    rig.line.open()
-    rig.connect()
-    assert len(log_of(rig.line).earlier) == 0

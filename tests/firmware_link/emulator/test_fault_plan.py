@@ -14,10 +14,11 @@ from firmware_link.emulator.fault_plan import (
 )
 
 
-def test_a_text_says_its_faults() -> None:
+def test_a_text_says_its_faults_and_an_empty_one_none() -> None:
     text = (
         "bit_errors=1e-5, drop=0.01,stall=0.3s@5s,reboot@12s,baud=115200,delay=2ms,drift=-80ppm,at_noise,stall=20ms/1s"
     )
+    assert parse_fault_plan("") == FaultPlan()
     assert parse_fault_plan(text) == FaultPlan(
         bit_errors=1e-5,
         drop=0.01,
@@ -31,10 +32,6 @@ def test_a_text_says_its_faults() -> None:
             TimedFault(TimedKind.STALL, 1_000_000, 20_000, 1_000_000),
         ),
     )
-
-
-def test_no_text_is_no_fault() -> None:
-    assert parse_fault_plan("") == FaultPlan()
 
 
 @pytest.mark.parametrize("key", fault_help())

@@ -40,12 +40,6 @@ def test_limits_are_the_devices_own() -> None:
     assert event.slew_per_s == 1000
 
 
-def test_a_silent_channel_keeps_its_frequency() -> None:
-    host = driving_host()
-    host.set(bytes(12), 10_000)
-    assert [channel.frequency_hz for channel in host.firmware.drive_log[-1].channels] == pytest.approx([60, 90])
-
-
 def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
     """A copy can pass the clock for two leases."""
     host = driving_host()
@@ -55,9 +49,10 @@ def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
         assert host.firmware.received[-1].outcome is outcome
 
 
-def test_limits_of_a_new_arm_hold_from_the_next_set_on() -> None:
+def test_a_silent_channel_keeps_its_frequency_and_limits_of_a_new_arm_hold_from_the_next_set_on() -> None:
     host = driving_host()
     host.set(bytes(12), 10_000)
+    assert [channel.frequency_hz for channel in host.firmware.drive_log[-1].channels] == pytest.approx([60, 90])
     host.send(Arm(BOOT_ID, 100, 40, 0, (16_384, 16_384)), 11_000)
     assert host.firmware.drive_log[-1].slew_per_s == 200
     host.set(DRIVE, 12_000)

@@ -17,11 +17,5 @@ def includes(module: str) -> set[str]:
 def test_the_modules_of_the_core_form_a_tree() -> None:
     modules = {path.stem for path in CORE.glob("*.[ch]")}
     order = list(TopologicalSorter({module: includes(module) for module in modules}).static_order())
-    assert [name for name in order if name in ("state", "reports", "drive", "memory", "session", "device")] == [
-        "state",
-        "reports",
-        "drive",
-        "memory",
-        "session",
-        "device",
-    ]
+    layers = ["state", "reports", "drive", "memory", "session", "device"]
+    assert [name for name in order if name in layers] == layers

@@ -2,7 +2,6 @@
 
 import itertools
 
-import pytest
 from cobs import cobs
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -15,7 +14,7 @@ from firmware_link.protocol.framing import (
     encode_frame,
     encode_message,
 )
-from firmware_link.protocol.messages import KeepAlive, Set, SetFlag, encode_body
+from firmware_link.protocol.messages import KeepAlive, encode_body
 from tests.firmware_link.strategies import messages, sequences, unhurried
 
 ACTUATORS = 2
@@ -86,12 +85,6 @@ def test_a_frame_without_a_body_is_refused() -> None:
     decoder = FrameDecoder(ACTUATORS)
     assert decoder.receive(cobs.encode(b"\x06\x01\x02\x03\x04") + b"\0") == []
     assert (decoder.counters.length, decoder.counters.crc) == (1, 0)
-
-
-@pytest.mark.parametrize("number_of_actuators", [1, 36, 100, 255])
-def test_the_longest_frame_fits_the_buffer(number_of_actuators: int) -> None:
-    body = encode_body(Set(0, SetFlag.WRITE_PHASE, 40, b"\x55" * 6 * number_of_actuators), 1)
-    assert FrameDecoder(number_of_actuators).receive(encode_frame(body)) == [body]
 
 
 def test_a_sender_numbers_its_messages_from_one_on_and_leaves_none_out() -> None:
