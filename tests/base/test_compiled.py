@@ -103,11 +103,6 @@ def test_kernels_of_other_packages_are_left_to_numba() -> None:
 def test_every_kernel_is_made_here() -> None:
     for room in ("engine", "precompute"):
         for path in (ROOT / room).rglob("*.py"):
-            imports = [
-                node
-                for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                if isinstance(node, ast.ImportFrom)
-            ]
-            assert not [
-                node for node in imports if node.module == "numba" and "njit" in [each.name for each in node.names]
-            ]
+            nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module == "numba"]
+            assert "njit" not in [each.name for node in imports for each in node.names]

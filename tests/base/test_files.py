@@ -20,44 +20,41 @@ from base.files import (
 from tests.tools.processes import NO_PROCESS
 
 
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    """A file that is to be replaced."""
+    path = tmp_path / "report.json"
+    path.write_text("old")
+    return path
+
+
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def test_the_new_content_is_in_place_and_nothing_beside_it(tmp_path: Path) -> None:
-    path = tmp_path / "report.json"
-    for text in ("old", "new"):
-        with replace_file(path) as partial:
-            partial.write_text(text)
-        assert path.read_text() == text
-    assert names(tmp_path) == {"report.json"}
-
-
-def test_an_exception_leaves_the_old_file_and_nothing_beside_it(tmp_path: Path) -> None:
-    path = tmp_path / "report.json"
-    path.write_text("old")
-    with pytest.raises(ZeroDivisionError), replace_file(path) as partial:
+@pytest.mark.parametrize("mode", [0o600, 0o664, 0o755])
+def test_until_the_rename_the_old_file_stays_and_then_the_new_content_has_its_permissions(
+    report: Path, mode: int
+) -> None:
+    report.chmod(mode)
+    with pytest.raises(ZeroDivisionError), replace_file(report) as partial:
         partial.write_text("half")
         raise ZeroDivisionError
-    assert (path.read_text(), names(tmp_path)) == ("old", {"report.json"})
-
-
-def test_until_the_rename_the_old_file_stays_and_what_a_crash_left_beside_it_is_removed(tmp_path: Path) -> None:
-    path = tmp_path / "report.json"
-    path.write_text("old")
-    with replace_file(path) as partial:
-        partial.write_text("half")
+    assert (report.read_text(), names(report.parent)) == ("old", {"report.json"})
+    with replace_file(report) as partial:
+        partial.write_text("new")
         partial.with_name(f".report.json.{NO_PROCESS}.partial").write_text("half")
-        assert path.read_text() == "old"
-        remove_partials(path)
-        assert names(tmp_path) == {"report.json", partial.name}
+        assert report.read_text() == "old"
+        remove_partials(report)
+        assert names(report.parent) == {"report.json", partial.name}
+    assert (report.read_text(), names(report.parent)) == ("new", {"report.json"})
+    assert stat.S_IMODE(report.stat().st_mode) == mode
 
 
 def test_the_file_is_flushed_before_the_rename_and_the_folder_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, flushed = tmp_path / "report.json", list[tuple[str, bool]]()
-    flush = os.fsync
+    path, flushed, flush = tmp_path / "report.json", list[tuple[str, bool]](), os.fsync
 
     def record(descriptor: int) -> None:
         kind = "folder" if stat.S_ISDIR(os.fstat(descriptor).st_mode) else "file"
@@ -68,16 +65,6 @@ def test_the_file_is_flushed_before_the_rename_and_the_folder_after_it(
     with replace_file(path) as partial:
         partial.write_text("new")
     assert flushed == [("file", False), ("folder", True)]
-
-
-@pytest.mark.parametrize("mode", [0o600, 0o664, 0o755])
-def test_permissions_are_kept(tmp_path: Path, mode: int) -> None:
-    path = tmp_path / "report.json"
-    path.write_text("old")
-    path.chmod(mode)
-    with replace_file(path) as partial:
-        partial.write_text("new")
-    assert stat.S_IMODE(path.stat().st_mode) == mode
 
 
 @contextlib.contextmanager
@@ -93,29 +80,31 @@ def full_disk(room: int) -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, handler)
 
 
-def write_more_than_fits(path: Path) -> None:
-    with full_disk(4096), replace_file(path) as partial:
+def test_a_full_disk_is_one_error_that_names_the_file_and_leaves_the_old_one(report: Path) -> None:
+    too_large = "cannot be written there: File too large; make room"
+    with full_disk(4096), pytest.raises(WriteError, match=f"report.json: {too_large}"), replace_file(report) as partial:
         partial.write_bytes(bytes(10_000))
+    with full_disk(4096), pytest.raises(WriteError, match=f"new: {too_large}"):
+        write_new_folder(report.with_name("new"), {"a": b"1", "b": bytes(10_000)})
+    assert (report.read_text(), names(report.parent)) == ("old", {"report.json"})
 
 
-def test_a_full_disk_is_one_error_that_names_the_file_and_leaves_the_old_one(tmp_path: Path) -> None:
-    path = tmp_path / "report.json"
-    path.write_text("old")
-    with pytest.raises(WriteError, match=r"report\.json: cannot be written there: File too large; make room"):
-        write_more_than_fits(path)
-    assert (path.read_text(), names(tmp_path)) == ("old", {"report.json"})
-    with full_disk(4096), pytest.raises(WriteError, match=r"new: cannot be written there: File too large"):
-        write_new_folder(tmp_path / "new", {"a": b"1", "b": bytes(10_000)})
-    assert names(tmp_path) == {"report.json"}
-
-
-@pytest.mark.parametrize("folder", ["/proc/self", "missing"])
-def test_a_folder_that_takes_no_file_is_one_error_that_names_the_file(folder: str) -> None:
-    with (
-        pytest.raises(WriteError, match=f"^{folder}/report.json: cannot be written there: No such file"),
-        replace_file(Path(folder) / "report.json") as partial,
-    ):
+@pytest.mark.parametrize(("path", "reason"), [
+    ("/proc/self/report.json", "cannot be written there: No such file"),
+    ("missing/report.json", "cannot be written there: No such file"),
+    ("pipe", "is not a plain file, and is not replaced"),
+    ("link", "is not a plain file, and is not replaced"),
+])  # fmt: skip
+def test_one_error_names_a_path_that_takes_no_file_or_is_no_plain_one_and_nothing_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, reason: str
+) -> None:
+    """As root, writing a report to /dev/null would take it from the whole machine."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    Path("link").symlink_to("pipe")
+    with pytest.raises(WriteError, match=f"^{path}: {reason}"), replace_file(Path(path)) as partial:
         partial.write_text("new")
+    assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
 
 
 @pytest.mark.parametrize("is_dangling", [False, True])
@@ -131,22 +120,8 @@ def test_a_symbolic_link_is_written_through(tmp_path: Path, is_dangling: bool) -
     assert (names(tmp_path), names(tmp_path / "there")) == ({"there", "link.json"}, {"report.json"})
 
 
-@pytest.mark.parametrize("is_linked", [False, True])
-def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, is_linked: bool) -> None:
-    """As root, writing a report to /dev/null would take it from the whole machine."""
-    path = pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    if is_linked:
-        path = tmp_path / "link"
-        path.symlink_to(pipe)
-    with pytest.raises(WriteError, match="is not a plain file, and is not replaced"), replace_file(path) as partial:
-        partial.write_text("new")
-    assert stat.S_ISFIFO(pipe.stat().st_mode)
-
-
-@pytest.mark.parametrize("process", ["one that is gone", "one that had the number of this one"])
-def test_the_next_writer_removes_what_a_killed_one_left(tmp_path: Path, process: str) -> None:
-    number = NO_PROCESS if process == "one that is gone" else os.getpid()
+@pytest.mark.parametrize("number", [NO_PROCESS, os.getpid()], ids=["gone", "given to this one"])
+def test_the_next_writer_removes_what_a_killed_process_left(tmp_path: Path, number: int) -> None:
     (tmp_path / f".report.json.{number}.partial").write_text("half")
     (tmp_path / f".made.{number}.partial").mkdir()
     (tmp_path / f".made.{number}.partial" / "a").write_text("half")

@@ -12,11 +12,11 @@ import pytest
 from base import files
 from base.files import FolderError, write_new_folder
 
-FILES = {"one.txt": b"1" * 100_000, "two.txt": b"2" * 100_000, "three.txt": b"3" * 100_000}
+FILES = {name: name.encode() * 10_000 for name in ("one.txt", "two.txt", "three.txt")}
 
 
 @pytest.mark.parametrize("kind", ["folder", "empty folder", "file", "dangling link"])
-def test_what_is_there_is_never_overwritten(kind: str, tmp_path: Path) -> None:
+def test_what_is_there_is_never_overwritten_and_no_parent_is_made(kind: str, tmp_path: Path) -> None:
     target = tmp_path / "old"
     if kind == "file":
         target.write_text("mine")
@@ -28,12 +28,9 @@ def test_what_is_there_is_never_overwritten(kind: str, tmp_path: Path) -> None:
             (target / "mine").write_text("mine")
     with pytest.raises(FolderError, match="old: exists already and is not overwritten"):
         write_new_folder(target, FILES)
-    assert [path.name for path in tmp_path.iterdir()] == ["old"]
-
-
-def test_a_parent_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FolderError, match="no such folder"):
+    with pytest.raises(FolderError, match="nowhere: no such folder"):
         write_new_folder(tmp_path / "nowhere" / "new", FILES)
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
 
 
 def test_at_every_instant_the_folder_is_whole_or_not_there(tmp_path: Path) -> None:

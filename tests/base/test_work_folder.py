@@ -4,7 +4,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 from pathlib import Path
 
 import pytest
@@ -58,52 +57,35 @@ def test_what_a_killed_process_left_goes_when_the_next_folder_is_made(memory: Pa
         assert not left.exists()
 
 
-def test_a_folder_is_left_alone_as_long_as_it_is_locked_and_goes_when_it_is_not(memory: Path) -> None:
-    abandoned = memory / "tactable-work-test-gone"
-    (abandoned / "ring").mkdir(parents=True)
-    with work_folder("test", in_memory=True) as folder, work_folder("another", in_memory=True):
-        remove_abandoned(memory)
-        assert folder.is_dir() and not abandoned.exists()
-
-
-def test_nothing_else_is_removed(memory: Path) -> None:
+def test_a_folder_is_left_alone_as_long_as_it_is_locked_and_goes_when_it_is_not_and_nothing_else_goes(
+    memory: Path,
+) -> None:
+    (memory / "tactable-work-test-gone" / "ring").mkdir(parents=True)
     (memory / "tactable-0").mkdir()
     (memory / "tactable-work-file").write_text("mine")
     (memory / "tactable-work-link").symlink_to(memory / "tactable-0")
-    remove_abandoned(memory)
-    assert len(list(memory.iterdir())) == 3
+    with work_folder("test", in_memory=True) as folder, work_folder("another", in_memory=True):
+        remove_abandoned(memory)
+        assert folder.is_dir()
     remove_abandoned(memory / "nowhere")
+    assert {path.name for path in memory.iterdir()} == {"tactable-0", "tactable-work-file", "tactable-work-link"}
 
 
 def test_a_folder_that_was_taken_for_abandoned_before_it_was_locked_is_made_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = list[str]()
-    make = tempfile.mkdtemp
+    """Before it was opened, and between that and the lock."""
+    made, open_it = list[Path](), module._opened
 
-    def make_and_lose(**words: str) -> str:
-        made.append(make(**words))
-        if len(made) < 3:
-            shutil.rmtree(made[-1])
-        return made[-1]
+    def open_and_lose(folder: Path) -> int:
+        made.append(folder)
+        if len(made) == 1:
+            shutil.rmtree(folder)
+        lock = open_it(folder)
+        if len(made) == 2:
+            shutil.rmtree(folder)
+        return lock
 
-    monkeypatch.setattr(tempfile, "mkdtemp", make_and_lose)
+    monkeypatch.setattr(module, "_opened", open_and_lose)
     with work_folder("test", in_memory=True) as folder:
-        assert len(made) == 3 and str(folder) == made[-1] and folder.is_dir()
-
-
-def test_makers_and_removers_at_the_same_time_take_nothing_from_each_other(memory: Path) -> None:
-    lost = list[Path]()
-
-    def make_often() -> None:
-        for _ in range(100):
-            with work_folder("test", in_memory=True) as folder:
-                if not folder.is_dir():
-                    lost.append(folder)
-
-    threads = [threading.Thread(target=make_often) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert lost == [] and list(memory.iterdir()) == []
+        assert len(made) == 3 and folder == made[-1] and folder.is_dir()
