@@ -327,10 +327,7 @@ def law_only_this_boot_is_armed_and_only_within_range(tier: Tier) -> None:
 def law_a_driving_device_is_not_armed_anew(tier: Tier) -> None:
     host = Host(tier).ready()
     host.set(host.drive(*LOUD))
-    assert host.arm() in (Result.WRONG_STATE, Result.OK)
-    armed = [m for m in host.heard if isinstance(m, Ack) and m.acknowledged_type == Arm.type_byte]
-    # A tier that stalls for a lease has ended the drive first.
-    assert armed[-1].result is Result.WRONG_STATE or host.fresh_status().trips > 0
+    assert host.arm() is Result.WRONG_STATE
 
 
 def law_a_rebooted_device_is_not_driven_by_old_traffic(tier: Tier) -> None:
@@ -473,14 +470,9 @@ def law_a_device_driven_too_long_latches(tier: Tier) -> None:
     while not latched and tier.now_us() < end_us:
         host.send(host.set_message(drive))
         tier.wait(10 * US_PER_MS)
-        heard = [m for m in host.listen() if isinstance(m, Status)]
-        # A tier that stalls for a lease has paused the drive: the time counts from then on.
-        started = max([started, *(m.device_time_us for m in heard if m.state is DeviceState.ARMED)])
-        latched = [m for m in heard if m.state is DeviceState.LATCHED]
+        latched = [m for m in host.listen() if isinstance(m, Status) and m.state is DeviceState.LATCHED]
     assert [status.fault for status in latched[:1]] == [FaultCode.DRIVEN_TOO_LONG]
-    driven_us = latched[0].device_time_us - started
-    assert driven_us <= US_PER_S + tier.slack_us
-    assert driven_us == US_PER_S or tier.slack_us
+    assert 0 <= latched[0].device_time_us - started - US_PER_S <= tier.slack_us
 
 
 def law_a_pause_starts_the_time_on_anew(tier: Tier) -> None:
@@ -800,7 +792,7 @@ def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
     assert np.abs(np.diff(displacements, axis=0)).max() <= fastest_per_s / rate_hz + ROUNDING
 
 
-def wave_law_no_weights_pass_amplitude_or_slew(tier: WaveTier) -> None:
+def wave_law_no_weights_pass_amplitude_or_slew_and_no_sum_the_limit(tier: WaveTier) -> None:
     noise = np.random.default_rng(3)
     functions = noise.integers(-32_767, 32_767, (24, 61), np.int16, endpoint=True)
     functions[:, [0, -1]] = 0
@@ -808,34 +800,32 @@ def wave_law_no_weights_pass_amplitude_or_slew(tier: WaveTier) -> None:
     host = with_basis(tier, basis, limit=FULL // 2)
     assert host.hello is not None
     highest_hz = host.hello.frequency_maximum * host.hello.frequency_resolution_uhz * 1e-6
-    begun_us = host.device_us()
-    for fraction_bits in (1, 12, 16, 19, 22):
+
+    def play(fraction_bits: int) -> None:
         weights = tuple(noise.integers(-32_768, 32_767, 24, endpoint=True).tolist())
         host.send(Play(host.clock_reference(), 0, fraction_bits, FULL, 24, weights))
+
+    begun_us = host.device_us()
+    for fraction_bits in (1, 12, 16, 19, 22):
+        play(fraction_bits)
         host.status(lambda status: status.state is DeviceState.DRIVING)
         host.ended()
+    tier.wait(US_PER_MS)
+    clicked_us = host.device_us()
+    for _ in range(10):
+        host.set(host.drive(*LOUD))
+        for wait_ms in (12, 5):
+            tier.wait(wait_ms * US_PER_MS)
+            play(19)
+        tier.wait(15 * US_PER_MS)
     host.pass_until(host.device_us() + 100 * US_PER_MS)
-    rate_hz, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
+    assert 0.49 < np.abs(tier.outputs(clicked_us, host.device_us())[1]).max() <= 0.5 + ROUNDING
+    rate_hz, displacements = tier.outputs(begun_us, clicked_us)
     assert 0.49 < np.abs(displacements).max() <= 0.5 + ROUNDING
     # A change of one sample of the basis is a straight line, and rounded up to a step of it.
     fastest_per_s = 0.5 * math.tau * highest_hz + SAMPLE_RATE_HZ / 32_767
     assert np.abs(np.diff(displacements, axis=0)).max() <= fastest_per_s / rate_hz + ROUNDING
     assert not displacements[-1].any()
-
-
-def wave_law_the_sum_stays_within_the_limit(tier: WaveTier) -> None:
-    host = with_basis(tier, limit=FULL // 2)
-    begun_us = host.device_us()
-    for _ in range(10):
-        host.set(host.drive(*LOUD))
-        tier.wait(12 * US_PER_MS)
-        host.play(0)
-        tier.wait(5 * US_PER_MS)
-        host.play(0)
-        tier.wait(15 * US_PER_MS)
-    host.pass_until(host.device_us() + 100 * US_PER_MS)
-    _, displacements = tier.outputs(begun_us, host.device_us() - 50 * US_PER_MS)
-    assert 0.49 < np.abs(displacements).max() <= 0.5 + ROUNDING
 
 
 def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_other(tier: WaveTier) -> None:

@@ -4,21 +4,18 @@ A line is `name | values | body | frame`. Another implementation encodes the val
 the bytes and must get the values.
 """
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
 import firmware_link
+from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
-from firmware_link.protocol.framing import encode_frame
+from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     FULL_SCALE_WORD,
-    MAGIC,
-    SCHEMA_HASH,
-    VERSION_MAJOR,
-    VERSION_MINOR,
     Acceleration,
     Accelerometer,
     Ack,
@@ -27,9 +24,7 @@ from firmware_link.protocol.messages import (
     DeviceState,
     Fault,
     FaultCode,
-    Features,
     Hello,
-    HelloRequest,
     KeepAlive,
     Log,
     LogCode,
@@ -46,6 +41,8 @@ from firmware_link.protocol.messages import (
     encode_body,
     encode_drive,
 )
+from tests.firmware_link.conformance import greeting
+from tests.firmware_link.virtual_rig import decode_messages
 
 FOLDER = Path(firmware_link.__file__).parent / "vectors"
 RESOLUTION_HZ = 0.01
@@ -74,9 +71,13 @@ def example_plays() -> tuple[Play, ...]:
 def example_messages() -> tuple[Message, ...]:
     """One example or more of every message type, for two actuators."""
     drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
+    full_scales_pm = (520_000, 0x00FF00FF)
+    device = EmulatedFirmware(DeviceConfiguration(_BOOT_ID, full_scales_pm=full_scales_pm, basis_capacity_bytes=65_536))
+    hello, *_ = decode_messages(device.receive(encode_message(greeting(0x01020304), 1), 0))
+    assert isinstance(hello, Hello)
     return (
-        HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 0x01020304),
-        _example_hello(),
+        greeting(0x01020304),
+        replace(hello, firmware_minor=1),
         Arm(_BOOT_ID, 200, 40, 0, (65_535, 32_768)),
         Ack(Arm.type_byte, 3, Result.OK),
         Ack(Arm.type_byte, 0, Result.WRONG_BOOT),
@@ -94,31 +95,6 @@ def example_messages() -> tuple[Message, ...]:
         Sense(500),
         Accelerometer(3_200_000, 38_303_000, 4_095, 0),
         Acceleration(65_535, 2**32 - 1, 48_000, 6, (256, 32_767, -1, -4_096, -32_767, 0)),
-    )
-
-
-def _example_hello() -> Hello:
-    return Hello(
-        version_major=VERSION_MAJOR,
-        version_minor=VERSION_MINOR,
-        nonce=0x01020304,
-        boot_id=_BOOT_ID,
-        schema_hash=SCHEMA_HASH,
-        features=Features.WAVEFORMS,
-        firmware_major=0,
-        firmware_minor=1,
-        firmware_patch=0,
-        board=0,
-        synthesis_rate_hz=48_000,
-        frequency_resolution_uhz=10_000,
-        frequency_minimum=100,
-        frequency_maximum=65_535,
-        longest_lease_ms=100,
-        longest_waveform_ms=1000,
-        basis_capacity_bytes=65_536,
-        held_basis_hash=0,
-        number_of_actuators=2,
-        full_scales_pm=(520_000, 0x00FF00FF),
     )
 
 
