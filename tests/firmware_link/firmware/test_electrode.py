@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import LINEARISES, Features, Hello
+from firmware_link.protocol.messages import LINEARISES, Hello
 from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
 from tests.firmware_link.virtual_rig import decode_messages
@@ -59,19 +59,14 @@ def test_the_force_of_a_linearised_tone_has_no_second_harmonic(amplitude: float)
     assert second_harmonic_db(of_12_bits) < -55
 
 
-def features_of(firmware: CompiledFirmware | EmulatedFirmware) -> Features:
-    """What HELLO says."""
-    said = decode_messages(firmware.receive(encode_message(greeting(), 0), 1_000))
-    return next(message.features for message in said if isinstance(message, Hello))
-
-
 @pytest.mark.parametrize("bias", [0, 46_340])
 def test_a_board_that_linearises_says_so_and_another_keeps_its_displacements(bias: int) -> None:
     configuration = DeviceConfiguration(boot_id=1, electrode_bias=bias)
-    firmware = CompiledFirmware(core_library(), configuration)
-    said = [LINEARISES in features_of(each) for each in (firmware, EmulatedFirmware(configuration))]
+    firmware, greeted = CompiledFirmware(core_library(), configuration), encode_message(greeting(), 0)
+    said = firmware.receive(greeted, 1_000)
     outputs = [firmware.outputs_for(pair) for pair in ([0, 32_767], [-32_767, -32_768])]
     firmware.close()
-    assert said == [bias > 0, bias > 0]
+    assert said == EmulatedFirmware(configuration).receive(greeted, 1_000)
+    assert [LINEARISES in each.features for each in decode_messages(said) if isinstance(each, Hello)] == [bias > 0]
     at_ends = [[46_340 - 32_768, 32_767], [-32_768, -32_768]]
     assert outputs == (at_ends if bias else [[0, 32_767], [-32_767, -32_768]])

@@ -121,19 +121,15 @@ def test_commands_go_out_between_the_steps() -> None:
     assert rig.firmware.counters.stale == 0
 
 
-def test_a_device_without_room_for_both_refuses_and_plays_on() -> None:
+def test_a_device_without_room_for_both_refuses_and_plays_on_and_too_large_a_basis_is_refused_at_once() -> None:
     rig = replacing(capacity_bytes=len(NEW.basis.data) + 10)
     rig.run_until(rig.ends)
     assert rig.end() == BasisRefused(Result.NO_ROOM)
     rig.link.set_play(OLD.encoded(3))
     rig.run_until(lambda: bool(rig.played()))
     assert rig.played() == [81]
-
-
-def test_a_basis_that_no_room_would_hold_is_refused_at_once() -> None:
-    rig = Rig(capacity_bytes=len(NEW.basis.data) - 10)
     with pytest.raises(LinkError, match="the device holds"):
-        rig.link.replace_basis(NEW.basis)
+        replacing(capacity_bytes=len(NEW.basis.data) - 10)
 
 
 def test_a_stop_ends_the_transfer_and_the_old_basis_stays() -> None:

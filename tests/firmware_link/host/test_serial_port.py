@@ -5,26 +5,12 @@ import grp
 import os
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from firmware_link.host.serial_port import SerialPort, path_of
 from firmware_link.protocol.errors import LinkError
-
-
-class RefusingSystem:
-    """Opens no file, whoever asks (root may open all), and calls every group by one name."""
-
-    def __init__(self, group: str | None, number: int) -> None:
-        self.group, self.number = group, number
-
-    def open(self, path: str, *_: object, **__: object) -> int:
-        raise OSError(self.number, os.strerror(self.number), path)
-
-    def getgrgid(self, number: int) -> grp.struct_group:
-        if self.group is None:
-            raise KeyError(f"getgrgid(): gid not found: {number}")
-        return grp.struct_group((self.group, "x", number, []))
 
 
 def refusal(
@@ -33,10 +19,14 @@ def refusal(
     """What a user is told who opens this port."""
     port.touch()
     port.chmod(mode)
-    system = RefusingSystem(group, number)
+
+    def refuse(*_: object, **__: object) -> int:  # whoever asks: root may open all
+        raise OSError(number, os.strerror(number), str(port))
+
+    names = {} if group is None else {port.stat().st_gid: SimpleNamespace(gr_name=group)}
     with patch.context() as patched, pytest.raises(LinkError) as error:
-        patched.setattr(os, "open", system.open)
-        patched.setattr(grp, "getgrgid", system.getgrgid)
+        patched.setattr(os, "open", refuse)
+        patched.setattr(grp, "getgrgid", names.__getitem__)
         SerialPort(str(port))
     message = str(error.value)
     assert re.match(rf"cannot open {port} .*{os.strerror(number)}", message)
@@ -53,14 +43,16 @@ def refusal(
         ("dialout", 0o600, errno.EACCES, False),
         ("dialout", 0o640, errno.EACCES, False),
         ("dialout", 0o620, errno.EACCES, False),
+        ("dialout", 0o660, errno.EIO, False),
     ],
 )
-def test_no_permission_is_told_with_a_udev_rule_and_with_the_group_where_that_helps(
+def test_no_permission_is_told_with_a_udev_rule_and_with_the_group_where_that_helps_and_another_failure_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str | None, mode: int, number: int, helps: bool
 ) -> None:
     message = refusal(tmp_path / "ttyACM7", monkeypatch, group=group, mode=mode, number=number)
     assert (f"usermod -aG {group} $USER" in message) == ("usermod" in message) == helps
-    assert message.endswith('SUBSYSTEM=="tty", KERNEL=="ttyACM7", TAG+="uaccess"')
+    rule = 'SUBSYSTEM=="tty", KERNEL=="ttyACM7", TAG+="uaccess"'
+    assert message.endswith(rule) == ("udev" in message) == (number != errno.EIO)
 
 
 def test_the_rule_names_the_port_that_a_link_leads_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,11 +60,6 @@ def test_the_rule_names_the_port_that_a_link_leads_to(tmp_path: Path, monkeypatc
     link = tmp_path / "bar"
     link.symlink_to("ttyUSB3")
     assert 'KERNEL=="ttyUSB3"' in refusal(link, monkeypatch, group="dialout")
-
-
-def test_another_failure_gets_no_remedy_for_rights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    message = refusal(tmp_path / "ttyACM7", monkeypatch, group="dialout", number=errno.EIO)
-    assert "usermod" not in message and "udev" not in message
 
 
 def test_a_missing_port_is_named() -> None:
