@@ -7,10 +7,9 @@ from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Session
-from firmware_link.protocol.framing import FrameDecoder, encode_message
+from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import CLOCK_REFERENCE_SPAN, CLOCK_REFERENCE_US, Arm, Set, SetFlag, decode_body
-from tests.firmware_link.conformance import greeting
+from firmware_link.protocol.messages import CLOCK_REFERENCE_SPAN, CLOCK_REFERENCE_US, decode_body
 from tests.tools.virtual import MS, VirtualClock, VirtualLine
 
 BOOT_ID = 0x5EED
@@ -78,25 +77,6 @@ class VirtualRig:
             due_ns, number = self.link.next_deadline_ns(), len(self.line.written)
             self.session.send()
             assert len(self.line.written) == number or (due_ns is not None and due_ns <= self.now_ns)
-
-
-@dataclass
-class BareHost:
-    """Speaks to a firmware frame by frame, as a test wants it; times are device microseconds."""
-
-    firmware: EmulatedFirmware = field(default_factory=lambda: EmulatedFirmware(DeviceConfiguration(BOOT_ID)))
-    sequence: int = 0
-
-    def send(self, message: Message, now_us: int) -> bytes:
-        self.sequence = (self.sequence + 1) % 256
-        return self.firmware.receive(encode_message(message, self.sequence), now_us)
-
-    def arm(self, now_us: int, limit: int = 65_535, slew: int = 200) -> None:
-        self.send(greeting(), now_us)
-        self.send(Arm(BOOT_ID, slew, 40, 0, (limit, limit)), now_us)
-
-    def set(self, drive: bytes, now_us: int) -> bytes:
-        return self.send(Set(reference(now_us), SetFlag.WRITE_PHASE, 40, drive), now_us)
 
 
 def decode_messages(data: bytes) -> list[Message]:

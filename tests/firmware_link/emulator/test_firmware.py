@@ -1,24 +1,28 @@
 """Laws of the firmware: it drives only what was armed, for as long as it is told, and falls silent by itself."""
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, Outcome
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import Arm, ChannelDrive, DeviceState, encode_drive
+from firmware_link.protocol.messages import Arm, ChannelDrive, Result, encode_drive
+from tests.firmware_link.conformance import Host
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
-from tests.firmware_link.virtual_rig import BOOT_ID, BareHost
+from tests.firmware_link.test_conformance import VirtualTier
+from tests.firmware_link.virtual_rig import BOOT_ID
 
 DRIVE = encode_drive([ChannelDrive(60, 1.0), ChannelDrive(90, 0.5, 1.0)], RESOLUTION_HZ)
 
 
-def driving_host() -> BareHost:
-    host = BareHost()
-    host.arm(1000)
-    host.set(DRIVE, 1000)
-    assert host.firmware.state is DeviceState.DRIVING
-    return host
+def greeted() -> tuple[Host, Any]:
+    """A host, and its device that it has not armed yet."""
+    tier = VirtualTier()
+    host = Host(tier)
+    host.greet()
+    return host, tier.line.firmware
 
 
 @unhurried
@@ -30,34 +34,32 @@ def test_no_bytes_drive_a_device_that_is_not_armed(chunks: list[bytes]) -> None:
     assert firmware.drive_log == []
 
 
-def test_limits_are_the_devices_own() -> None:
-    host = BareHost()
-    host.arm(1000, limit=16_384, slew=65_535)
-    host.set(encode_drive([ChannelDrive(0.5, 1.0), ChannelDrive(655.0, 0.1)], RESOLUTION_HZ), 2000)
-    (event,) = host.firmware.drive_log
+def test_limits_are_the_devices_own_and_those_of_a_new_arm_hold_from_the_next_set_on() -> None:
+    host, firmware = greeted()
+    assert host.ask(Arm(firmware.configuration.boot_id, 65_535, 40, 0, (16_384,) * 2)) is Result.OK
+    host.set(encode_drive([ChannelDrive(0.5, 1.0), ChannelDrive(655.0, 0.1)], RESOLUTION_HZ))
+    (event,) = firmware.drive_log
     assert [channel.amplitude for channel in event.channels] == pytest.approx([0.25, 0.1], abs=1e-4)
-    assert event.channels[0].frequency_hz == pytest.approx(1.0)
-    assert event.slew_per_s == 1000
+    assert [channel.frequency_hz for channel in event.channels] == pytest.approx([1.0, 655.0]), "1 Hz is the lowest"
+    host.set(bytes(12))
+    assert [channel.frequency_hz for channel in firmware.drive_log[-1].channels] == pytest.approx([1.0, 655.0])
+    assert host.ask(Arm(firmware.configuration.boot_id, 100, 40, 0, (32_768,) * 2)) is Result.OK
+    assert firmware.drive_log[-1].slew_per_s == 1000
+    host.set(DRIVE)
+    assert firmware.drive_log[-1].slew_per_s == 100
+    assert [channel.amplitude for channel in firmware.drive_log[-1].channels] == pytest.approx([0.5, 0.5], abs=1e-4)
 
 
 def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
     """A copy can pass the clock for two leases."""
-    host = driving_host()
+    host, firmware = greeted()
+    assert host.arm() is Result.OK
+    applied_us = host.set(DRIVE).applied_time_us
     for after_us, outcome in ((80_000, Outcome.STALE), (80_001, Outcome.ACCEPTED)):
         host.sequence -= 2
-        host.set(DRIVE, 1_000 + after_us)
-        assert host.firmware.received[-1].outcome is outcome
-
-
-def test_a_silent_channel_keeps_its_frequency_and_limits_of_a_new_arm_hold_from_the_next_set_on() -> None:
-    host = driving_host()
-    host.set(bytes(12), 10_000)
-    assert [channel.frequency_hz for channel in host.firmware.drive_log[-1].channels] == pytest.approx([60, 90])
-    host.send(Arm(BOOT_ID, 100, 40, 0, (16_384, 16_384)), 11_000)
-    assert host.firmware.drive_log[-1].slew_per_s == 200
-    host.set(DRIVE, 12_000)
-    assert host.firmware.drive_log[-1].slew_per_s == 100
-    assert host.firmware.drive_log[-1].channels[0].amplitude == pytest.approx(0.25, abs=1e-4)
+        host.tier.wait(applied_us + after_us - host.device_us())
+        host.send(host.set_message(DRIVE))
+        assert firmware.received[-1].outcome is outcome
 
 
 def test_a_board_that_cannot_be_is_refused() -> None:

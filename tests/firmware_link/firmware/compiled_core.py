@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.protocol.basis import Basis, transfer_messages
-from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import Arm
 from tests.firmware_link.conformance import greeting
@@ -164,7 +164,7 @@ class Played:
     def __init__(
         self, rate_hz: int, limits: tuple[int, ...], slew_per_s: int, basis: Basis | None = None, lease_ms: int = 40
     ) -> None:
-        self.now_us, self.sequence = 1_000, 0
+        self.now_us, self.encoder = 1_000, FrameEncoder()
         self._firmware = CompiledFirmware(core_library(), DeviceConfiguration(BOOT_ID, synthesis_rate_hz=rate_hz))
         transfer = transfer_messages(basis.data) if basis else []
         for message in (greeting(), *transfer, Arm(BOOT_ID, slew_per_s, lease_ms, 0, limits)):
@@ -172,8 +172,7 @@ class Played:
         self._firmware.take_samples()
 
     def send(self, message: Message) -> None:
-        self.sequence = (self.sequence + 1) % 256
-        self._firmware.receive(encode_message(message, self.sequence), self.now_us)
+        self._firmware.receive(self.encoder.encode(message), self.now_us)
 
     def wait(self, duration_us: int) -> None:
         self.now_us += duration_us

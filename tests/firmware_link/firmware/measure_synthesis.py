@@ -57,7 +57,7 @@ def play(rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
     """Displacements (time, actuator) of a drive that is held, once its ramp is over, in fractions of full scale."""
     device = Played(rate_hz, (65_535, 65_535), 200, lease_ms=LEASE_MS)
     device.send(Set(reference(device.now_us), SetFlag.WRITE_PHASE, LEASE_MS, encode_drive(channels, RESOLUTION_HZ)))
-    applied = device.sequence
+    applied = device.encoder.sequence
     while device.now_us < SETTLED_US + DURATION_US:
         device.wait(KEEP_ALIVE_US)
         device.send(KeepAlive(reference(device.now_us), applied))

@@ -2,6 +2,7 @@
 
 import ctypes
 import itertools
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from firmware_link.emulator.c_core import open_library
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
 from firmware_link.protocol.messages import MAXIMUM_WEIGHTS, Features, Hello, Play, encode_body
-from tests.firmware_link.corrupt import DAMAGES
+from tests.firmware_link.corrupt import DAMAGES, Chance, count_outcomes, make_batch
 from tests.firmware_link.firmware.compare_decoders import compare
 from tests.firmware_link.firmware.compiled_core import core_library
 from tests.firmware_link.firmware.compiled_decoder import CompiledDecoder
@@ -54,6 +55,14 @@ def test_both_decoders_do_the_same_in_any_chunking(parts: list[bytes], cuts: lis
         assert compiled.receive(stream[start:stop]) == python.receive(stream[start:stop])
     assert compiled.counters == python.counters
     compiled.close()
+
+
+def test_the_count_of_what_became_of_damaged_frames_finds_one_that_was_not_sent_and_one_that_was_lost() -> None:
+    batch = make_batch(DAMAGES[0], 10, Chance(5))
+    assert count_outcomes(batch, batch.whole) == Counter(refused=10)
+    for wrong in ([*batch.whole[:5], b"\x07\x01", *batch.whole[5:]], batch.whole[:-1]):
+        with pytest.raises(AssertionError):
+            count_outcomes(batch, wrong)
 
 
 def test_both_decoders_refuse_the_same_damaged_frames() -> None:

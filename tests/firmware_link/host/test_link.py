@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_link.emulator import Cause, DeviceConfiguration
+from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
 from firmware_link.host.link import SILENCE_NS, Link
 from firmware_link.host.link_values import (
     Armed,
@@ -26,7 +26,7 @@ from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
-from tests.firmware_link.virtual_rig import BOOT_ID, BareHost, VirtualRig, decode_messages
+from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig, decode_messages
 from tests.tools.virtual import MS
 
 
@@ -192,7 +192,8 @@ def test_a_rebooted_device_is_never_driven_and_the_host_notices() -> None:
     ],
 )
 def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], wanted: dict[str, Any], remedy: str) -> None:
-    hello, *_ = decode_messages(BareHost().send(greeting(0), 0))
+    device = EmulatedFirmware(DeviceConfiguration(BOOT_ID))
+    hello, *_ = decode_messages(device.receive(encode_message(greeting(0), 1), 0))
     changes = {"full_scales_pm": (1,) * change.get("number_of_actuators", 2)} | change
     link = Link(LinkConfiguration(2, **wanted))
     link.connect(0)

@@ -98,13 +98,10 @@ def test_types_and_seeds_are_distinct_and_the_fixed_ones_are_zero() -> None:
     assert len({seed_of(message.type_byte) for message in MESSAGES}) == len(MESSAGES) - len(fixed) + 1
 
 
-def test_the_table_of_the_document_is_the_definition() -> None:
+def test_the_table_and_the_magic_of_the_document_are_the_definition() -> None:
     _, _, rest = PROTOCOL.partition("<!-- made by protocol_table() -->\n")
     table, _, _ = rest.partition("<!-- end -->")
     assert table == protocol_table()
-
-
-def test_the_magic_of_a_greeting_is_in_the_document() -> None:
     assert f"The `magic` of HELLO_REQ is 0x{MAGIC:08x}, the bytes `tact` on the wire" in PROTOCOL
     assert encode_body(HelloRequest(MAGIC, 1, 0, 0), 0)[2:6] == b"tact"
 
