@@ -97,14 +97,10 @@ class Tier(Protocol):
 
 
 class WaveTier(Tier, Protocol):
-    """A tier that can tell what its actuators did, sample by sample."""
+    """A tier in virtual time: it can tell what its actuators did, and its host can let go of the line."""
 
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
         """Sample rate in Hz, and displacements (time, actuator) between two device times that have passed."""
-
-
-class HangUpTier(Tier, Protocol):
-    """A tier whose host can let go of the line."""
 
     def hang_up(self) -> None:
         """DTR drops, or the cable is pulled; the next write is from a host that has come again."""
@@ -112,7 +108,6 @@ class HangUpTier(Tier, Protocol):
 
 Law = Callable[[Tier], None]
 WaveLaw = Callable[[WaveTier], None]
-HangUpLaw = Callable[[HangUpTier], None]
 
 
 class Click(NamedTuple):
@@ -841,7 +836,7 @@ def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_ot
 # ---- the host goes away ------------------------------------------------------------------------------------
 
 
-def hang_up_law_a_dropped_line_latches_at_once(tier: HangUpTier) -> None:
+def wave_law_a_dropped_line_latches_at_once(tier: WaveTier) -> None:
     host = Host(tier).ready()
     applied = host.set(host.drive(*LOUD))
     tier.hang_up()
@@ -869,4 +864,3 @@ def _laws(prefix: str) -> Iterator[Callable[..., None]]:
 
 LAWS: tuple[Law, ...] = tuple(_laws("law_"))
 WAVE_LAWS: tuple[WaveLaw, ...] = tuple(_laws("wave_law_"))
-HANG_UP_LAWS: tuple[HangUpLaw, ...] = tuple(_laws("hang_up_law_"))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from firmware_link.emulator import DeviceConfiguration, synthesise
 from firmware_link.emulator.process import decode_log
-from tests.firmware_link.conformance import HANG_UP_LAWS, LAWS, WAVE_LAWS, HangUpLaw, Law, WaveLaw
+from tests.firmware_link.conformance import LAWS, WAVE_LAWS, Law, WaveLaw
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SAMPLE_RATE_HZ, SENSING_LAWS
 from tests.tools.virtual import VirtualClock, VirtualLine
 
@@ -73,6 +73,6 @@ class VirtualTier:
         self.line.firmware.sense(now_us % 4_000, [0, 0], now_us * 48 // 1_000)
 
 
-@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *HANG_UP_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
-def test_the_emulated_firmware_keeps(law: Law | WaveLaw | HangUpLaw) -> None:
+@pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
+def test_the_emulated_firmware_keeps(law: Law | WaveLaw) -> None:
     law(VirtualTier())

@@ -23,9 +23,9 @@ SAMPLE_US = 50
 BOUND_US = 2 * LEASE_US + RAMP_US + CLOCK_REFERENCE_US + SAMPLE_US
 
 
-def silence_after_us(tier: WaveTier, host: Host, make: Callable[[], Message], delay_us: int) -> float:
-    """Time from the making of the host's last frame, which comes `delay_us` later, until all stays still."""
-    made_us, frame = host.device_us(), host.frame(make())
+def silence_after_us(tier: WaveTier, host: Host, last: Message, delay_us: int) -> float:
+    """Time from now, when the host's last frame was made, which comes `delay_us` later, until all stays still."""
+    made_us, frame = host.device_us(), host.frame(last)
     tier.wait(delay_us)
     tier.write(frame)
     tier.wait(DISARM_US + 2 * LEASE_US)
@@ -42,10 +42,7 @@ def test_a_drive_of_a_dead_host_ends_within_two_leases_and_a_ramp(tier_of: Calla
         host = Host(tier).ready()
         sequence = host.set(host.drive(*LOUD)).applied_sequence
         tier.wait(rng.randrange(LEASE_US // 3))
-        lasts: tuple[Callable[[], Message], ...] = (
-            lambda host=host: host.set_message(host.drive(*LOUD)),  # type: ignore[misc]
-            lambda host=host, sequence=sequence: KeepAlive(host.clock_reference(), sequence),  # type: ignore[misc]
-        )
+        lasts = (host.set_message(host.drive(*LOUD)), KeepAlive(host.clock_reference(), sequence))
         after_us = silence_after_us(tier, host, rng.choice(lasts) if delay_us != LEASE_US else lasts[0], delay_us)
         assert after_us <= BOUND_US, f"last frame {delay_us} us under way"
         greatest_us = max(greatest_us, after_us)
@@ -58,5 +55,5 @@ def test_a_click_of_a_dead_host_ends_within_a_lease_and_its_length(tier_of: Call
     for delay_us in (0, LEASE_US // 2, LEASE_US, LEASE_US + 2 * CLOCK_REFERENCE_US):
         tier = tier_of()
         host = with_basis(tier)
-        after_us = silence_after_us(tier, host, lambda host=host: CLICKS.play(0, host.clock_reference()), delay_us)  # type: ignore[misc]
+        after_us = silence_after_us(tier, host, CLICKS.play(0, host.clock_reference()), delay_us)
         assert after_us <= LEASE_US + WAVEFORM_US + CLOCK_REFERENCE_US + SAMPLE_US

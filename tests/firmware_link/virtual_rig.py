@@ -1,4 +1,4 @@
-"""A session with an emulated device on a virtual line, and a host that speaks to a firmware frame by frame."""
+"""A session with an emulated device on a virtual line."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

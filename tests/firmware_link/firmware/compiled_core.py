@@ -80,25 +80,16 @@ def under_sanitizers() -> dict[str, str]:
 
 
 class CompiledLine(VirtualLine):
-    """To the C core, whose samples are kept and which may be watched."""
-
-    is_watched = False
+    """To the C core, where what sounds must change only while samples are held back; see c/held_samples.c."""
 
     def start(self, boot_id: int) -> CompiledFirmware:
         firmware = CompiledFirmware(core_library(), replace(self.configuration, boot_id=boot_id))
-        if self.is_watched:
-            core_library().held_samples_watch(ctypes.c_void_p(firmware._host))
+        core_library().held_samples_watch(ctypes.c_void_p(firmware._host))
         return firmware
 
 
-class WatchedLine(CompiledLine):
-    """What sounds must change only while samples are held back; see c/held_samples.c."""
-
-    is_watched = True
-
-
 class CompiledTier(VirtualTier):
-    """The C core in the place of the emulated firmware."""
+    """The C core in the place of the emulated firmware; its samples are kept, and it is watched."""
 
     kind = CompiledLine
 
@@ -120,12 +111,6 @@ class CompiledTier(VirtualTier):
 
     def sense(self, now_us: int) -> None:
         self.line.firmware.sense_now(now_us % 4_000)
-
-
-class WatchedTier(CompiledTier):
-    """The C core where what sounds must change only while samples are held back."""
-
-    kind = WatchedLine
 
     def write(self, data: bytes) -> None:
         self._look()

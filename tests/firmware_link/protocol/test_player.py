@@ -8,7 +8,7 @@ from firmware_link.protocol.player import WAVEFORMS_AT_ONCE, Player
 from tests.firmware_link.strategies import unhurried
 
 
-def test_a_waveform_that_is_taken_over_sounds_for_its_fade_or_until_its_end() -> None:
+def test_a_waveform_that_is_taken_over_sounds_for_its_fade_rounded_up_and_a_margin_or_until_its_end() -> None:
     player = Player()
     player.start(0, 100_000, FULL_SCALE_WORD)
     player.take_over(10_000, 200)
@@ -18,15 +18,9 @@ def test_a_waveform_that_is_taken_over_sounds_for_its_fade_or_until_its_end() ->
     assert player.room_us(21_000) == 21_000
     player.start(21_000, 50_000, 1)
     assert player.room_us(21_000) == 22_000
-
-
-def test_a_fade_is_rounded_up_and_may_be_given_a_margin() -> None:
-    for margin_us in (0, 7):
-        player = Player()
-        player.start(0, 100_000, 1)
-        player.take_over(0, 1, margin_us)
-        player.start(0, 100_000, 1)
-        assert player.room_us(0) == 16 + margin_us
+    player.take_over(22_000, 1, margin_us=7)
+    player.start(22_000, 50_000, 1)
+    assert player.room_us(22_000) == 22_016 + 7
 
 
 @unhurried
