@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, Synthesis, synthesise
+from tests.firmware_link.conformance import US_PER_S
 from tests.firmware_link.strategies import drive_logs, unhurried
 
 RATE_HZ = 100_000.0
 STOP_US = 90_000
-US_PER_S = 1_000_000
 
 
 def event(time_us: int, *targets: ChannelTarget, slew_per_s: float = 200.0) -> DriveEvent:

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_link.protocol.messages import ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, Played
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played
+from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import reference
 
-US_PER_S = 1_000_000
-RESOLUTION_HZ = 0.01
 LEASE_MS = 100
 KEEP_ALIVE_US = 50_000
 SETTLED_US = 100_000

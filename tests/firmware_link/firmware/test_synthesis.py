@@ -22,13 +22,12 @@ from firmware_link.protocol.messages import (
 )
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import greeting
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, Played
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played
 from tests.firmware_link.firmware.measure_synthesis import measure
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import reference
 
 RATE_HZ = 20_000
-US_PER_S = 1_000_000
 ACTUATORS = 2
 GREATEST_FREQUENCY_HZ = 655.35
 ROUNDING = 1 / FULL_OUTPUT

@@ -54,7 +54,7 @@ from firmware_link.protocol.messages import (
     encode_drive,
 )
 from tests.firmware_link.conformance import greeting, hump
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library, make, with_sanitizers
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, core_library, make, with_sanitizers
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 
@@ -63,7 +63,6 @@ ACTUATORS = 2
 RATE_HZ = 40_000
 SAMPLE_US = 25
 SLEW_PER_S = 200
-US_PER_S = 1_000_000
 RAMP_US = US_PER_S // SLEW_PER_S
 CAPACITY_BYTES = 1_500
 CONFIGURATION = DeviceConfiguration(
