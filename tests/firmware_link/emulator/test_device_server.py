@@ -37,6 +37,14 @@ def test_a_reboot_begins_another_log_and_keeps_the_one_before() -> None:
     assert starts_ns == sorted(set(starts_ns)) and starts_ns[0] == rig.device_start_ns
 
 
+def test_faults_are_injected_and_counted() -> None:
+    rig = VirtualRig(faults="duplicate=1")
+    rig.connect()
+    log = log_of(rig.line)
+    assert log.faults["to_device.duplicated"] == log.faults["to_device.frames"] >= 6
+    assert log.counters["ok"] == log.faults["to_device.intact"]
+
+
 def silent_from_us(log: EmulatorLog) -> float:
     """Device time from which every actuator stays at zero."""
     start_us = log.events[-1].device_time_us - 50_000
