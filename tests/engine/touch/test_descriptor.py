@@ -7,8 +7,6 @@ import tracemalloc
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from engine.touch import DescriptorError
 from engine.touch.descriptor import SurfaceKind, read_surfaces
@@ -170,11 +168,6 @@ def test_broken_grammar_is_refused_with_its_place(descriptor: bytes, offset: int
 def test_an_empty_position_range_is_refused(logical_range: str) -> None:
     with pytest.raises(DescriptorError, match="not below its maximum"):
         read_surfaces(SCREEN.replace(bytes.fromhex("26e803"), bytes.fromhex(logical_range)))
-
-
-@given(st.binary(min_size=1, max_size=300))
-def test_any_bytes_give_surfaces_or_a_descriptor_error(descriptor: bytes) -> None:
-    _read_or_refuse(descriptor)
 
 
 def _read_or_refuse(descriptor: bytes) -> None:

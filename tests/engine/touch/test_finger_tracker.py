@@ -59,47 +59,28 @@ def frame_of(*contacts: Contact) -> TouchFrame:
     return TouchFrame(0, contacts)
 
 
-@given(touch_axes(), logical)
-def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(axis: TouchAxis, value: int) -> None:
-    position_m = TouchPosition(with_axis(axis), SURFACE).position_m(at(value))
+@given(touch_axes(), logical, logical)
+def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(
+    axis: TouchAxis, x: int, y: int
+) -> None:
+    position_m = TouchPosition(with_axis(axis), SURFACE).position_m(Contact(1, x, y, True))
     assert 0 <= position_m <= LENGTH_M
+    value = x if axis.axis == "x" else y
     active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
     fraction = (LAST - value if axis.flip else value) / LAST
     touched_m = axis.start_margin_m + fraction * active_m
     assert position_m == pytest.approx(sorted([0.0, touched_m, LENGTH_M])[1], abs=1e-12)
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
-def test_the_ends_of_the_logical_range_are_the_ends_of_the_touch_area(axis: str) -> None:
-    touch_axis = TouchAxis("x" if axis == "x" else "y", False, 0.01, 0.02, None)
-    position = TouchPosition(with_axis(touch_axis), SURFACE)
-    contacts = [Contact(1, value if axis == "x" else 7, value if axis == "y" else 7, True) for value in (0, LAST)]
-    assert [position.position_m(contact) for contact in contacts] == pytest.approx([0.01, LENGTH_M - 0.02])
-
-
 @pytest.mark.parametrize("flip", [False, True])
-@pytest.mark.parametrize("states_length", [False, True])
-def test_a_touch_area_beyond_the_bar_keeps_its_scale_and_a_contact_beside_the_bar_is_no_finger(
-    flip: bool, states_length: bool
-) -> None:
-    # A tenth of the touch area lies before the bar, two tenths after it.
-    active_m = LENGTH_M / 0.7
-    touch_axis = TouchAxis("x", flip, -active_m / 10, -active_m / 5, active_m if states_length else None)
-    position = TouchPosition(with_axis(touch_axis), SURFACE)
-    values = [LAST - value if flip else value for value in (0, 50, 100, 450, 800, 900, LAST)]
-    fractions_of_bar = [position.position_m(at(value)) / LENGTH_M for value in values]
-    assert fractions_of_bar == pytest.approx([0, 0, 0, 0.5, 1, 1, 1], abs=1e-12)
-    tracker = FingerTracker(with_axis(touch_axis), SURFACE)
-    assert tracker.track(frame_of(at(values[0], 1), at(values[-1], 2))) == []
-
-
 @pytest.mark.parametrize("end_m", [0.0, LENGTH_M])
-def test_a_fingertip_on_the_end_is_a_finger_until_it_lifts_however_far_it_slides(end_m: float) -> None:
-    device = with_axis(TouchAxis("x", False, -0.1, -0.1, None))
+def test_a_fingertip_on_the_end_is_a_finger_until_it_lifts_however_far_it_slides(end_m: float, flip: bool) -> None:
+    device = with_axis(TouchAxis("x", flip, -0.1, -0.1, None))
 
     def touches(beyond_mm: float, *, tip: bool = True) -> list[Touch]:
         at_m = end_m + (1 if end_m else -1) * beyond_mm / 1e3
-        return tracker.track(frame_of(at(round(LAST * (at_m + 0.1) / (LENGTH_M + 0.2)), tip=tip)))
+        value = round(LAST * (at_m + 0.1) / (LENGTH_M + 0.2))
+        return tracker.track(frame_of(at(LAST - value if flip else value, tip=tip)))
 
     tracker, zone = FingerTracker(device, SURFACE), 4 if end_m else 0
     assert touches(9) == []

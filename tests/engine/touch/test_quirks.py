@@ -19,30 +19,23 @@ from engine.touch.quirks import (
 
 
 @pytest.mark.parametrize(
-    ("vendor_id", "product_id", "expected"),
+    ("vendor_id", "product_id", "is_win8", "is_serial", "expected"),
     [
-        (0x0596, 0x0500, THREE_M),
-        (0x1FF7, 0x0013, UNSEEN_MEANS_UP),
-        (0x0486, 0x0185, CONFIDENCE_MINUS_ONE),
-        (0x10C4, 0x81B9, SERIAL),
-        (0x0EEF, 0x72FA, EGALAX),
+        (0x0596, 0x0500, False, False, THREE_M),
+        (0x1FF7, 0x0013, False, False, UNSEEN_MEANS_UP),
+        (0x0486, 0x0185, False, False, CONFIDENCE_MINUS_ONE),
+        (0x10C4, 0x81B9, False, False, SERIAL),
+        (0x0EEF, 0x72FA, False, False, EGALAX),
+        (0xFFFE, 1, False, False, GENERIC),
+        (0xFFFE, 1, True, False, WIN8),
+        (0x0596, 0x0500, True, False, WIN8),  # certified, which its kin in the table is not
+        (0xFFFE, 1, False, True, SERIAL),  # never has stale slots
     ],
 )
-def test_listed_devices_have_their_class(vendor_id: int, product_id: int, expected: QuirkClass) -> None:
-    assert quirks_for(vendor_id, product_id, is_win8=False, is_serial=False) is expected
-
-
-def test_an_unknown_device_is_generic_by_certification() -> None:
-    assert quirks_for(0xFFFE, 1, is_win8=False, is_serial=False) is GENERIC
-    assert quirks_for(0xFFFE, 1, is_win8=True, is_serial=False) is WIN8
-
-
-def test_a_certified_device_leaves_the_class_of_its_uncertified_kin() -> None:
-    assert quirks_for(0x0596, 0x0500, is_win8=True, is_serial=False) is WIN8
-
-
-def test_an_unknown_serial_device_never_has_stale_slots() -> None:
-    assert quirks_for(0xFFFE, 1, is_win8=False, is_serial=True) == SERIAL
+def test_a_device_has_its_class_by_certification_then_by_number_then_by_slots(
+    vendor_id: int, product_id: int, is_win8: bool, is_serial: bool, expected: QuirkClass
+) -> None:
+    assert quirks_for(vendor_id, product_id, is_win8=is_win8, is_serial=is_serial) == expected
 
 
 def test_wacom_is_left_to_its_own_driver() -> None:

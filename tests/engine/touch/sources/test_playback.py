@@ -13,7 +13,8 @@ from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report
 
 START_NS = 10**15
-speeds = st.floats(0.01, 1000)
+speeds = st.none() | st.floats(0.01, 1000)
+"""None: every report is due at once."""
 
 
 @st.composite
@@ -23,48 +24,28 @@ def recordings(draw: st.DrawFn) -> Recording:
     return Recording("bar", 3, 0x04F3, 0x200A, b"\x05\x0d", reports)
 
 
-def play(source: Source) -> list[tuple[int, int, bytes]]:
-    """Clock time, index and data of each report, read when it is due and never earlier."""
-    now_ns, played = START_NS, []
-    while not source.ended:
+@given(recordings(), speeds)
+def test_reports_come_at_their_own_pace_times_the_speed_and_keep_their_times(
+    recording: Recording, speed: float | None
+) -> None:
+    """Each is read when it is due and never earlier."""
+    source: Source = Playback(recording, speed)
+    now_ns, first_s = START_NS, recording.reports[0].time_s
+    for report in recording.reports:
         due_ns = source.next_time_ns()
-        assert due_ns is not None
+        assert due_ns is not None and not source.ended
         if due_ns > now_ns:
             assert source.read(due_ns - 1) is None
         now_ns = max(now_ns, due_ns)
-        report = source.read(now_ns)
-        assert report is not None
-        played.append((now_ns, source.report_index, report))
-    assert source.read(now_ns + 10**12) is None
-    assert source.next_time_ns() is None
-    return played
+        assert source.read(now_ns) == report.data
+        assert (source.report_index, source.report_time_ns) == (report.index, round(report.time_s * 1e9))
+        pause_ns = 0 if speed is None else (report.time_s - first_s) * 1e9 / speed
+        assert now_ns - START_NS == pytest.approx(pause_ns, rel=1e-9, abs=2)
+    assert source.ended
+    assert (source.read(now_ns + 10**12), source.next_time_ns()) == (None, None)
 
 
-@given(recordings(), speeds)
-def test_reports_come_at_their_own_pace_times_the_speed(recording: Recording, speed: float) -> None:
-    played = play(Playback(recording, speed))
-    first_s = recording.reports[0].time_s
-    for (clock_ns, index, data), report in zip(played, recording.reports, strict=True):
-        assert (index, data) == (report.index, report.data)
-        assert clock_ns - START_NS == pytest.approx((report.time_s - first_s) * 1e9 / speed, rel=1e-9, abs=2)
-
-
-@given(recordings())
-def test_without_a_speed_every_report_is_due_at_once(recording: Recording) -> None:
-    played = play(Playback(recording, speed=None))
-    assert [(index, data) for _, index, data in played] == [(r.index, r.data) for r in recording.reports]
-    assert {clock_ns for clock_ns, _, _ in played} == {START_NS}
-
-
-@given(recordings(), st.none() | speeds)
-def test_report_times_are_those_of_the_recording_at_any_speed(recording: Recording, speed: float | None) -> None:
-    source = Playback(recording, speed)
-    for report in recording.reports:
-        source.read(source.next_time_ns() or START_NS)
-        assert source.report_time_ns == round(report.time_s * 1e9)
-
-
-@given(recordings(), st.none() | speeds, st.integers(0, 10**12))
+@given(recordings(), speeds, st.integers(0, 10**12))
 def test_a_deadline_in_the_recording_has_come_at_its_clock_time(
     recording: Recording, speed: float | None, wait_ns: int
 ) -> None:
