@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.touch import DigitizerError, TouchFrame, open_digitizer
+from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import (
@@ -113,8 +113,8 @@ def opened(kernel: FakeKernel) -> EvdevSource:
     return EvdevSource(kernel, read_slots=kernel.read_slots)
 
 
-def frames(source: Source, now_ns: int = 0) -> list[TouchFrame]:
-    digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
+def frames(source: Source, now_ns: int = 0, digitizer: Digitizer | None = None) -> list[TouchFrame]:
+    digitizer = digitizer or open_digitizer(source.descriptor, source.vendor_id, source.product_id)
     found = []
     while (report := source.read(now_ns)) is not None:
         frame = digitizer.decode_report(report, source.report_time_ns)
@@ -156,34 +156,17 @@ def test_after_any_loss_the_last_frame_is_the_kernels_state(
     shown: list[tuple[dict[int, Touch], bool, bool]], buffer_size: int
 ) -> None:
     kernel = FakeKernel(buffer_size=buffer_size)
-    source, digitizer = opened(kernel), None
+    source = opened(kernel)
     digitizer = open_digitizer(source.descriptor)
     ids, now, last = list(range(1, SLOTS + 1)), dict[int, int](), dict[int, int]()
-    for moment, is_read, renews in shown:
+    for moment, is_read, renews in [*shown, ({}, False, False), (shown[-1][0], True, True)]:
         if renews:
             ids = [name + SLOTS for name in ids]
         kernel.show({slot: (ids[slot], touch) for slot, touch in moment.items()})
         now = {ids[slot]: x for slot, (x, distance) in moment.items() if distance == 0}
-        while is_read and (report := source.read(0)) is not None:
-            frame = digitizer.decode_report(report, 0)
-            assert frame is not None
+        for frame in frames(source, 0, digitizer) if is_read else []:
             last = places(frame)
-    kernel.show({})
-    kernel.show({slot: (1000 + slot, touch) for slot, touch in shown[-1][0].items()})
-    now = {1000 + slot: x for slot, (x, distance) in shown[-1][0].items() if distance == 0}
-    while (report := source.read(0)) is not None:
-        frame = digitizer.decode_report(report, 0)
-        assert frame is not None
-        last = places(frame)
     assert last == now
-
-
-def test_after_lost_events_the_kernel_is_asked_and_what_is_void_is_not_read() -> None:
-    kernel = FakeKernel()
-    source = opened(kernel)
-    kernel.state[TRACKING_ID][1], kernel.state[X][1] = 20, 700
-    kernel.events.extend([Event(EV_SYN, SYN_DROPPED, 0), Event(EV_ABS, TRACKING_ID, 99), Event(EV_SYN, SYN_REPORT, 0)])
-    assert [places(frame) for frame in frames(source)] == [{20: 700}]
 
 
 def test_a_resting_finger_is_told_again_before_the_watchdog_acts() -> None:
@@ -211,14 +194,10 @@ def test_an_unplug_releases_everything_and_ends() -> None:
     source = opened(kernel)
     kernel.show({0: (10, (100, 0))})
     digitizer = open_digitizer(source.descriptor)
-    digitizer.decode_report(source.read(0) or b"", 0)
+    assert [places(frame) for frame in frames(source, 0, digitizer)] == [{10: 100}]
     kernel.is_there = False
     assert not source.ended
-    report = source.read(MS)
-    assert report is not None
-    frame = digitizer.decode_report(report, MS)
-    assert frame is not None
-    assert frame.contacts == ()
+    assert [frame.contacts for frame in frames(source, MS, digitizer)] == [()]
     assert (source.ended, source.fileno(), source.read(2 * MS), source.next_time_ns()) == (True, None, None, None)
 
 

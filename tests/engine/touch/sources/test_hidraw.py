@@ -13,15 +13,13 @@ from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.hid_discovery import (
     RULE_FILE,
-    HidSystem,
     find_digitizers,
     load_hid_system,
     parse_number,
     refusal,
     select_digitizer,
-    udev_rule,
 )
-from engine.touch.sources.hidraw import Connection, HidrawSource, open_hidraw, read_descriptor
+from engine.touch.sources.hidraw import Connection, HidrawSource, read_descriptor
 from tests.engine.touch.sources.fake_hid import DESCRIPTOR, RING, FakeMachine, touch_report
 
 MS = 1_000_000
@@ -38,22 +36,17 @@ def machine(tmp_path: Path) -> Iterator[FakeMachine]:
 # ---- finding ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("installed", "backend"), [({"hidraw", "hid"}, "hidraw"), ({"hid"}, "hid"), ({"hidraw"}, "hidraw")]
-)
-def test_the_module_hidraw_comes_before_the_libusb_one(installed: set[str], backend: str) -> None:
+def test_the_module_hidraw_comes_before_the_libusb_one_and_without_both_the_remedy_is_named() -> None:
     def import_module(name: str) -> object:
         if name not in installed:
             raise ImportError(name)
         return SimpleNamespace()
 
-    assert load_hid_system(import_module).backend == backend
-
-
-def test_without_hidapi_the_remedy_is_named() -> None:
-    def import_module(name: str) -> object:
-        raise ImportError(name)
-
+    installed = {"hidraw", "hid"}
+    assert load_hid_system(import_module).backend == "hidraw"
+    installed.remove("hidraw")
+    assert load_hid_system(import_module).backend == "hid"
+    installed.clear()
     with pytest.raises(DigitizerError, match="pip install hidapi"):
         load_hid_system(import_module)
 
@@ -64,17 +57,14 @@ def test_a_device_of_several_collections_is_found_once_and_other_devices_never(m
     assert [device.path for device in find_digitizers(machine.system())] == [touch.path]
 
 
-def test_what_the_system_says_of_a_device_is_passed_on(machine: FakeMachine) -> None:
-    machine.plug(bus_type=3, serial_number=" A1 ")
-    (device,) = find_digitizers(machine.system())
-    assert (device.name, device.number, device.serial_number, device.bus) == ("Touch Bar", NUMBER, "A1", 0x18)
-    assert device.port == "usb-0000:00:14.0-6/input0"
-
-
 @pytest.mark.parametrize(("hid_id", "bus"), [("0018:000004F3:0000200A", 0x18), ("", 0x05), ("what?", 0x05)])
-def test_the_kernel_knows_the_bus_better_than_hidapi(machine: FakeMachine, hid_id: str, bus: int) -> None:
-    machine.plug(bus_type=2, hid_id=hid_id)
-    assert find_digitizers(machine.system())[0].bus == bus
+def test_what_hidapi_says_of_a_device_is_passed_on_but_the_bus_that_the_kernel_knows_better(
+    machine: FakeMachine, hid_id: str, bus: int
+) -> None:
+    machine.plug(bus_type=2, hid_id=hid_id, serial_number=" A1 ")
+    (device,) = find_digitizers(machine.system())
+    assert (device.name, device.number, device.serial_number, device.bus) == ("Touch Bar", NUMBER, "A1", bus)
+    assert device.port == "usb-0000:00:14.0-6/input0"
 
 
 def test_a_digitizer_is_chosen_by_any_of_its_names(machine: FakeMachine) -> None:
@@ -94,13 +84,6 @@ def test_a_name_for_two_or_for_none_is_refused_with_the_choice(machine: FakeMach
         select_digitizer(NUMBER, found)
     with pytest.raises(DigitizerError, match=r"no digitizer 'bar'.*04f3:200a@usb-1"):
         select_digitizer("bar", found)
-
-
-def test_the_rule_names_the_device_as_the_kernel_does() -> None:
-    number = parse_number("04F3:200a")
-    assert number == (0x04F3, 0x200A)
-    assert udev_rule(*number) == 'SUBSYSTEM=="hidraw", KERNELS=="*:04F3:200A.*", TAG+="uaccess"'
-    assert parse_number("/dev/hidraw0") is None
 
 
 def test_the_descriptor_is_read_without_permission_to_open(machine: FakeMachine) -> None:
@@ -154,10 +137,10 @@ def test_the_descriptor_to_wait_on_stays_the_same_over_a_replug(machine: FakeMac
 
 def test_a_second_close_does_nothing_and_the_source_has_ended(machine: FakeMachine) -> None:
     machine.plug()
-    source = open_hidraw(machine.system(), NUMBER)
-    source.close()
-    source.close()
-    assert (source.ended, source.fileno(), source.read(0)) == (True, None, None)
+    source = machine.open(NUMBER)
+    for _ in range(2):
+        source.close()
+        assert (source.ended, source.fileno(), source.read(0)) == (True, None, None)
 
 
 # ---- unplug ----------------------------------------------------------------------------------------------
@@ -288,30 +271,29 @@ def test_hidapi_is_asked_again_and_again_where_nothing_can_be_waited_on(machine:
     assert source.state is Connection.LOST
 
 
-@pytest.mark.parametrize(("backend", "asks"), [("hidraw", False), ("hid", True)])
-def test_features_are_sent_only_where_the_kernel_does_not(machine: FakeMachine, backend: str, asks: bool) -> None:
-    device = machine.plug(features={2: b"\x02\x05", 0x11: b"\x11" + bytes(256), 7: b"\x07\x00"})
-    open_hidraw(machine.system(backend), NUMBER).close()
-    assert device.asked_features == ([2, 0x11, 7] if asks else [])
-    assert device.sent_features == ([b"\x07\x02"] if asks else [])
-
-
-def test_a_device_that_answers_no_feature_is_switched_all_the_same(machine: FakeMachine) -> None:
-    device = machine.plug()
-    source = machine.open(NUMBER, "hid")
-    assert device.sent_features == [b"\x07\x02"]
-    assert source.counters.failed_features == 2
+@pytest.mark.parametrize(("backend", "answers", "failed"), [("hidraw", 3, 0), ("hid", 3, 0), ("hid", 0, 2)])
+def test_features_are_sent_where_the_kernel_does_not_also_to_a_device_that_answers_none(
+    machine: FakeMachine, backend: str, answers: int, failed: int
+) -> None:
+    features = ((2, b"\x02\x05"), (0x11, b"\x11" + bytes(256)), (7, b"\x07\x00"))
+    device = machine.plug(features=dict(features[:answers]))
+    assert machine.open(NUMBER, backend).counters.failed_features == failed
+    assert device.asked_features == ([2, 0x11, 7] if backend == "hid" else [])
+    assert device.sent_features == ([b"\x07\x02"] if backend == "hid" else [])
 
 
 # ---- refusals --------------------------------------------------------------------------------------------
 
 
-def test_no_permission_prints_the_rule_and_where_it_goes(machine: FakeMachine) -> None:
+def test_no_permission_prints_where_the_rule_goes_and_it_names_the_device_as_the_kernel_does(
+    machine: FakeMachine,
+) -> None:
     machine.plug()
     system = machine.system()
     said = str(refusal(system, find_digitizers(system)[0], PermissionError(13, "Permission denied")))
-    assert udev_rule(0x04F3, 0x200A) in said
     assert RULE_FILE in said
+    assert 'SUBSYSTEM=="hidraw", KERNELS=="*:04F3:200A.*", TAG+="uaccess"' in said
+    assert (parse_number("04F3:200a"), parse_number("/dev/hidraw0")) == ((0x04F3, 0x200A), None)
 
 
 def test_a_device_kept_by_the_system_says_what_to_do(machine: FakeMachine) -> None:
@@ -329,13 +311,10 @@ def test_a_node_that_is_gone_again_says_so(machine: FakeMachine) -> None:
         HidrawSource(system, device)
 
 
-def test_a_system_that_cannot_list_says_so() -> None:
-    class Broken:
-        def enumerate(self) -> list[dict[str, object]]:
-            raise OSError("udev is not there")
+def test_a_system_that_cannot_list_says_so(machine: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise OSError("udev is not there")
 
-        def device(self) -> None:
-            raise AssertionError
-
+    monkeypatch.setattr(machine, "enumerate", refuse)
     with pytest.raises(DigitizerError, match="udev is not there"):
-        find_digitizers(HidSystem(Broken(), "hidraw", "linux"))  # type: ignore[arg-type]  # broken on purpose
+        find_digitizers(machine.system())

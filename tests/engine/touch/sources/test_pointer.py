@@ -25,6 +25,7 @@ Pipe = tuple[PointerSource, PointerFeed]
 def pipe() -> Iterator[Pipe]:
     source, feed = open_pointer_pipe()
     yield source, feed
+    feed.close()
     source.close()
 
 
@@ -44,7 +45,6 @@ def test_each_event_is_a_frame_of_all_that_is_pressed(pipe: Pipe) -> None:
     assert found[0].contacts[0] == Contact(7, round(0.25 * RESOLUTION), round(0.5 * RESOLUTION), tip=True)
     assert found[1].contacts[1][1:3] == (RESOLUTION, 0)
     assert (source.report_index, source.report_time_ns) == (4, 5 * MS)
-    feed.close()
 
 
 def test_events_that_happen_at_once_are_one_frame(pipe: Pipe) -> None:
@@ -64,7 +64,6 @@ def test_events_that_happen_at_once_are_one_frame(pipe: Pipe) -> None:
         assert frame is not None
         found.append(ids(frame))
     assert found[2:] == [[1], []]  # the longest silent first
-    feed.close()
 
 
 def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
@@ -75,7 +74,6 @@ def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
     feed.send(PointerEvent(1, 0.0, 0.0, Phase.DOWN))
     assert select.select([descriptor], [], [], 0)[0] == [descriptor]
     assert source.next_time_ns() is None
-    feed.close()
 
 
 def test_a_pointer_the_page_forgot_is_released_alone(pipe: Pipe) -> None:
@@ -91,17 +89,17 @@ def test_a_pointer_the_page_forgot_is_released_alone(pipe: Pipe) -> None:
         assert frame is not None
         assert ids(frame) == ([1, 2] if time_ms < 200 else [2])
     assert source.next_time_ns() == (250 + 120) * MS
-    feed.close()
 
 
-def test_a_page_that_is_gone_releases_everything_and_ends(pipe: Pipe) -> None:
-    source, feed = pipe
+def test_a_page_that_is_gone_releases_everything_and_ends() -> None:
+    source, feed = open_pointer_pipe()
     feed.send(PointerEvent(1, 0.1, 0.5, Phase.DOWN))
     feed.send(PointerEvent(2, 0.9, 0.5, Phase.DOWN))
     feed.close()
     assert [ids(frame) for frame in frames(source, 0)] == [[1], [1, 2], [2], []]
     assert source.ended
     assert (source.fileno(), source.next_time_ns()) == (None, None)
+    source.close()
 
 
 @example(math.nan, 0.5, 1)
