@@ -68,11 +68,14 @@ def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
     assert table.click_at(Placement.on(DEVICE, [0.01]), 20.0) is None
 
 
-def test_a_table_without_clicks_has_places_all_the_same(tmp_path: Path) -> None:
+def test_a_table_without_clicks_has_places_and_solves_drives_all_the_same(tmp_path: Path) -> None:
     with Table.open(write_table(tmp_path / "bar.nc", DEVICE)) as table:
         assert not table.clicks and list(table.clicks) == [] and table.clicks.basis is None
         assert table.places == PLACES and table.click_at(PLACEMENTS[0], 20.0) is None
         assert (table.clicks.pair == NO_ROW).all()
+        drive = table.drive_for(["35 mm"], ["IV"], 14.0)
+    assert drive.felt == (True, False) and drive.wanted_level_db == 14.0
+    assert drive.level_db[0] > drive.level_db[1]
 
 
 def test_every_row_is_found_by_its_key_and_no_other_key_finds_it() -> None:
@@ -85,28 +88,18 @@ def test_every_row_is_found_by_its_key_and_no_other_key_finds_it() -> None:
     assert clicks.row_of((2, 3)) is None  # two fingers at one place
 
 
-def test_three_fingers_are_found_too() -> None:
+def test_clicks_are_given_by_number_slice_and_key_and_the_renderer_reads_the_same() -> None:
     clicks = made_clicks(DEVICE, varied_clicks())
-    key = PLACES.key(PLACEMENTS[4])
-    found = clicks.at(key)
-    assert found is not None and found.placement == PLACEMENTS[4]
-    assert clicks.row_of(tuple(code ^ 1 for code in key)) is None
-
-
-def test_what_the_renderer_reads_is_that_of_the_clicks() -> None:
-    clicks = made_clicks(DEVICE, varied_clicks())
+    assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
+    with pytest.raises(IndexError):
+        clicks[5]
+    three_fingers = PLACES.key(PLACEMENTS[4])
+    assert clicks.row_of(three_fingers) == 4 and clicks.row_of(tuple(code ^ 1 for code in three_fingers)) is None
     for row, click in enumerate(clicks):
         own = len(click.weights)
         assert np.array_equal(clicks.weights[row, :own], click.weights) and not clicks.weights[row, own:].any()
         assert clicks.fraction_bits[row] == click.fraction_bits and clicks.basis_set[row] == click.basis_set
         assert clicks.felt_low_db[row] == click.level_db
-
-
-def test_a_slice_is_a_list_of_clicks() -> None:
-    clicks = made_clicks(DEVICE, varied_clicks())
-    assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
-    with pytest.raises(IndexError):
-        clicks[5]
 
 
 def test_clicks_travel_to_another_process_as_arrays() -> None:
@@ -116,10 +109,3 @@ def test_clicks_travel_to_another_process_as_arrays() -> None:
     assert len(data) < arrays + 10_000
     again: Clicks = pickle.loads(data)
     assert all(same(one, other) for one, other in zip(again, clicks, strict=True))
-
-
-def test_a_drive_is_solved_for_the_positions(tmp_path: Path) -> None:
-    with Table.open(write_table(tmp_path / "bar.nc", DEVICE)) as table:
-        drive = table.drive_for(["35 mm"], ["IV"], 14.0)
-    assert drive.felt == (True, False) and drive.wanted_level_db == 14.0
-    assert drive.level_db[0] > drive.level_db[1]

@@ -89,19 +89,25 @@ def test_a_table_does_not_differ_from_itself(compare: Compare) -> None:
     assert not any((found.device, found.options, found.provenance, found.response_percent, found.notes))
 
 
-def test_who_made_it_when_is_told_but_is_no_difference(compare: Compare) -> None:
-    found = compare(created="2025-01-01", code_fingerprint="0ther")
-    assert not found.differs
-    assert [change.key for change in found.provenance] == ["created", "code_fingerprint"]
-
-
-def test_options_are_compared_one_by_one(compare: Compare) -> None:
-    found = compare(source="measured", click_options='{"quiet_db": 3.0}')
-    assert found.differs
-    assert [(change.key, change.after) for change in found.options] == [
-        ("source", "measured"),
-        ("click_options.quiet_db", 3.0),
-    ]
+@pytest.mark.parametrize(
+    ("changes", "part", "expected"),
+    [
+        ({"source": "measured"}, "options", {"source": "measured"}),
+        ({"click_options": '{"quiet_db": 3.0}'}, "options", {"click_options.quiet_db": 3.0}),
+        ({"response": 1.05}, "response_percent", {"left": pytest.approx(5.0), "right": pytest.approx(5.0)}),
+        ({"others": {"measured": 1.0}}, "arrays", ("measured/number",)),  # by their bytes
+        ({}, "options", {}),
+    ],
+)
+def test_what_the_file_holds_differs_by_name_but_not_who_made_it_when(
+    compare: Compare, changes: dict[str, Any], part: str, expected: object
+) -> None:
+    made = {"created": "2025-01-01", "code_fingerprint": "0ther"}
+    found = compare(**changes, **made)
+    told = getattr(found, part)
+    assert found.differs is bool(changes)
+    assert ({change.key: change.after for change in told} if part == "options" else told) == expected
+    assert {change.key: change.after for change in found.provenance} == made
 
 
 def test_a_value_of_the_device_is_named_with_its_change(compare: Compare) -> None:
@@ -200,19 +206,6 @@ def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
         "felt 27.9 mm, quiet 195.6 mm",
         "felt 83.8 mm 139.7 mm, quiet 251.5 mm",
     )
-
-
-def test_responses_that_changed_are_told_by_actuator(compare: Compare) -> None:
-    found = compare(response=1.05)
-    assert found.response_percent == {"left": pytest.approx(5.0), "right": pytest.approx(5.0)}
-    assert found.differs
-
-
-def test_arrays_of_other_groups_are_compared_by_their_bytes(compare: Compare) -> None:
-    found = compare(others={"measured": 1.0})
-    assert found.arrays == ("measured/number",)
-    assert found.differs
-    assert compare().arrays == ()
 
 
 def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:

@@ -10,11 +10,11 @@ from engine.table.history import previous_of, remove_leftovers, replace_table, r
 from tests.tools.processes import NO_PROCESS
 
 
-def put(path: Path, text: str) -> None:
-    """A new table takes its place."""
-    new = path.with_name("new")
-    new.write_text(text)
-    replace_table(new, path)
+def put(path: Path, *texts: str, keep: bool = True) -> None:
+    """One new table after the other takes its place."""
+    for text in texts:
+        path.with_name("new").write_text(text)
+        replace_table(path.with_name("new"), path, keep=keep)
 
 
 @pytest.fixture(params=[True, False], ids=["links", "no links"])
@@ -32,31 +32,23 @@ def texts(path: Path) -> dict[str, str]:
     return {kept.name: kept.read_text() for kept in path.parent.iterdir()}
 
 
-def test_the_table_before_is_kept_and_no_older_one(path: Path) -> None:
+def test_the_table_before_is_kept_and_no_older_one_nor_one_that_is_only_completed(path: Path) -> None:
     put(path, "1")
     assert texts(path) == {"bar.nc": "1"}
-    put(path, "2")
-    put(path, "3")
+    put(path, "2", "3")
     assert texts(path) == {"bar.nc": "3", "bar.nc.previous": "2"}
+    put(path, "3 and more", keep=False)
+    assert texts(path) == {"bar.nc": "3 and more", "bar.nc.previous": "2"}
 
 
 def test_behind_a_link_the_table_before_lies_beside_the_table(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     real, link = tmp_path / "there" / "bar.nc", tmp_path / "link.nc"
     link.symlink_to(real)
-    put(real, "1")
-    put(real, "2")
+    put(real, "1", "2")
     assert previous_of(link) == previous_of(real)
     roll_back(link)
     assert link.is_symlink() and texts(real) == {"bar.nc": "1", "bar.nc.previous": "2"}
-
-
-def test_a_table_that_is_only_completed_is_not_kept(path: Path) -> None:
-    put(path, "1")
-    put(path, "2")
-    (path.parent / "new").write_text("2 and more")
-    replace_table(path.parent / "new", path, keep=False)
-    assert texts(path) == {"bar.nc": "2 and more", "bar.nc.previous": "1"}
 
 
 def test_a_table_that_is_its_own_previous_one_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -70,9 +62,10 @@ def test_a_table_that_is_its_own_previous_one_leaves_nothing_behind(tmp_path: Pa
     assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
 
 
-def test_rolled_back_twice_is_as_before(path: Path) -> None:
-    put(path, "1")
-    put(path, "2")
+def test_rolled_back_twice_is_as_before_and_what_a_killed_one_left_is_removed(path: Path) -> None:
+    put(path, "1", "2")
+    for kind in ("older", "newer"):
+        path.with_name(f".bar.nc.{NO_PROCESS}.{kind}").write_text("half")
     roll_back(path)
     assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
     roll_back(path)
@@ -94,35 +87,15 @@ def test_a_folder_is_no_table_to_put_back(tmp_path: Path) -> None:
 
 
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
-    here = os.getpid()
-    for name in (
-        f".bar.nc.{NO_PROCESS}.partial",
-        f".bar.nc.{NO_PROCESS}.newer",
-        f".bar.nc.{here}.partial",
-        ".bar.nc.clicks",
-        ".other.nc.1.partial",
-    ):
+    kept = {f".bar.nc.{os.getpid()}.partial", ".bar.nc.clicks", ".other.nc.1.partial"}
+    for name in (f".bar.nc.{NO_PROCESS}.partial", f".bar.nc.{NO_PROCESS}.newer", *kept):
         (tmp_path / name).touch()
     remove_leftovers(tmp_path / "bar.nc")
-    assert {kept.name for kept in tmp_path.iterdir()} == {
-        f".bar.nc.{here}.partial",
-        ".bar.nc.clicks",
-        ".other.nc.1.partial",
-    }
-
-
-def test_a_roll_back_removes_what_a_killed_one_left(path: Path) -> None:
-    put(path, "1")
-    put(path, "2")
-    for kind in ("older", "newer"):
-        path.with_name(f".bar.nc.{NO_PROCESS}.{kind}").write_text("half")
-    roll_back(path)
-    assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
+    assert {path.name for path in tmp_path.iterdir()} == kept
 
 
 def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
-    put(path, "1")
-    put(path, "2")
+    put(path, "1", "2")
     path.unlink()
     roll_back(path)
     assert path.read_text() == "1"

@@ -3,9 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import h5netcdf
@@ -74,18 +72,11 @@ def refusal(path: Path, device: Device | None = None, code: str | None = None) -
     return str(error.value)
 
 
-def test_best_rows_are_read_back_as_written(table: Table) -> None:
-    assert table.best_rows == ROWS
-
-
 @pytest.mark.parametrize("pair", [0, 1])
 def test_a_zone_combination_adds_shares_and_takes_the_extreme_levels(table: Table, pair: int) -> None:
-    zones = ["V", "II", "II"]
-    stored = {n: figure(n)[pair].transpose(0, 4, 1, 2, 3) for n in ("localized_factor", "peak_acceleration")}
-    stored["dead_spot"] = figure("dead_spot")[pair].transpose(0, 4, 1, 2, 3)
-    assert table.localized_factor(zones, pair) == pytest.approx(stored["localized_factor"][..., [1, 4]].sum(axis=-1))
-    assert (table.peak_acceleration(zones, pair) == stored["peak_acceleration"][..., [1, 4]].max(axis=-1)).all()
-    assert (table.dead_spot(zones, pair) == stored["dead_spot"][..., [1, 4]].min(axis=-1)).all()
+    for name, combine in (("localized_factor", np.sum), ("peak_acceleration", np.max), ("dead_spot", np.min)):
+        stored = figure(name)[pair].transpose(0, 4, 1, 2, 3)[..., [1, 4]]
+        assert getattr(table, name)(["V", "II", "II"], pair) == pytest.approx(combine(stored, axis=-1))
 
 
 def test_no_zone_and_no_such_pair_are_refused(table: Table) -> None:
@@ -96,68 +87,26 @@ def test_no_zone_and_no_such_pair_are_refused(table: Table) -> None:
             table.dead_spot(["I"], pair)
 
 
-def test_any_byte_flipped_in_the_data_of_a_variable_is_refused(whole: Path, tmp_path: Path) -> None:
-    """Numbers only: what the file holds of text is reached by the flips anywhere."""
-    path, content = tmp_path / "flipped.nc", whole.read_bytes()
-    random = np.random.default_rng(1)
-    with h5py.File(whole) as file:
-        numbers = [v for group in file.values() for v in group.values() if v.dtype.kind in "fi" and "crc32" in v.attrs]
-        spans = {v.name: (v.id.get_offset(), v.nbytes) for v in numbers}
-    for name, (start, size) in spans.items():
-        for place in {0, size - 1, *random.integers(size, size=3).tolist()}:
-            flipped = bytearray(content)
-            flipped[start + place] ^= 1 << random.integers(8)
-            path.write_bytes(flipped)
-            assert "is corrupted: it fails its checksum" in refusal(path), name
+def test_a_byte_flipped_anywhere_is_refused(whole: Path, tmp_path: Path) -> None:
+    """The seal is of all bytes, and is looked at before HDF5, which a damaged file can keep busy for ever."""
+    path, content, random = tmp_path / "flipped.nc", whole.read_bytes(), np.random.default_rng(1)
 
+    def flipped(place: int) -> Path:
+        changed = bytearray(content)
+        changed[place] ^= 1 << random.integers(8)
+        path.write_bytes(changed)
+        return path
 
-def content_of(path: Path) -> str:
-    """All that a reader can see of a table."""
-    with Table.open(path) as table, h5netcdf.File(path, decode_vlen_strings=True) as file:
-        variables = [v for group in file.groups.values() for v in group.variables.values()]
-        seen = [(v.name, v.dimensions, dict(v.attrs), np.asarray(v[...]).tolist()) for v in variables]
-        return repr((dict(table.best_rows), table.device, {k: str(v) for k, v in file.attrs.items()}, seen))
-
-
-def verdict(path: Path, seen: str) -> str:
-    """What a changed file does to its reader."""
-    try:
-        return "ok" if content_of(path) == seen else "is believed"
-    except TableError:
-        return "ok"
-    except Exception as error:
-        return f"raises {type(error).__name__}"
-
-
-@pytest.mark.machine
-def test_a_byte_flipped_anywhere_is_refused_or_changes_nothing(whole: Path, tmp_path: Path) -> None:
-    """In a process of its own: a damaged heap of strings can send HDF5 round in circles for ever."""
-    content, seen = whole.read_bytes(), content_of(whole)
-    random, wrong = np.random.default_rng(2), []
-    workers = ProcessPoolExecutor(1, get_context("spawn"))
-    for place in random.integers(len(content), size=80).tolist():
-        flipped = bytearray(content)
-        flipped[place] ^= 1 << random.integers(8)
-        (tmp_path / "flipped.nc").write_bytes(flipped)
-        try:
-            answer = workers.submit(verdict, tmp_path / "flipped.nc", seen).result(timeout=20)
-        except TimeoutError:
-            answer = "never returns"
-            next(iter(workers._processes.values())).kill()
-            workers = ProcessPoolExecutor(1, get_context("spawn"))
-        if answer != "ok":
-            wrong.append(f"byte {place} {answer}")
-    workers.shutdown()
-    assert not wrong, f"{len(wrong)} of 80: {wrong[:12]}"
+    for place in random.integers(60, len(content) - 16, size=80).tolist():
+        assert "is corrupted: it fails its checksum" in refusal(flipped(place)), place
+    for place in (*range(60), *range(-16, 0)):  # what HDF5 knows its files by, and the seal
+        assert re.search("fails its checksum|truncated|not a NetCDF-4 file", refusal(flipped(place))), place
 
 
 CHANGED: dict[str, tuple[Callable[[h5py.File], object], str]] = {
     "a newer format": (lambda file: file.attrs.update(format_revision=8), "revision 8.*reads 7; update"),
     "an older format": (lambda file: file.attrs.update(format_revision=6), "revision 6.*reads 7; build it again"),
     "another attribute": (lambda file: file.attrs.update(device_name="other"), "corrupted"),
-    "another description": (lambda file: file.attrs.update(device_description=f"{TEXT} "), "corrupted"),
-    "another unit": (lambda file: file["best_rows/drive_frequency"].attrs.update(units="kHz"), "corrupted"),
-    "a group is missing": (lambda file: file.pop("sweep"), "corrupted"),
     "an array is missing": (lambda file: file["best_rows"].pop("share"), "corrupted"),
 }
 
@@ -197,9 +146,11 @@ def test_the_table_of_another_device_state_or_code_is_refused_and_names_it(whole
     assert re.search("stale.*version of the code", refusal(whole, DEVICE, "0dd"))
 
 
-def test_the_wording_of_a_device_does_not_make_its_table_stale(whole: Path) -> None:
+def test_a_table_is_read_back_for_a_device_of_other_wording_and_is_usable_after_closing(whole: Path) -> None:
     with Table.open(whole, device=replace(DEVICE, description="something else", text="")) as table:
         assert table.best_rows == ROWS
+    assert table.best_row(["I"], level_db=10.0) == ROWS[1][0]
+    assert table.device == DEVICE
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
@@ -236,10 +187,3 @@ def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
             stream.close()
         with Table.open(path) as table:
             assert (table.values("more", "x") == values).all()
-
-
-def test_a_table_is_usable_after_closing(whole: Path) -> None:
-    with Table.open(whole) as table:
-        pass
-    assert table.best_row(["I"], level_db=10.0) == ROWS[1][0]
-    assert table.device == DEVICE
