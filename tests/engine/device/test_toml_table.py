@@ -49,14 +49,11 @@ def test_a_pipe_a_device_and_a_huge_file_are_refused_before_they_are_read(tmp_pa
     "x = {{ {} = 1 }}",
 ])  # fmt: skip
 @pytest.mark.parametrize("part", ["a", "1", "''"])
-def test_a_key_of_very_many_parts_is_refused_by_its_line(line: str, part: str) -> None:
+def test_a_key_of_very_many_parts_is_refused_by_its_line_but_not_the_dots_of_numbers(line: str, part: str) -> None:
+    assert TomlTable.parse(f"x = [{'0.5, ' * 1000}]", "some.toml").left["x"] == [0.5] * 1000
     TomlTable.parse("\n" + line.format(".".join([part] * 50)), "some.toml")
     with pytest.raises(ValueError, match=rf"some.toml: line 2: .*at most {MOST_DOTS} dots"):
         TomlTable.parse("\n" + line.format(".".join([part] * 400)), "some.toml")
-
-
-def test_numbers_of_one_line_have_as_many_dots_as_they_like() -> None:
-    assert TomlTable.parse(f"x = [{'0.5, ' * 1000}]", "some.toml").left["x"] == [0.5] * 1000
 
 
 def test_a_whole_number_too_long_to_be_shown_is_refused_as_the_file_is() -> None:
