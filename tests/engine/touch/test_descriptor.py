@@ -16,7 +16,6 @@ from tests.engine.touch.descriptors import (
     BLOB,
     CONTACT_COUNT,
     COUNT_MAXIMUM_5,
-    PEN,
     SCAN_TIME,
     TOUCH_PAD,
     application,
@@ -61,16 +60,13 @@ def test_extent_follows_unit_and_exponent(items: str, extent_mm: float | None) -
     assert surface.width_mm == (extent_mm if extent_mm is None else pytest.approx(extent_mm))
 
 
-def test_features_are_found_in_their_reports() -> None:
+def test_features_are_found_in_their_reports_and_device_mode_in_another_application() -> None:
     (surface,) = read_surfaces(SCREEN)
     assert surface.is_win8
     assert surface.certification_blob is not None and surface.certification_blob.report_id == 0x11
     maximum = surface.contact_count_maximum
     assert maximum is not None and (maximum.report_id, maximum.logical_maximum) == (2, 5)
     assert surface.device_mode is None
-
-
-def test_device_mode_is_found_in_another_application() -> None:
     configuration = bytes.fromhex("050d 090e a101 8504 0923 a102 0952 1500 250a 7508 9501 b102 c0 c0")
     (surface,) = read_surfaces(SCREEN + configuration)
     assert surface.device_mode is not None and surface.device_mode.report_id == 4
@@ -86,10 +82,6 @@ def test_each_touch_application_is_a_surface_of_its_own() -> None:
     surfaces = read_surfaces(SCREEN + pad)
     assert [surface.kind for surface in surfaces] == [SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD]
     assert [surface.reports[0].report_id for surface in surfaces] == [1, 7]
-
-
-def test_a_pen_application_is_no_touch_surface() -> None:
-    assert read_surfaces(application(finger(), usage=PEN)) == ()
 
 
 def test_fingers_of_an_application_come_without_its_pens() -> None:
@@ -117,20 +109,21 @@ def test_of_a_doubled_position_the_first_is_the_touch_point() -> None:
     assert (surface.x.bit, surface.y.bit) == (24, 56)
 
 
-def test_long_items_are_skipped() -> None:
-    assert read_surfaces(bytes.fromhex("fe03aa010203") + SCREEN) == read_surfaces(SCREEN)
-
-
-def test_pop_restores_every_global() -> None:
-    wrapped = SCREEN.replace(
-        bytes.fromhex("0501 26e803"), bytes.fromhex("a4 057f 1505 2506 3507 4508 5509 650a 750b 950c b4 0501 26e803"), 1
-    )
-    assert read_surfaces(wrapped) == read_surfaces(SCREEN)
-
-
-def test_of_delimited_alternatives_the_first_counts() -> None:
-    delimited = application(finger()).replace(bytes.fromhex("0951"), bytes.fromhex("a901 0951 0938 a900"))
-    assert read_surfaces(delimited) == read_surfaces(application(finger()))
+@pytest.mark.parametrize(
+    "variant",
+    [
+        bytes.fromhex("fe03aa010203") + SCREEN,  # a long item is skipped
+        SCREEN.replace(  # Pop restores every global
+            bytes.fromhex("0501 26e803"),
+            bytes.fromhex("a4 057f 1505 2506 3507 4508 5509 650a 750b 950c b4 0501 26e803"),
+            1,
+        ),
+        SCREEN.replace(bytes.fromhex("0951"), bytes.fromhex("a901 0951 0938 a900")),  # the first of alternatives counts
+    ],
+)
+def test_long_items_saved_globals_and_alternatives_change_nothing(variant: bytes) -> None:
+    assert variant != SCREEN
+    assert read_surfaces(variant) == read_surfaces(SCREEN)
 
 
 def test_a_maximum_is_signed_only_beside_a_negative_minimum() -> None:

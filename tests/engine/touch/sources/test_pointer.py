@@ -58,12 +58,6 @@ def test_events_that_happen_at_once_are_one_frame(pipe: Pipe) -> None:
         if frame is not None:
             found.append(ids(frame))
     assert found == [[0, 1, 2], [1, 2]]
-    released_ns = 5 * MS + 200 * MS
-    while (report := source.read(released_ns)) is not None:
-        frame = digitizer.decode_report(report, released_ns)
-        assert frame is not None
-        found.append(ids(frame))
-    assert found[2:] == [[1], []]  # the longest silent first
 
 
 def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
@@ -81,13 +75,13 @@ def test_a_pointer_the_page_forgot_is_released_alone(pipe: Pipe) -> None:
     digitizer = open_digitizer(source.descriptor)
     frame = None
     for time_ms in range(0, 300, 50):
+        feed.send(PointerEvent(1, 0.1, 0.5, Phase.MOVE))
         if time_ms < 100:
-            feed.send(PointerEvent(1, 0.1, 0.5, Phase.MOVE))
-        feed.send(PointerEvent(2, 0.9, 0.5, Phase.MOVE))
+            feed.send(PointerEvent(2, 0.9, 0.5, Phase.MOVE))
         while (report := source.read(time_ms * MS)) is not None:
             frame = digitizer.decode_report(report, time_ms * MS)
         assert frame is not None
-        assert ids(frame) == ([1, 2] if time_ms < 200 else [2])
+        assert ids(frame) == ([1, 2] if time_ms < 200 else [1])
     assert source.next_time_ns() == (250 + 120) * MS
 
 
