@@ -8,9 +8,11 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.device.file import ROMAN
+from engine.device.values import compare_values, device_values
 
 SHIPPED = Path(__file__).parents[3] / "tables" / "devices"
 TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
+REFERENCE = Device.parse(TEXT, "reference-a.toml")
 SECTIONS = (
     "",
     "bar",
@@ -61,20 +63,10 @@ def with_zones(*zones: str) -> str:
     return text + "".join(f"\n[[zone]]\n{zone}\n" for zone in zones)
 
 
-UNDAMPED = (
-    ("bar", "mass_damping", '"0 1/s"'),
-    ("bar", "stiffness_damping", '"0 s"'),
-    ("actuator[1]", "damping", '"0 N*s/m"'),
-    ("actuator[2]", "damping", '"0 N*s/m"'),
-)
-
-
 def without_damping(still_damped: str | None = None) -> str:
-    """Reference-a with no damping but, if asked, that of one section."""
-    text = TEXT
-    for section, key, value in UNDAMPED:
-        text = text if section == still_damped else changed(section, key, value, text)
-    return text
+    """Reference-a with no damping but the finger's and, if asked, that of one section."""
+    parts = {section: re.sub(r'(damping = ")\S+', r"\g<1>0", body) for section, body in BODIES.items()}
+    return "".join({**parts, **{kept: BODIES[kept] for kept in ("finger", still_damped) if kept}}.values())
 
 
 def without_section(header: str) -> str:
@@ -89,15 +81,18 @@ def refusal(text: str) -> str:
     return message
 
 
-def fingerprint(text: str) -> str:
-    return Device.parse(text, "some.toml").fingerprint
+def differs(text: str) -> bool:
+    """Whether the description is of another device than reference-a, by its fingerprint and by its values alike."""
+    device = Device.parse(text, "some.toml")
+    is_other = device.fingerprint != REFERENCE.fingerprint
+    assert bool(compare_values(device_values(REFERENCE), device_values(device))) == is_other
+    return is_other
 
 
 # What is wrong: (section, key, value in TOML, what the message must also say)
 WRONG = [
     ("bar", "length", '"279.4"', "has no unit; expected a length such as '1 m'"),
     ("bar", "length", '"0 mm"', "more than 0 m"),
-    ("bar", "mass_damping", '"-1 1/s"', "at least 0 1/s"),
     ("bar", "largest_element", '"1 um"', "at least"),
     ("bar", "damping_of", '"table"', "one of bar, assembly"),
     ("actuator[2]", "stiffness", '"0 N/m"', "more than 0 N/m"),
@@ -110,13 +105,11 @@ WRONG = [
     ("zones", "count", "0", "a whole number from 1 to 16"),
     ("zones", "count", "17", "a whole number from 1 to 16"),
     ("finger", "spread", "0.5", "a factor of at least 1"),
-    ("spread", "stiffness", '"-1 %"', "at least 0"),
     ("spread", "stiffness", '"20 %"', "less than 20 %"),
     ("spread", "finger", '"100 %"', "less than 100 %"),
     ("digitizer", "axis", '"z"', "one of x, y"),
     ("digitizer", "flip", '"yes"', "true or false"),
     ("digitizer", "start_margin", '"279.4 mm"', "leave nothing of the bar"),
-    ("digitizer", "end_margin", '"100.1 %"', "is off the bar"),
     ("digitizer", "active_length", '"0 mm"', "more than 0 m"),
     ("sweep", "start", '"0 Hz"', "more than 0 Hz"),
     ("sweep", "stop", '"60 Hz"', "more than 60 Hz"),
@@ -131,7 +124,6 @@ WRONG = [
     ("feel", "levels", "[]", "a list of 1 to 16 levels"),
     ("feel", "levels", '["10 dB", "10 dB"]', "rising levels"),
     ("feel", "levels", '["81 dB"]', "0 to 80 dB above threshold"),
-    ("limits", "lease", '"40 mm"', "is a length; expected a time"),
     ("bar", "inferred", '["lenght"]', "is no key of this table; its keys are length, width"),
     ("bar", "inferred", '"length"', "a list of keys"),
     ("", "description", "5", "text"),
@@ -181,10 +173,7 @@ REFUSED = {
         "left",
     ),
     "zones that overlap": (with_zones(zone(0, 60), zone(50, 90)), "zone[2].start: '50 mm'", "zone I,"),
-    "zones out of order": (with_zones(zone(100, 160), zone(0, 90)), "zone[2].start: '0 mm'", "zone I"),
     "a zone that leaves the bar": (with_zones(zone(0, 300)), "zone[1].stop: '300 mm'", "279.4 mm"),
-    "a zone beside the bar": (with_zones(zone(290, 300)), "zone[1].start: '290 mm'", "279.4 mm"),
-    "a zone before the bar": (with_zones(zone(-1, 30)), "zone[1].start: '-1 mm'", "at least 0"),
     "a zone of nothing": (with_zones(zone(30, 30)), "zone[1].stop: '30 mm'", "start"),
     "a zone without an end": (with_zones('start = "30 mm"'), "[zone[1]]", "'stop'"),
     "a zone with two ends": (with_zones(zone(0, 30, 'end = "40 mm"')), "zone[1].end: '40 mm'", "unknown key"),
@@ -253,7 +242,7 @@ def test_a_table_that_is_absent_has_the_values_of_reference_a_and_those_of_the_d
     section: str,
 ) -> None:
     device = Device.parse(without_section(section), "some.toml")
-    assert device.fingerprint == fingerprint(TEXT)
+    assert device.fingerprint == REFERENCE.fingerprint
     assert {f"{table}.{key}" for table, key in ASSUMED if table == section} <= set(device.inferred)
 
 
@@ -378,13 +367,13 @@ SAME = [
 
 
 @pytest.mark.parametrize(("section", "key", "value"), SAME, ids=[f"{s}.{k}={v}" for s, k, v in SAME])
-def test_the_same_value_in_other_words_has_the_same_fingerprint(section: str, key: str, value: str) -> None:
-    assert fingerprint(changed(section, key, value)) == fingerprint(TEXT)
+def test_the_same_value_in_other_words_is_that_of_the_same_device(section: str, key: str, value: str) -> None:
+    assert not differs(changed(section, key, value))
 
 
 def test_order_wording_comments_and_marks_do_not_change_the_fingerprint_but_the_order_of_actuators_does() -> None:
     top, bar, left, right, *rest = BODIES.values()
-    assert fingerprint("".join([top, bar, right, left, *rest])) != fingerprint(TEXT)
+    assert differs("".join([top, bar, right, left, *rest]))
     shuffled = "\n".join(
         [top, *reversed(rest), left, right, "\n".join([bar.splitlines()[0], *bar.splitlines()[:0:-1]])]
     )
@@ -392,7 +381,7 @@ def test_order_wording_comments_and_marks_do_not_change_the_fingerprint_but_the_
     uncommented = re.sub(r" *#.*", "", TEXT)
     defaults = changed("limits", "lease", None, without_marks())
     for same in (shuffled, reworded, uncommented, without_marks(), defaults, TEXT.replace("\n", "\r\n")):
-        assert fingerprint(same) == fingerprint(TEXT)
+        assert not differs(same)
 
 
 OTHER = {
@@ -424,11 +413,11 @@ OTHER = {
         *(("digitizer", "active_length"), ("bar", "damping_of")),
     ],
 )
-def test_any_other_value_has_another_fingerprint(section: str, key: str) -> None:
+def test_any_other_value_is_that_of_another_device(section: str, key: str) -> None:
     written = re.search(rf'^{key} = "([0-9.e-]+) ([^"]*)"', BODIES[section], re.MULTILINE)
     value = OTHER.get(key) or (written and f'"{float(written[1]) * 1.001:.12g} {written[2]}"')
     assert value
-    assert fingerprint(changed(section, key, value)) != fingerprint(TEXT)
+    assert differs(changed(section, key, value))
 
 
 @pytest.mark.parametrize("name", ["reference-a", "reference-d", "reference-t"])

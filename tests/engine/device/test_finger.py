@@ -1,20 +1,23 @@
 """Laws of fingers as data: what is stated is taken, what was measured is fitted, and what does not fit is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from engine.device import Device, DeviceError, Finger
 from engine.device.finger import impedance_of
 from engine.device.named_files import IMPEDANCE_HEADER
-from tactable.shipped import device_folder, find_device
+from tactable.shipped import find_device
+from tests.engine.device.test_file import TEXT
 
-TEXT = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
 BARE = TEXT[: TEXT.index("[finger]")] + TEXT[TEXT.index("[spread]") :]
 HZ = np.arange(40.0, 401.0, 20.0)
+FINGER = Finger(2e-4, 1.5, 1500.0, 3.0)
 
 
 def points(finger: Finger, hz: object = HZ, error: float = 0.0) -> list[list[float]]:
@@ -47,21 +50,19 @@ def test_a_mass_damper_and_spring_is_found_from_its_impedance(mass_g: float, dam
 
 
 def test_the_fit_has_the_least_squares_of_the_relative_error_within_the_sweep() -> None:
-    device = measured(points(Finger(2e-4, 1.5, 1500.0, 3.0), error=0.2))
+    device = measured(points(FINGER, error=0.2))
     rows = np.array(device.finger_origin.impedance)
-    inside = (rows[:, 0] >= 60) & (rows[:, 0] <= 300)
+    hz, real, imaginary = rows[(rows[:, 0] >= 60) & (rows[:, 0] <= 300)].T
 
-    def squares(finger: Finger) -> float:
-        z = rows[inside, 1] + 1j * rows[inside, 2]
-        return float((abs(impedance_of(finger, rows[inside, 0]) / z - 1) ** 2).sum())
+    def misses(finger: Finger) -> NDArray[np.float64]:
+        return np.asarray(abs(impedance_of(finger, hz) / (real + 1j * imaginary) - 1))
 
-    best, own = device.finger, squares(device.finger)
-    for factor in (0.98, 1.02):
-        assert squares(Finger(best.mass_kg * factor, best.damping_n_s_per_m, best.stiffness_n_per_m, 3.0)) > own
-        assert squares(Finger(best.mass_kg, best.damping_n_s_per_m * factor, best.stiffness_n_per_m, 3.0)) > own
-        assert squares(Finger(best.mass_kg, best.damping_n_s_per_m, best.stiffness_n_per_m * factor, 3.0)) > own
-    z = rows[inside, 1] + 1j * rows[inside, 2]
-    assert device.finger_origin.misfit == pytest.approx(abs(impedance_of(best, rows[inside, 0]) / z - 1).max())
+    best = device.finger
+    assert device.finger_origin.misfit == pytest.approx(misses(best).max())
+    for name in ("mass_kg", "damping_n_s_per_m", "stiffness_n_per_m"):
+        for factor in (0.98, 1.02):
+            other = replace(best, **{name: factor * getattr(best, name)})
+            assert (misses(other) ** 2).sum() > (misses(best) ** 2).sum()
     beyond = [row if 60 <= row[0] <= 300 else [row[0], 9.0, 9.0] for row in rows.tolist()]
     assert measured(beyond).finger == best
 
@@ -73,15 +74,13 @@ def test_no_mass_and_no_stiffness_comes_out_negative(mass_kg: float, stiffness_n
 
 
 def test_a_value_beside_an_impedance_replaces_its_own_as_a_calibration_does() -> None:
-    finger = Finger(2e-4, 1.5, 1500.0, 3.0)
-    device = measured(points(finger)).with_values({"finger.stiffness": "2 kN/m"})
+    device = measured(points(FINGER)).with_values({"finger.stiffness": "2 kN/m"})
     assert device.finger.stiffness_n_per_m == 2000 and device.finger.mass_kg == pytest.approx(2e-4)
     assert device.finger_origin.misfit and device.finger_origin.misfit > 0.1
 
 
 def test_files_become_part_of_the_description(tmp_path: Path) -> None:
-    finger = Finger(2e-4, 1.5, 1500.0, 3.0)
-    lines = [",".join(f"{value!r}" for value in row) for row in points(finger)]
+    lines = [",".join(f"{value!r}" for value in row) for row in points(FINGER)]
     (tmp_path / "hands").mkdir()
     (tmp_path / "hands" / "mine.csv").write_text("# measured\n" + "\n".join([IMPEDANCE_HEADER, *lines]) + "\n")
     text = 'name = "mine"\nsource = "a bench"\nimpedance = "mine.csv"\nspread = 2\ninferred = ["spread"]\n'

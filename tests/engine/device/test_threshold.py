@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from engine.device import Device, DeviceError, Threshold
 from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
 from tactable.shipped import device_folder, find_device
+from tests.engine.device.test_file import TEXT
 from tests.precompute.sampled import THRESHOLD_DB, threshold
 
 OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")
 GRAVITY_M_PER_S2 = 9.80665
-TEXT = (device_folder() / "reference-a.toml").read_text(encoding="utf-8")
 CURVES = device_folder().parent / "thresholds"
 
 

@@ -13,7 +13,7 @@ import pytest
 from engine.device import Device
 from engine.table import ClickEntry, Clicks, Table
 from engine.table.best_rows import BestRow, BestRows
-from engine.table.diff import StateChange, TableDiff, Tolerance, compare_tables, row_figures
+from engine.table.diff import TableDiff, Tolerance, compare_tables, row_figures
 from engine.table.levels import shifted
 from engine.touch.places import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
@@ -77,11 +77,6 @@ def with_row(index: int, **changes: Any) -> list[BestRow]:
     return [replace(row, **changes) if i == index else row for i, row in enumerate(ROWS)]
 
 
-def only(found: tuple[StateChange, ...]) -> StateChange:
-    assert len(found) == 1
-    return found[0]
-
-
 def test_a_table_does_not_differ_from_itself(compare: Compare) -> None:
     found = compare()
     assert not found.differs
@@ -134,7 +129,7 @@ def test_a_change_of_a_figure_is_found_where_it_was_made(
     compare: Compare, changes: dict[str, Any], figure: str, size: float
 ) -> None:
     found = compare(with_row(1, **changes))
-    state = only(found.best_rows.changed)
+    (state,) = found.best_rows.changed
     assert (state.felt, state.quiet, state.level_db) == (("IV",), (), 20.0)
     assert [change.figure for change in state.figures] == [figure]
     assert state.figures[0].size == pytest.approx(size)
@@ -190,7 +185,7 @@ def test_a_change_of_a_click_is_found_where_it_was_made(
     compare: Compare, change: Callable[[ClickEntry], ClickEntry], figure: str, size: float
 ) -> None:
     found = compare(clicks=[CLICKS[0], change(CLICKS[1]), CLICKS[2]])
-    state = only(found.clicks.changed)
+    (state,) = found.clicks.changed
     assert (state.felt, state.quiet, state.level_db) == (("27.9 mm",), ("195.6 mm",), None)
     assert {f.figure: f.size for f in state.figures} == {figure: pytest.approx(size, rel=1e-3)}
     assert not found.best_rows.differs

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from hypothesis import strategies as st
-
 TOUCH_SCREEN, TOUCH_PAD, PEN = 0x04, 0x05, 0x02
 BLOB = bytes.fromhex("8511 0600ff 09c5 150026ff00 7508 960001 b102")
 CONTACT_COUNT = bytes.fromhex("050d 0954 1500 257f 7508 9501 8102")
@@ -27,13 +25,3 @@ def application(*parts: bytes, usage: int = TOUCH_SCREEN, report_id: int | None 
     """An application collection on the Digitizer page."""
     identity = b"" if report_id is None else bytes([0x85, report_id])
     return bytes([0x05, 0x0D, 0x09, usage, 0xA1, 0x01]) + identity + b"".join(parts) + b"\xc0"
-
-
-@st.composite
-def mutated(draw: st.DrawFn, original: bytes) -> bytes:
-    """The original with up to four places where up to three bytes became up to four others."""
-    descriptor = bytearray(original)
-    for _ in range(draw(st.integers(1, 4))):
-        place = draw(st.integers(0, len(descriptor)))
-        descriptor[place : place + draw(st.integers(0, 3))] = draw(st.binary(max_size=4))
-    return bytes(descriptor)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -246,9 +246,9 @@ class KernelSlots:
         self.slots: dict[int, int] = {}
         self.positions: dict[int, tuple[int, int]] = {}
 
-    def damp(self, contacts: Iterable[Contact]) -> list[tuple[int, int]]:
-        contacts = tuple(contacts)
-        leaving = {contact_id: self.slots.pop(contact_id) for contact_id in self.slots.keys() - {*names(contacts)}}
+    def damp(self, contacts: tuple[Contact, ...]) -> list[tuple[int, int]]:
+        left = self.slots.keys() - {contact.contact_id for contact in contacts}
+        leaving = {contact_id: self.slots.pop(contact_id) for contact_id in left}
         for contact in contacts:
             if contact.contact_id not in self.slots:
                 taken = {*self.slots.values(), *leaving.values()}
@@ -262,10 +262,6 @@ class KernelSlots:
             for value, old, fuzz in zip(position, self.positions.get(slot, (0, 0)), self.fuzz, strict=True)
         )
         self.positions[slot] = (x, y)
-
-
-def names(contacts: Iterable[Contact]) -> Iterator[int]:
-    return (contact.contact_id for contact in contacts)
 
 
 def damped(value: int, old: int, fuzz: int) -> int:

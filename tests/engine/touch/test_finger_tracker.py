@@ -133,7 +133,7 @@ def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: 
     assert tracker.track(frame_of(*contacts)) == touches
 
 
-def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
+def test_hysteresis_is_per_contact_and_ends_with_the_touch_also_where_the_finger_hovers() -> None:
     tracker = FingerTracker(REFERENCE, SURFACE)
     past_edge = 202  # zone I stops at 200; the hysteresis of 2 mm is 7.2 units
 
@@ -143,8 +143,10 @@ def test_hysteresis_is_per_contact_and_ends_with_the_touch() -> None:
     assert zones(at(195, 1)) == [0]
     assert zones(at(past_edge, 1)) == [0]
     assert zones(at(past_edge, 1), at(past_edge, 2)) == [0, 1]
-    assert zones() == []
-    assert zones(at(past_edge, 1)) == [1]
+    for ended in ([], [at(past_edge, 1, tip=False)]):
+        assert zones(at(150, 1)) == zones(at(past_edge, 1)) == [0]
+        assert zones(*ended) == []
+        assert zones(at(past_edge, 1)) == [1]
 
 
 def test_a_contact_that_the_digitizer_hands_out_again_is_the_same_finger() -> None:
@@ -153,10 +155,3 @@ def test_a_contact_that_the_digitizer_hands_out_again_is_the_same_finger() -> No
     again = tracker.track(frame_of(rests, at(720, 2)))
     assert again[0] is first[0]
     assert again[1].position_m > first[1].position_m
-
-
-def test_a_hovering_finger_touches_nothing_and_forgets_its_zone() -> None:
-    tracker = FingerTracker(REFERENCE, SURFACE)
-    tracker.track(frame_of(at(195)))
-    assert tracker.track(frame_of(at(195, tip=False))) == []
-    assert [touch.zone for touch in tracker.track(frame_of(at(202)))] == [1]

@@ -46,14 +46,10 @@ def test_any_text_is_a_recording_or_a_recording_error(tmp_path: Path, text: str)
         assert "some.hid, line " in str(error)
 
 
-def test_a_recording_is_read_field_by_field(tmp_path: Path) -> None:
+def test_a_recording_is_read_field_by_field_whatever_its_line_ends_comments_and_blank_lines(tmp_path: Path) -> None:
     expected = Recording("bar", 0x18, 0x04F3, 0x200A, b"\x05\x0d", (Report(0, 1.5, b"\x01\x02\xff"),))
-    assert read_text(tmp_path, "\n".join(LINES)) == expected
-
-
-def test_line_ends_comments_and_blank_lines_do_not_matter(tmp_path: Path) -> None:
     noisy = "\r\n".join(f"# note: 1\r\n\r\n{line}" for line in LINES)
-    assert read_text(tmp_path, noisy) == read_text(tmp_path, "\n".join(LINES))
+    assert read_text(tmp_path, "\n".join(LINES)) == read_text(tmp_path, noisy) == expected
 
 
 def test_name_and_numbers_may_be_absent(tmp_path: Path) -> None:
