@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from engine.device.values import Change, compare_values, device_values
-from tests.engine.table.test_table import DEVICE
 from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
 
 
 def test_a_value_has_the_name_of_its_place_and_its_unit() -> None:
@@ -28,10 +29,9 @@ def test_per_cent_is_told_of_numbers_only() -> None:
 
 
 def test_a_device_is_shown_short_in_a_line_and_as_a_table_in_a_notebook() -> None:
-    device = shipped("reference-a")
-    assert repr(device).startswith("<Device reference-a: 279.4 mm, 2 actuators, 5 zones, ")
-    shown = device._repr_html_()
+    assert repr(DEVICE).startswith("<Device reference-a: 279.4 mm, 2 actuators, 5 zones, ")
+    shown = DEVICE._repr_html_()
     assert "<td>bar</td><td>279.4 mm by " in shown
     assert "<td>actuators</td><td>left at 44.7 mm, 60 to 300 Hz; right at 273 mm, 60 to 300 Hz</td>" in shown
-    assert device.threshold.title in shown and "bar.width" in shown
-    assert "<b>" not in replace(device, name="<b>")._repr_html_().removeprefix("<b>Device</b>")
+    assert DEVICE.threshold.title in shown and "bar.width" in shown
+    assert "<b>" not in replace(DEVICE, name="<b>")._repr_html_().removeprefix("<b>Device</b>")

@@ -18,15 +18,13 @@ from engine.table.file import TableWriter, Variable
 from engine.table.receptance_columns import write_receptances
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import receptances_of
+from tests.precompute.devices import shipped
 
-TEXT = (Path(__file__).parents[3] / "tables" / "devices" / "reference-a.toml").read_text(encoding="utf-8")
-DEVICE = Device.parse(TEXT, "reference-a.toml")
+DEVICE = shipped("reference-a")
+TEXT = DEVICE.text
 CODE = "c0de"
-RECEPTANCES = receptances_of(DEVICE)
 SWEEP = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
 SHAPE = (2, 4, 3, 3, 5, 4)
-
-
 ROWS = rows_of(DEVICE, (10.0, 20.0, math.inf))
 
 
@@ -34,24 +32,21 @@ def figure(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
     return np.random.default_rng(len(name)).random(SHAPE, dtype=np.float32)
 
 
-def fill(writer: TableWriter, device: Device = DEVICE, code: str = CODE) -> None:
-    description = {"device_description": device.text, "device_fingerprint": device.fingerprint}
-    writer.describe({"device_name": device.name, "code_fingerprint": code, "click_pitch_m": 3e-3, **description})
+def fill(writer: TableWriter) -> None:
+    description = {"device_description": TEXT, "device_fingerprint": DEVICE.fingerprint}
+    writer.describe({"device_name": DEVICE.name, "code_fingerprint": CODE, "click_pitch_m": 3e-3, **description})
     for name in ("localized_factor", "peak_acceleration", "dead_spot"):
         writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
-    write_receptances(writer, RECEPTANCES, device)
-    write_best_rows(writer, ROWS, device)
-
-
-def make_table(path: Path, device: Device = DEVICE, code: str = CODE) -> Path:
-    with TableWriter(path) as writer:
-        fill(writer, device, code)
-    return path
+    write_receptances(writer, receptances_of(DEVICE), DEVICE)
+    write_best_rows(writer, ROWS, DEVICE)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_table(tmp_path_factory.mktemp("table") / "whole.nc")
+    path = tmp_path_factory.mktemp("table") / "whole.nc"
+    with TableWriter(path) as writer:
+        fill(writer)
+    return path
 
 
 @pytest.fixture

@@ -139,15 +139,9 @@ def test_a_pipe_that_nobody_reads_does_not_block_the_page() -> None:
 axes = st.tuples(st.integers(-(2**31), 2**31 - 2), st.integers(1, 2**31), st.none() | st.floats(1, 5000)).map(
     lambda parts: Axis(parts[0], min(parts[0] + parts[1], 2**31 - 1), parts[2])
 )
+places = st.integers(-(2**31), 2**31)
 contacts = st.lists(
-    st.builds(
-        Contact,
-        st.integers(0, 2**32 - 1),
-        st.integers(-(2**31), 2**31),
-        st.integers(-(2**31), 2**31),
-        st.just(True),
-        st.just(True),
-    ),
+    st.builds(Contact, st.integers(0, 2**32 - 1), places, places, st.just(True), st.just(True)),
     unique_by=lambda contact: contact.contact_id,
     min_size=1,
     max_size=MOST_CONTACTS,
