@@ -13,24 +13,13 @@ from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")
 TEXT = REFERENCE.text
-SECTIONS = (
-    "",
-    "bar",
-    "actuator[1]",
-    "actuator[2]",
-    "zones",
-    "finger",
-    "spread",
-    "digitizer",
-    "sweep",
-    "feel",
-    "limits",
-)
 
 
 def bodies_of(text: str) -> dict[str, str]:
-    """What stands in each section, its header too."""
-    return dict(zip(SECTIONS, re.split(r"^(?=\[)", text, flags=re.MULTILINE), strict=True))
+    """What stands in each section, its header too; the actuators are numbered."""
+    names = ["", *re.findall(r"^\[+(\w+)", text, re.MULTILINE)]
+    sections = [f"{name}[{names[:i].count(name)}]" if name == "actuator" else name for i, name in enumerate(names, 1)]
+    return dict(zip(sections, re.split(r"^(?=\[)", text, flags=re.MULTILINE), strict=True))
 
 
 BODIES = bodies_of(TEXT)

@@ -51,6 +51,10 @@ def rows_of(transfer: Transfer) -> str:
     return "[" + ", ".join(f'["{hz!r} Hz", "{100 * size!r} %", "{deg!r} deg"]' for hz, size, deg in rows) + "]"
 
 
+def flat_rows(*hz: float) -> str:
+    return rows_of(Transfer(hz, (1.0,) * len(hz), (0.0,) * len(hz)))
+
+
 def text_with(rows: str) -> str:
     """Reference-a whose first actuator has this transfer function."""
     return TEXT.replace('name = "left"\n', f'name = "left"\ntransfer = {rows}\n')
@@ -119,15 +123,9 @@ def test_all_points_are_counted_before_a_function_is_fitted_to_any_of_them() -> 
     [
         ('"driver.csv"', r"expected points such as"),
         ('[["60 Hz", "1"]]', r"expected points such as"),
-        ('[["60 Hz", "100 %", "0 deg"], ["300 Hz", "100 %", "0 deg"]]', r"'2 points': expected 3 to 1000"),
-        (
-            '[["60 Hz", "100 %", "0 deg"], ["200 Hz", "100 %", "0 deg"], ["200 Hz", "100 %", "0 deg"]]',
-            r"'200 Hz': comes after 200 Hz; expected rising frequencies",
-        ),
-        (
-            '[["60 Hz", "100 %", "0 deg"], ["200 Hz", "100 %", "0 deg"], ["250 Hz", "100 %", "0 deg"]]',
-            r"'60-250 Hz': expected points over all of the band, 60-300 Hz",
-        ),
+        (flat_rows(60, 300), r"'2 points': expected 3 to 1000"),
+        (flat_rows(60, 200, 200), r"'200 Hz': comes after 200 Hz; expected rising frequencies"),
+        (flat_rows(60, 200, 250), r"'60-250 Hz': expected points over all of the band, 60-300 Hz"),
         ('[["60 Hz", "0 %", "0 deg"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"more than 0"),
         ('[["60 Hz", "1 %", "10 %"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"'10 %' is no angle"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -147,9 +148,7 @@ class FakeMachine:
         assert device.writer is not None
         os.close(device.writer)
         Path(device.path).unlink()
-        for about in (self.folder / "sys" / Path(device.path).name / "device").iterdir():
-            about.unlink()
-        (about.parent).rmdir()
+        shutil.rmtree(self.folder / "sys" / Path(device.path).name)
         del self.plugged[device.path]
 
     def send(self, device: FakeDevice, *reports: bytes) -> None:
