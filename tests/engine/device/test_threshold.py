@@ -12,7 +12,7 @@ from engine.device import Device, DeviceError, Threshold
 from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
 from tactable.shipped import device_folder, find_device
 from tests.engine.device.test_file import TEXT
-from tests.precompute.sampled import THRESHOLD_DB, threshold
+from tests.precompute.sampled import threshold
 
 OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")
 GRAVITY_M_PER_S2 = 9.80665
@@ -24,20 +24,16 @@ def level_db(curve: Threshold, *frequency_hz: float, reference: float = 1e-6) ->
     return decibels
 
 
-def test_the_points_of_the_present_curve_are_met_and_two_were_measured() -> None:
-    assert level_db(OWN, *THRESHOLD_DB) == pytest.approx(list(THRESHOLD_DB.values()))
-    assert OWN.measured_hz == (40.0, 250.0) and OWN.people_db == 8.0
-
-
-def test_androids_curve_has_the_41_points_of_its_source() -> None:
+def test_androids_curve_has_the_41_points_of_its_source_and_of_the_present_one_two_were_measured() -> None:
     assert len(ANDROID.frequency_hz) == 41 and (ANDROID.frequency_hz[0], ANDROID.frequency_hz[-1]) == (0.4, 400.0)
     known = dict(zip(ANDROID.frequency_hz, ANDROID.level_db, strict=True))
     assert (known[40.0], known[86.4], known[250.0]) == (-32.81, -31.94, -28.98)
     assert level_db(ANDROID, *known, reference=GRAVITY_M_PER_S2) == pytest.approx(list(known.values()))
     assert ANDROID.measured_hz is None
+    assert OWN.measured_hz == (40.0, 250.0) and OWN.people_db == 8.0
 
 
-@given(st.floats(40, 300))
+@given(st.floats(40, 300) | st.sampled_from(OWN.frequency_hz))
 def test_between_points_each_curve_is_what_numpy_interpolates(frequency_hz: float) -> None:
     assert OWN.peak_m_per_s2(np.array([frequency_hz]))[0] == pytest.approx(threshold(frequency_hz))
     between = np.interp(frequency_hz, ANDROID.frequency_hz, ANDROID.level_db)

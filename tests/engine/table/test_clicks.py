@@ -18,13 +18,7 @@ from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
 PLACES = places_of(DEVICE)
-PLACEMENTS = [
-    in_zones(DEVICE, [2]),
-    in_zones(DEVICE, [0], [3]),
-    in_zones(DEVICE, [3], [0]),
-    in_zones(DEVICE, [0, 4]),
-    in_zones(DEVICE, [1], [0, 4]),
-]
+PLACEMENTS = [in_zones(DEVICE, *each) for each in (([2],), ([0], [3]), ([3], [0]), ([0, 4],), ([1], [0, 4]))]
 
 
 def same(one: ClickEntry, other: ClickEntry) -> bool:

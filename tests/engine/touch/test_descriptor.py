@@ -25,7 +25,7 @@ from tests.engine.touch.descriptors import (
 SCREEN = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
 
 
-def test_layout_counts_bits_from_the_report_id() -> None:
+def test_layout_counts_bits_from_the_report_id_and_without_one_from_the_first_byte() -> None:
     (surface,) = read_surfaces(SCREEN)
     (report,) = surface.reports
     first, second = report.contacts
@@ -34,13 +34,8 @@ def test_layout_counts_bits_from_the_report_id() -> None:
     assert report.scan_time is not None and report.scan_time.bit == 104
     assert report.contact_count is not None and report.contact_count.bit == 120
     assert report.size_bytes == 16
-
-
-def test_without_report_ids_bits_count_from_the_first_byte() -> None:
-    (surface,) = read_surfaces(application(finger(), report_id=None))
-    assert not surface.uses_report_ids
-    assert surface.contacts[0].tip.bit == 0
-    assert surface.reports[0].size_bytes == 6
+    (plain,) = read_surfaces(application(finger(), report_id=None))
+    assert (plain.uses_report_ids, plain.contacts[0].tip.bit, plain.reports[0].size_bytes) == (False, 0, 6)
 
 
 @pytest.mark.parametrize(
@@ -68,12 +63,9 @@ def test_features_are_found_in_their_reports_and_device_mode_in_another_applicat
     assert maximum is not None and (maximum.report_id, maximum.logical_maximum) == (2, 5)
     assert surface.device_mode is None
     configuration = bytes.fromhex("050d 090e a101 8504 0923 a102 0952 1500 250a 7508 9501 b102 c0 c0")
-    (surface,) = read_surfaces(SCREEN + configuration)
+    blob_of_another_size = SCREEN.replace(bytes.fromhex("960001"), bytes.fromhex("964000"))
+    (surface,) = read_surfaces(blob_of_another_size + configuration)
     assert surface.device_mode is not None and surface.device_mode.report_id == 4
-
-
-def test_blob_of_another_size_is_no_certification() -> None:
-    (surface,) = read_surfaces(SCREEN.replace(bytes.fromhex("960001"), bytes.fromhex("964000")))
     assert not surface.is_win8
 
 

@@ -52,16 +52,11 @@ def test_a_recording_is_read_field_by_field_whatever_its_line_ends_comments_and_
     assert read_text(tmp_path, "\n".join(LINES)) == read_text(tmp_path, noisy) == expected
 
 
-def test_name_and_numbers_may_be_absent(tmp_path: Path) -> None:
-    recording = read_text(tmp_path, "R: 1 05\n")
-    assert (recording.name, recording.vendor_id, recording.reports) == ("", 0, ())
-
-
-def test_of_several_devices_the_first_is_read_and_its_reports_counted(tmp_path: Path) -> None:
+def test_of_several_devices_the_first_is_read_and_its_reports_counted_also_without_a_name(tmp_path: Path) -> None:
     event = "E: 000000.000000 1"
     text = f"D: 0\nR: 1 05\nD: 1\nR: 1 06\nD: 0\n{event} aa\nD: 1\n{event} bb\nD: 0\n{event} cc\n"
     recording = read_text(tmp_path, text)
-    assert recording.descriptor == b"\x05"
+    assert (recording.name, recording.vendor_id, recording.descriptor) == ("", 0, b"\x05")
     assert [(report.index, report.data) for report in recording.reports] == [(0, b"\xaa"), (1, b"\xcc")]
 
 
