@@ -39,27 +39,17 @@ def test_on_a_board_of_another_full_scale_the_bar_moves_as_the_board_does(table:
         assert moved.amplitude == pytest.approx(channel.amplitude * 2.6e-6 / actuator.full_scale_m)
 
 
-def test_a_click_is_the_waveform_of_the_nearest_places(table: Table, drive: RingDrive) -> None:
-    record = record_of(table, FINGERS, 1_000_000, is_click=True)
-    (event,) = drive.events([record])
-    click = table.click_at(FINGERS, 20.0)
-    assert click is not None and event.waveform is not None
-    assert event.cause is Cause.PLAY
-    assert event.waveform.amplitude == click.amplitude
-    assert np.array_equal(event.waveform.samples, click.samples)
-
-
-def test_a_click_that_was_solved_beside_the_run_is_the_waveform_of_its_weights(table: Table, drive: RingDrive) -> None:
+def test_a_click_is_the_waveform_of_the_nearest_places_or_of_its_weights(table: Table, drive: RingDrive) -> None:
     three = Placement((0.03, 0.1, 0.2), (True, False, False))
     click, basis = table.click_at(FINGERS, 20.0), table.clicks.basis
     assert click is not None and basis is not None
     play = encode_click(basis, click.basis_set, click.weights.tolist(), click.fraction_bits, click.amplitude).play
-    asked = record_of(table, three, 1_000_000, is_click=True)
-    (event,) = drive.events([asked._replace(play=play)])
-    assert event.waveform is not None
-    assert np.array_equal(event.waveform.samples, click.samples)
-    assert event.waveform.amplitude == pytest.approx(click.amplitude, abs=1e-4)
-    (other,) = drive.events([asked])
+    tabulated, asked = [record_of(table, placement, 1_000_000, is_click=True) for placement in (FINGERS, three)]
+    *played, other = drive.events([tabulated, asked._replace(play=play), asked])
+    for event in played:
+        assert event.waveform is not None and event.cause is Cause.PLAY
+        assert np.array_equal(event.waveform.samples, click.samples)
+        assert event.waveform.amplitude == pytest.approx(click.amplitude, abs=1e-4)
     assert other.waveform is None
     assert not any(channel.amplitude for channel in other.channels)
 

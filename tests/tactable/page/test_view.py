@@ -13,6 +13,7 @@ from firmware_link.protocol.basis import encode_click
 from tactable.page.capture import HEARD_S
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
 from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
+from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import LATENCIES, View
 from tactable.rig.promises import Promises
@@ -29,9 +30,9 @@ ONE_ZONE = Placement((0.11, 0.15), (True, False))
 class Rig:
     """A view whose records are driven as they say."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, paper: PaperBar | None = None) -> None:
         self.table = table
-        self.view = View(table, LiveBar(table.device), RESOLUTION_HZ)
+        self.view = View(table, LiveBar(table.device), RESOLUTION_HZ, paper=paper)
         self._drive = RingDrive(table, RESOLUTION_HZ)
         self.told: list[bytes] = []
 
@@ -40,19 +41,13 @@ class Rig:
         self.tell(placement, **words)
         self.go_on(seconds)
 
-    def tell(
-        self,
-        placement: Placement,
-        *,
-        is_click: bool = False,
-        is_unsolved: bool = False,
-        is_silent: bool = False,
-        is_sent: bool = True,
-    ) -> None:
-        level_db = None if is_silent else 20.0
-        at_ns = round(1000 * self.view.bar.now_us) + 1000  # a stamp of 0 is none
-        how = {"is_click": is_click, "is_unsolved": is_unsolved, "is_sent": is_sent}
-        record = record_of(self.table, placement, at_ns, level_db=level_db, **how)
+    @property
+    def next_ns(self) -> int:
+        """A moment of the next step; a stamp of 0 is none."""
+        return round(1000 * self.view.bar.now_us) + 1000
+
+    def tell(self, placement: Placement, *, is_silent: bool = False, **how: bool) -> None:
+        record = record_of(self.table, placement, self.next_ns, level_db=None if is_silent else 20.0, **how)
         self.view.take_events(self._drive.events([record]))
         self.view.read([record])
 
@@ -65,15 +60,6 @@ class Rig:
 @pytest.fixture
 def rig(table: Table) -> Rig:
     return Rig(table)
-
-
-def test_before_the_first_command_all_is_still(rig: Rig) -> None:
-    rig.go_on(0.1)
-    picture = rig.view.picture()
-    assert (picture.command, picture.drive, picture.is_playing, picture.fingers) == (0, Drive.SILENCE, False, ())
-    assert picture.levels_db.tolist() == [LOWEST_DB] * POINTS
-    assert not rig.view.is_moving
-    assert encode_picture(picture)[1] == Kind.PICTURE
 
 
 def test_a_click_is_promised_and_simulated_alike(rig: Rig) -> None:
@@ -96,22 +82,17 @@ def test_a_click_is_promised_and_simulated_alike(rig: Rig) -> None:
     assert at_places != pytest.approx(here, abs=0.3)
 
 
-def test_a_record_from_before_a_change_to_a_shorter_bar_is_left(rig: Rig) -> None:
+def test_all_is_still_before_the_first_command_of_this_bar_whatever_came_of_a_longer_one_before(rig: Rig) -> None:
     later = record_of(rig.table, PAIR, 1000)
     beyond = Placement((0.035, rig.table.device.bar.length_m + 0.1), (True, False))
     moved = tuple(touch._replace(position_m=at_m) for touch, at_m in zip(later.touches, beyond.position_m, strict=True))
     rig.view.read([later._replace(placement=beyond, touches=moved), later._replace(placement=None, touches=moved)])
     rig.go_on(0.1)
-    assert rig.view.picture().fingers == ()
-
-
-def test_two_fingers_in_one_zone_have_roles_of_their_own(rig: Rig) -> None:
-    rig.play(1.0, placement=ONE_ZONE)
     picture = rig.view.picture()
-    assert [(finger.zone, finger.role) for finger in picture.fingers] == [(1, Role.FELT), (1, Role.QUIET)]
-    felt, quiet = picture.made
-    assert felt.simulated_db is not None and quiet.simulated_db is not None
-    assert felt.simulated_db > quiet.simulated_db + 6
+    assert (picture.command, picture.drive, picture.is_playing, picture.fingers) == (0, Drive.SILENCE, False, ())
+    assert picture.levels_db.tolist() == [LOWEST_DB] * POINTS
+    assert not rig.view.is_moving
+    assert encode_picture(picture)[1] == Kind.PICTURE
 
 
 def test_a_finger_that_came_after_the_command_has_no_role_and_one_that_lifted_no_number(rig: Rig) -> None:
@@ -123,58 +104,44 @@ def test_a_finger_that_came_after_the_command_has_no_role_and_one_that_lifted_no
     assert [finger.number for finger in picture.made] == [None, 2]
 
 
-def test_a_steady_drive_in_place_of_a_click_is_told_apart(rig: Rig) -> None:
-    rig.play(0.2, is_click=True, is_unsolved=True)
-    assert rig.view.picture().drive is Drive.STEADY
-    rig.play(0.2, is_click=True)
-    assert rig.view.picture().drive is Drive.CLICK
-
-
-def test_a_click_that_the_table_does_not_hold_is_shown_without_a_promise(rig: Rig) -> None:
-    rig.play(0.2, placement=Placement((0.03, 0.1, 0.2), (True, False, False)), is_click=True)
+def test_a_steady_drive_in_place_of_a_click_does_what_it_promises_and_that_stays_when_it_has_ended(rig: Rig) -> None:
+    rig.play(2.0, placement=ONE_ZONE, is_click=True, is_unsolved=True)
     picture = rig.view.picture()
-    assert (picture.drive, picture.channels) == (Drive.CLICK, ())
-    assert [made.promised_db for made in picture.made] == [None, None, None]
-    assert encode_picture(picture)[1] == Kind.PICTURE
-
-
-def test_a_steady_drive_is_promised_and_simulated_alike_and_says_its_channels(rig: Rig) -> None:
-    rig.play(2.0)
-    picture = rig.view.picture()
-    solved = rig.table.drive_for([PAIR.position_m[0]], [PAIR.position_m[1]], 20.0)
+    solved = rig.table.drive_for([ONE_ZONE.position_m[0]], [ONE_ZONE.position_m[1]], 20.0)
     assert (picture.drive, picture.is_playing) == (Drive.STEADY, True)
+    assert [(finger.zone, finger.role) for finger in picture.fingers] == [(1, Role.FELT), (1, Role.QUIET)]
     assert [c.frequency_hz for c in picture.channels] == pytest.approx(solved.frequencies_hz, abs=5e-3)
     assert [c.amplitude for c in picture.channels] == pytest.approx(solved.amplitudes, abs=1e-4)
     for made in picture.made:
         assert made.simulated_db == pytest.approx(made.promised_db, abs=0.1)
-    _, promise = Promises(rig.table).of_drive(PAIR, 20.0)
+    _, promise = Promises(rig.table).of_drive(ONE_ZONE, 20.0)
     assert [made.promised_db for made in picture.made] == pytest.approx(promise.level_db, abs=0.1)  # of its modes
     assert picture.fingers[0].level_db == picture.made[0].simulated_db
+    rig.play(1.0, placement=ONE_ZONE, is_silent=True)
+    after = rig.view.picture()
+    assert not after.is_playing
+    assert after.made[0].simulated_db == pytest.approx(picture.made[0].simulated_db, abs=0.1)
 
 
-def test_a_click_that_was_solved_beside_the_run_has_the_promise_of_its_waveform_and_is_counted(rig: Rig) -> None:
+def test_a_click_that_the_table_does_not_hold_has_the_promise_of_its_waveform_where_it_was_solved(rig: Rig) -> None:
     click = rig.table.click_at(PAIR, 20.0)
     assert click is not None and click.basis is not None
     weights = click.weights.tolist()
     play = encode_click(click.basis, click.basis_set, weights, click.fraction_bits, click.amplitude).play
     solved = SolvedClick.of(play, click.basis, len(rig.table.device.actuators))
     assert solved is not None and np.array_equal(solved.samples, click.samples)
-    tabulated = record_of(rig.table, PAIR, 1000, is_click=True)
     three = Placement((0.03, 0.1, 0.22), (True, False, False))
-    rig.view.read([tabulated, record_of(rig.table, three, 2000, is_click=True)._replace(play=play)])
+    asked = record_of(rig.table, three, 2000, is_click=True)
+    rig.view.read([record_of(rig.table, PAIR, 1000, is_click=True), asked])
+    picture = rig.view.picture()
+    assert (picture.drive, picture.channels) == (Drive.CLICK, ())
+    assert [made.promised_db for made in picture.made] == [None, None, None]
+    assert rig.view.solved == [] and encode_picture(picture)[1] == Kind.PICTURE
+    rig.view.read([asked._replace(play=play)])
     _, promised = Promises(rig.table).of_solved_click(three, solved)
     made = rig.view.picture().made
     assert [each.promised_db for each in made] == pytest.approx(promised.level_db.tolist())
     assert list(rig.view.solved) == [three]
-
-
-def test_what_a_steady_drive_came_to_stays_when_it_has_ended(rig: Rig) -> None:
-    rig.play(1.0)
-    before = rig.view.picture().made[0].simulated_db
-    rig.play(1.0, is_silent=True)
-    after = rig.view.picture()
-    assert not after.is_playing
-    assert after.made[0].simulated_db == pytest.approx(before, abs=0.1)
 
 
 @pytest.mark.parametrize("is_click", [True, False])
@@ -194,15 +161,14 @@ def test_the_counted_curve_passes_through_the_levels_of_the_fingers(rig: Rig, is
         assert picture.levels_db.max() < picture.counted_db.max() - 20  # the click is over
 
 
-def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: Table) -> None:
-    found = []
+def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first_on_both_bars(table: Table) -> None:
+    found, papers = [], []
     for step_us in (FRAME_US, 0.9e6):
-        rig = Rig(table)
+        rig = Rig(table, PaperBar(table.device, table.best_rows))
         rig.go_on(0.05)
-        first_ns = round(1000 * rig.view.bar.now_us) + 1000
         records = [
-            record_of(table, PAIR, first_ns, is_click=True),
-            record_of(table, TURNED, first_ns + 400_000_000, is_click=True),
+            record_of(table, PAIR, rig.next_ns, is_click=True),
+            record_of(table, TURNED, rig.next_ns + 400_000_000, is_click=True),
         ]
         rig.view.take_events(rig._drive.events(records))
         rig.view.read(records)
@@ -210,8 +176,11 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first(table: T
         while rig.view.bar.now_us < end_us:
             rig.view.move(min(rig.view.bar.now_us + step_us, end_us), is_loaded=True)
         picture = rig.view.picture()
+        assert picture.paper is not None
         found.append([*(finger.felt_db for finger in picture.fingers), *picture.counted_db])
+        papers.append([felt_db for _, felt_db in picture.paper.fingers_db])
     assert found[0] == pytest.approx(found[1], abs=0.05)
+    assert papers[0] == pytest.approx(papers[1], abs=0.1) and min(papers[0]) > LOWEST_DB
     assert found[1][1] > found[1][0] + 6  # the second finger felt the second click, the first one rested
 
 
@@ -221,8 +190,7 @@ def test_what_a_stall_cut_off_and_what_the_firmware_refused_is_not_judged(rig: R
     rig.tell(TURNED, is_click=True)
     rig.view.move(rig.view.bar.now_us + 2.5e6, is_loaded=True)
     assert rig.view.picture().is_late
-    at_ns = round(1000 * rig.view.bar.now_us) + 1000
-    rig.view.read([record_of(rig.table, PAIR, at_ns, is_click=True)._replace(drive_sequence=77)])
+    rig.view.read([record_of(rig.table, PAIR, rig.next_ns, is_click=True)._replace(drive_sequence=77)])
     rig.go_on(0.2)
     assert not rig.view.picture().is_late  # its event may still come
     rig.go_on(0.2)
@@ -269,12 +237,15 @@ def test_a_click_can_be_seen_slowed_once_and_heard_by_every_finger(rig: Rig) -> 
     assert rig.view.sound(9) is None
 
 
-def test_a_steady_drive_is_seen_slowed_again_and_again_while_it_plays(rig: Rig) -> None:
+def test_a_steady_drive_is_seen_slowed_again_and_again_while_it_plays_then_a_click_as_soon_as_ever(rig: Rig) -> None:
     rig.play(2.0)
     count = len(rig.told)
     assert count >= 2
     rig.play(2.0, is_silent=True)
     assert len(rig.told) <= count + 1
+    rig.play(0.5)
+    rig.play(0.45, is_click=True)
+    assert [command_of(motion) for motion in rig.told[-2:]] == [2, 3]
 
 
 def test_of_clicks_in_quick_order_some_and_the_last_are_seen(rig: Rig) -> None:
@@ -282,12 +253,6 @@ def test_of_clicks_in_quick_order_some_and_the_last_are_seen(rig: Rig) -> None:
         rig.play(0.05, is_click=True)
     rig.go_on(1.0)
     assert [command_of(motion) for motion in rig.told] == [1, 9, 17, 20]
-
-
-def test_a_click_that_follows_a_steady_drive_is_seen_as_soon_as_another_one(rig: Rig) -> None:
-    rig.play(0.5)
-    rig.play(0.45, is_click=True)
-    assert [command_of(motion) for motion in rig.told] == [1, 2]
 
 
 @pytest.mark.long
