@@ -31,7 +31,6 @@ from tactable.page.messages import (
     encode_motion,
     encode_picture,
     encode_scene,
-    encode_sound,
 )
 from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
@@ -157,13 +156,6 @@ def test_a_motion_is_told_to_the_greatest_acceleration_of_all_bars() -> None:
     assert words * scale / 32767 == pytest.approx(acceleration, abs=2e-4)
     assert scale == 4.0
     assert not any(encode_motion(np.zeros((1, 2, 3)), 0.001, 1, is_click=False)[18:])  # at rest
-
-
-def test_a_sound_has_its_finger_its_rate_and_its_samples() -> None:
-    samples = np.array([0, 1, -32767], np.int16)
-    data = encode_sound(3, 12_000, samples)
-    assert struct.unpack_from("<II", data, 2) == (3, 12_000)
-    assert np.frombuffer(data[10:], "<i2").tolist() == samples.tolist()
 
 
 def test_a_scene_is_json_that_browsers_read() -> None:

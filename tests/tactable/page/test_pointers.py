@@ -18,20 +18,28 @@ class Rig:
     def __init__(self) -> None:
         self.source, self.feed = open_pointer_pipe()
         self.pointers = Pointers()
-        self.pointers.feed(self.feed)
-        self._digitizer = open_digitizer(self.source.descriptor, 0, 0)
-        self._fingers = frozenset[int]()
         self.now_ns = 0
+        self._fingers = set[int]()
+        self.begin_run()
+
+    def begin_run(self) -> None:
+        self._digitizer = open_digitizer(self.source.descriptor, 0, 0)
+        self.pointers.feed(self.feed)
 
     def send(self, browser: int, pointer_id: int, phase: Phase) -> None:
         self.pointers.take_events(browser, [PointerEvent(pointer_id, 0.5, 0.5, phase)], self.now_ns)
 
-    def fingers(self) -> frozenset[int]:
-        """Contact numbers that are down, after all that was sent."""
+    def frames(self) -> list[set[int]]:
+        """Contact numbers that were down, in each frame of what was sent."""
+        found = list[set[int]]()
         while report := self.source.read(self.now_ns):
             frame = self._digitizer.decode_report(report, self.now_ns)
-            if frame is not None:
-                self._fingers = frozenset(contact.contact_id for contact in frame.contacts if contact.tip)
+            found += [] if frame is None else [{contact.contact_id for contact in frame.contacts if contact.tip}]
+        return found
+
+    def fingers(self) -> set[int]:
+        """Contact numbers that are down, after all that was sent."""
+        self._fingers = [self._fingers, *self.frames()][-1]
         return self._fingers
 
 
@@ -43,31 +51,22 @@ def rig() -> Iterator[Rig]:
     rig.source.close()
 
 
-def frames_of(rig: Rig) -> list[set[int]]:
-    found = list[set[int]]()
-    while report := rig.source.read(0):
-        frame = rig._digitizer.decode_report(report, 0)
-        found += [] if frame is None else [{contact.contact_id for contact in frame.contacts}]
-    return found
-
-
 def test_fingers_of_one_message_come_down_in_one_frame_and_a_tap_within_one_is_not_lost(rig: Rig) -> None:
     down = [PointerEvent(number, 0.1 * number, 0.5, Phase.DOWN) for number in (7, 8)]
     rig.pointers.take_events(1, [*down, replace(down[0], phase=Phase.UP)], 0)
-    assert frames_of(rig) == [{0, 1}, {1}]
+    assert rig.frames() == [{0, 1}, {1}]
 
 
 def test_fingers_that_rest_come_down_one_after_another_in_the_next_run(rig: Rig) -> None:
     rest = [PointerEvent(number, 0.1 * number, 0.5, Phase.MOVE) for number in (7, 8)]
     rig.pointers.take_events(1, rest, 0)
-    assert frames_of(rig) == [{0}, {0, 1}]
-    rig._digitizer = open_digitizer(rig.source.descriptor, 0, 0)
-    rig.pointers.feed(rig.feed)
+    assert rig.frames() == [{0}, {0, 1}]
+    rig.begin_run()
     rig.pointers.take_events(1, rest, 1)  # what a browser says meanwhile makes no second finger come down
     found = list[list[set[int]]]()
     for now_ns in (2, 3, APART_NS + 2):
         rig.pointers.repeat(now_ns)
-        found.append(frames_of(rig))
+        found.append(rig.frames())
     assert found == [[{0}], [], [{0}, {0, 1}]]
 
 
@@ -97,7 +96,7 @@ def test_an_eleventh_finger_is_refused_until_one_lifts(rig: Rig) -> None:
 def test_a_pointer_that_was_never_down_lifts_nothing_and_one_that_moves_is_pressed(rig: Rig) -> None:
     rig.send(1, 1, Phase.UP)
     rig.send(1, 1, Phase.CANCEL)
-    assert (rig.fingers(), rig.pointers.refused) == (frozenset(), 0)
+    assert (rig.fingers(), rig.pointers.refused) == (set(), 0)
     rig.send(1, 1, Phase.MOVE)
     assert rig.fingers() == {0}
 
@@ -109,7 +108,7 @@ def test_a_finger_that_rests_stays_though_its_browser_is_slow_until_that_has_los
         rig.pointers.repeat(min(rig.now_ns, SILENT_NS))
         assert rig.fingers() == {0}
     rig.pointers.repeat(SILENT_NS + 1)
-    assert rig.fingers() == frozenset()
+    assert rig.fingers() == set()
 
 
 def test_an_engine_that_takes_nothing_breaks_nothing() -> None:

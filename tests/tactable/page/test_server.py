@@ -16,7 +16,6 @@ from websockets.typing import Origin
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.control.security import HEADERS, AccessPolicy, new_token
 from tactable.page.messages import (
-    MOST_BYTES,
     VERSION,
     CloseCode,
     DroppedFile,
@@ -41,10 +40,8 @@ class Notes:
         self.ticks = 0
         self.is_busy = True
         self.is_broken = False
-        self.touched: list[tuple[int, tuple[PointerEvent, ...]]] = []
+        self.asked: list[object] = []
         self.left: list[int] = []
-        self.chosen: list[dict[str, Any]] = []
-        self.dropped: list[DroppedFile] = []
 
     def scene(self) -> dict[str, Any]:
         return {"number": self.scene_number}
@@ -56,17 +53,17 @@ class Notes:
         return [bytes([VERSION, Kind.PICTURE]) + self.ticks.to_bytes(4, "little")], self.is_busy
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
-        self.touched.append((browser, tuple(events)))
+        self.asked.append((browser, tuple(events)))
 
     def leave(self, browser: int) -> None:
         self.left.append(browser)
 
     def choose(self, switches: dict[str, Any]) -> None:
-        self.chosen.append(switches)
+        self.asked.append(switches)
         self.scene_number += 1
 
     def drop(self, file: DroppedFile) -> None:
-        self.dropped.append(file)
+        self.asked.append(file)
 
     def sound(self, finger: int) -> bytes | None:
         return SOUND if finger == 3 else None
@@ -75,12 +72,11 @@ class Notes:
         await asyncio.Event().wait()
 
 
-def visit(visitor: Visit) -> Notes:
-    """What a visitor leaves on a backend that is served while it is there."""
-    backend = Notes()
+def while_served(visitor: Visit) -> Callable[[], None]:
+    """Make a test of a visitor to a backend that is served while it is there."""
 
     async def served() -> None:
-        listening, access = listen_at("127.0.0.1", 0, new_token())
+        backend, (listening, access) = Notes(), listen_at("127.0.0.1", 0, new_token())
 
         async def stay(server: uvicorn.Server) -> None:
             async def come_and_go() -> None:
@@ -96,8 +92,7 @@ def visit(visitor: Visit) -> Notes:
             await serve(backend, listening, access, stay)
         await stays[0]
 
-    asyncio.run(served())
-    return backend
+    return lambda: asyncio.run(served())
 
 
 def socket_of(access: AccessPolicy, **words: Any) -> connect:
@@ -127,38 +122,38 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.005)
 
 
-def test_every_file_of_the_page_is_served_with_its_type_and_nothing_else_is() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        async with httpx.AsyncClient() as client:
-            for name, kind in (
-                ("", "text/html"),
-                ("app.js", "text/javascript"),
-                ("page.css", "text/css"),
-                ("icon.svg", "image/svg+xml"),
-            ):
-                found = await client.get(access.url + name)
-                assert found.status_code == 200
-                assert found.headers["content-type"].startswith(kind)
-                assert all(found.headers[header] == value for header, value in HEADERS.items())
-            for name in ("server.py", "..%2fserver.py", "%2e%2e/server.py", "socket"):
-                assert (await client.get(access.url + name)).status_code in (403, 404)
-            assert (await client.post(access.url)).status_code == 403
+@while_served
+async def test_the_page_s_files_are_served_by_its_token_and_names_alone(access: AccessPolicy, _backend: Notes) -> None:
+    kinds = {"": "text/html", "app.js": "text/javascript", "page.css": "text/css", "icon.svg": "image/svg+xml"}
+    async with httpx.AsyncClient() as client:
+        for name, kind in kinds.items():
+            found = await client.get(access.url + name)
+            assert found.status_code == 200
+            assert found.headers["content-type"].startswith(kind)
+            assert all(found.headers[header] == value for header, value in HEADERS.items())
+        for name in ("server.py", "..%2fserver.py", "%2e%2e/server.py", "socket"):
+            assert (await client.get(access.url + name)).status_code in (403, 404)
+        assert (await client.post(access.url)).status_code == 403
+        root = f"http://127.0.0.1:{access.port}/"
+        for address in (root, root + "x/", root + access.token[:-1] + "/", root + access.token, root + "app.js"):
+            found = await client.get(address)
+            assert found.status_code == 403
+            assert "location" not in found.headers
+            assert "script" not in found.text
+        foreign = {"Host": f"evil.example:{access.port}"}
+        assert (await client.get(access.url, headers=foreign)).status_code == 403
 
-    visit(visitor)
 
-
-def test_a_ticket_leads_its_user_to_the_page_once() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        async with httpx.AsyncClient() as client:
-            foreign = {"Host": f"evil.example:{access.port}"}
-            assert (await client.get(access.opening_url, headers=foreign)).status_code == 403
-            assert (await client.get(access.opening_url[:-1])).status_code == 403
-            found = await client.get(access.opening_url)
-            assert found.status_code == 303 and found.headers["location"] == f"/{access.token}/"
-            assert (await client.get(access.opening_url)).status_code == 403
-            assert (await client.get(access.url)).status_code == 200
-
-    visit(visitor)
+@while_served
+async def test_a_ticket_leads_its_user_to_the_page_once(access: AccessPolicy, _backend: Notes) -> None:
+    async with httpx.AsyncClient() as client:
+        foreign = {"Host": f"evil.example:{access.port}"}
+        assert (await client.get(access.opening_url, headers=foreign)).status_code == 403
+        assert (await client.get(access.opening_url[:-1])).status_code == 403
+        found = await client.get(access.opening_url)
+        assert found.status_code == 303 and found.headers["location"] == f"/{access.token}/"
+        assert (await client.get(access.opening_url)).status_code == 403
+        assert (await client.get(access.url)).status_code == 200
 
 
 def test_a_ticket_is_of_no_use_to_another_user_who_is_sooner_there() -> None:
@@ -177,114 +172,84 @@ def test_a_ticket_is_of_no_use_to_another_user_who_is_sooner_there() -> None:
     assert asyncio.run(ask()) == [403, 403, 303, 403]
 
 
-def test_a_wrong_token_and_a_foreign_host_see_nothing() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        async with httpx.AsyncClient() as client:
-            root = f"http://127.0.0.1:{access.port}/"
-            for address in (root, root + "x/", root + access.token[:-1] + "/", root + access.token, root + "app.js"):
-                found = await client.get(address)
-                assert found.status_code == 403
-                assert "location" not in found.headers
-                assert "script" not in found.text
-            for host in ("evil.example", f"evil.example:{access.port}", "127.0.0.1"):
-                assert (await client.get(access.url, headers={"Host": host})).status_code == 403
-
-    visit(visitor)
+@while_served
+async def test_a_socket_of_a_foreign_page_or_a_wrong_token_is_refused(access: AccessPolicy, backend: Notes) -> None:
+    wrong = AccessPolicy(access.host, access.port, "wrong")
+    for socket in (socket_of(wrong), *(socket_of(access, origin=each) for each in (None, "http://evil.example"))):
+        with pytest.raises(InvalidStatus) as caught:
+            await socket
+        assert caught.value.response.status_code == 403
+    assert backend.left == []
 
 
-def test_a_socket_of_a_foreign_page_or_with_a_wrong_token_is_refused() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        wrong = AccessPolicy(access.host, access.port, "wrong")
-        foreign = [
-            socket_of(access, origin=each) for each in (None, "http://evil.example", "null", "https://127.0.0.1")
-        ]
-        for socket in (socket_of(wrong), *foreign):
-            with pytest.raises(InvalidStatus) as caught:
-                await socket
-            assert caught.value.response.status_code == 403
-
-    assert visit(visitor).left == []
-
-
-def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else() -> None:
-    async def visitor(access: AccessPolicy, backend: Notes) -> None:
-        async with socket_of(access) as other:
-            for message, code in (
-                (b"", CloseCode.MALFORMED),
-                (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
-                (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
-                ("text", CloseCode.NOT_BINARY),
-                (bytes(MOST_BYTES + 1), CloseCode.TOO_BIG),
-                (bytes(1 << 20), CloseCode.TOO_BIG),
-            ):
-                async with socket_of(access) as socket:
-                    await socket.send(message)
-                    assert await closed_with(socket) == code
-            await other.send(encode_touches([DOWN]))
-            await until(lambda: bool(backend.touched))
-            await next_of(other, Kind.PICTURE)
-
-    assert len(visit(visitor).left) == 7
+@while_served
+async def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(access: AccessPolicy, backend: Notes) -> None:
+    async with socket_of(access) as other:
+        for message, code in (
+            (b"", CloseCode.MALFORMED),
+            (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
+            ("text", CloseCode.NOT_BINARY),
+            (bytes(1 << 20), CloseCode.TOO_BIG),
+        ):
+            async with socket_of(access) as socket:
+                await socket.send(message)
+                assert await closed_with(socket) == code
+        await other.send(encode_touches([DOWN]))
+        await until(lambda: bool(backend.asked))
+        await next_of(other, Kind.PICTURE)
+    await until(lambda: len(backend.left) == 5)
 
 
-def test_what_browsers_ask_reaches_the_show_and_goes_with_them() -> None:
-    async def visitor(access: AccessPolicy, backend: Notes) -> None:
-        async with socket_of(access) as socket:
-            assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 0}
-            await socket.send(encode_touches([DOWN]))
-            await socket.send(encode_choice({"level_db": None}))
-            assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 1}
-            await socket.send(encode_device("bar.toml", "x" * 9000))
-            await socket.send(encode_listen(9))
-            await socket.send(encode_listen(3))
-            assert await next_of(socket, Kind.SOUND) == SOUND
-        await until(lambda: bool(backend.left))
-
-    backend = visit(visitor)
-    assert backend.touched == [(1, (DOWN,))]
-    assert backend.chosen == [{"level_db": None}]
-    assert backend.dropped == [DroppedFile("bar.toml", "x" * 9000)]
+@while_served
+async def test_what_browsers_ask_reaches_the_show_and_goes_with_them(access: AccessPolicy, backend: Notes) -> None:
+    async with socket_of(access) as socket:
+        assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 0}
+        await socket.send(encode_touches([DOWN]))
+        await socket.send(encode_choice({"level_db": None}))
+        assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 1}
+        await socket.send(encode_device("bar.toml", "x" * 9000))
+        await socket.send(encode_listen(9))
+        await socket.send(encode_listen(3))
+        assert await next_of(socket, Kind.SOUND) == SOUND
+    await until(lambda: bool(backend.left))
+    assert backend.asked == [(1, (DOWN,)), {"level_db": None}, DroppedFile("bar.toml", "x" * 9000)]
     assert backend.left == [1]
 
 
-def test_pictures_come_one_after_another_and_seldom_while_nothing_happens() -> None:
-    async def visitor(access: AccessPolicy, backend: Notes) -> None:
-        async with socket_of(access) as socket:
-            first, second = [await next_of(socket, Kind.PICTURE) for _ in range(2)]
-            assert int.from_bytes(second[2:], "little") > int.from_bytes(first[2:], "little")
-            backend.is_busy = False
+@while_served
+async def test_pictures_come_one_after_another_and_seldom_while_nothing_happens(
+    access: AccessPolicy, backend: Notes
+) -> None:
+    async with socket_of(access) as socket:
+        first, second = [await next_of(socket, Kind.PICTURE) for _ in range(2)]
+        assert int.from_bytes(second[2:], "little") > int.from_bytes(first[2:], "little")
+        backend.is_busy = False
+        await next_of(socket, Kind.PICTURE)
+        before, shown = backend.ticks, 0
+        while backend.ticks < before + 60:
             await next_of(socket, Kind.PICTURE)
-            before, shown = backend.ticks, 0
-            while backend.ticks < before + 60:
-                await next_of(socket, Kind.PICTURE)
-                shown += 1
-            assert shown <= 60 // 6
-
-    visit(visitor)
+            shown += 1
+        assert shown <= 60 // 6
 
 
-def test_a_browser_that_takes_nothing_holds_up_nobody() -> None:
-    async def visitor(access: AccessPolicy, backend: Notes) -> None:
-        async with socket_of(access, max_queue=1, close_timeout=0.1), socket_of(access) as socket:
-            before = backend.ticks
-            while backend.ticks < before + 60:
-                newest = int.from_bytes((await next_of(socket, Kind.PICTURE))[2:], "little")
-            assert newest >= backend.ticks - 20
-
-    visit(visitor)
+@while_served
+async def test_a_browser_that_takes_nothing_holds_up_nobody(access: AccessPolicy, backend: Notes) -> None:
+    async with socket_of(access, max_queue=1, close_timeout=0.1), socket_of(access) as socket:
+        before = backend.ticks
+        while backend.ticks < before + 60:
+            newest = int.from_bytes((await next_of(socket, Kind.PICTURE))[2:], "little")
+        assert newest >= backend.ticks - 20
 
 
-def test_more_browsers_than_there_is_room_for_are_turned_away() -> None:
-    async def visitor(access: AccessPolicy, _backend: Notes) -> None:
-        sockets = [await socket_of(access) for _ in range(MOST_BROWSERS)]
-        async with socket_of(access) as late:
-            assert await closed_with(late) == CloseCode.CROWDED
-        for socket in sockets:
-            await socket.close()
-        async with socket_of(access) as again:
-            await next_of(again, Kind.PICTURE)
-
-    visit(visitor)
+@while_served
+async def test_more_browsers_than_there_is_room_for_are_turned_away(access: AccessPolicy, _backend: Notes) -> None:
+    sockets = [await socket_of(access) for _ in range(MOST_BROWSERS)]
+    async with socket_of(access) as late:
+        assert await closed_with(late) == CloseCode.CROWDED
+    for socket in sockets:
+        await socket.close()
+    async with socket_of(access) as again:
+        await next_of(again, Kind.PICTURE)
 
 
 def test_a_backend_that_breaks_ends_the_server_with_its_error() -> None:
@@ -294,7 +259,7 @@ def test_a_backend_that_breaks_ends_the_server_with_its_error() -> None:
             await closed_with(socket)
 
     with pytest.raises(RuntimeError, match="the backend is broken"):
-        visit(visitor)
+        while_served(visitor)()
 
 
 def test_a_port_that_is_taken_and_an_address_of_another_machine_are_named() -> None:
