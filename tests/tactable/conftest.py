@@ -18,6 +18,12 @@ def click_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def table(click_table: Path) -> Iterator[Table]:
+    with Table.open(click_table) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
 def source(click_table: Path) -> Iterator[ClickSource]:
     """For fingers as far from their positions as the table's: middles of zones are places of it."""
     with Table.open(click_table) as table:

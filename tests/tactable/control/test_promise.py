@@ -1,9 +1,7 @@
 """Laws of promises in events: those of the table for clicks, those of the drive that was sent for steady drives."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,12 +18,6 @@ from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
 FINGERS = Placement((0.035, 0.22), (True, False))
 AT_NS = 1_000_000
-
-
-@pytest.fixture(scope="module")
-def table(click_table: Path) -> Iterator[Table]:
-    with Table.open(click_table) as opened:
-        yield opened
 
 
 def board_of(table: Table, times: float = 1.0) -> Board:
@@ -46,6 +38,8 @@ def test_a_steady_drive_promises_what_explain_says_of_these_positions(table: Tab
     assert promise["felt_at_least_db"] == promise["felt_db"]["5 %"]
     assert promise["quiet_at_most_db"] == promise["quiet_db"]["95 %"]
     assert promise["is_achieved"] and promise["threshold"] == table.device.threshold.title
+    alone = promise_of(table, record_of(table, Placement((0.1,), (True,)), AT_NS), board_of(table))
+    assert alone is not None and alone["quiet_db"] is None and alone["quiet_at_most_db"] is None
 
 
 def test_it_is_of_the_bytes_that_were_sent_and_of_the_board_that_got_them(table: Table) -> None:
@@ -66,11 +60,6 @@ def test_it_is_of_the_bytes_that_were_sent_and_of_the_board_that_got_them(table:
     assert third["felt_db"]["50 %"] == pytest.approx(first["felt_db"]["50 %"], abs=1e-2)
     with pytest.raises(RendererError, match="connect the board of"):
         promise_of(table, record, board_of(table, 100.0))
-
-
-def test_with_nothing_quiet_there_is_no_quiet_level(table: Table) -> None:
-    promise = promise_of(table, record_of(table, Placement((0.1,), (True,)), AT_NS), board_of(table))
-    assert promise is not None and promise["quiet_db"] is None and promise["quiet_at_most_db"] is None
 
 
 def test_a_click_promises_what_the_table_has(table: Table) -> None:
