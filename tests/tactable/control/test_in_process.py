@@ -3,7 +3,6 @@
 import asyncio
 import json
 import os
-import random
 import re
 import socket
 from collections.abc import AsyncIterator, Callable
@@ -17,7 +16,7 @@ import pytest
 import tactable
 from base.plain import to_plain
 from engine.device import Device
-from engine.effects import ControlStep, EffectPlayer, Outcome, SceneSettings
+from engine.effects import ControlStep, EffectPlayer, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.loop import RingReader, RingWriter
 from engine.loop.latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
@@ -25,11 +24,14 @@ from engine.table import Table
 from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
-from tactable.control.osc_codec import Value, decode_osc, encode_osc
+from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.control.process import EVENTS_EVERY_S, serve
+from tactable.control.scene import Scene
 from tactable.control.slot import ControlOf, ControlProcess
+from tactable.control.steps import StepEncoder
+from tactable.shipped import named_effects
 from tests.engine.made_table import write_table
-from tests.tactable.control.messages import HELLO, hostile_datagram
+from tests.tactable.control.messages import HELLO
 from tests.tactable.control.virtual import BASE, DEVICE, FINGER, on_virtual_time, settle
 from tests.tools.child_here import ChildHere, ParentHere
 
@@ -48,23 +50,16 @@ class Run:
     slot: ControlProcess
     served: ControlOf
     ring: RingWriter
-    serving: "asyncio.Task[None]"
     player: EffectPlayer
-    controlled: int = 0
 
     async def connect(self, lease_s: float | None = None) -> AsyncClient:
         return await connect_async(self.served.socket, name="a test", lease_s=lease_s)
 
-    def poll(self) -> ControlStep | None:
-        step = self.slot.poll()
-        if step is not None:
-            self.controlled += 1
-            self.slot.tell_outcome(self.player.control(step, 0))
-        return step
-
     async def loop(self) -> None:
         while True:
-            self.poll()
+            step = self.slot.poll()
+            if step is not None:
+                self.slot.tell_outcome(self.player.control(step, 0))
             await asyncio.sleep(0.001)
 
     def change_run(self, table: Path) -> None:
@@ -110,7 +105,7 @@ async def started(folder: Path, **more: Any) -> AsyncIterator[Run]:
         while not child.has_spoken():
             await asyncio.sleep(0)
         slot = ControlProcess(served, lambda *_, **__: child)
-        run = Run(slot, served, ring, serving, player_of(slot))
+        run = Run(slot, served, ring, player_of(slot))
         slot.begin_steps(CAPABILITIES)
         looping = asyncio.ensure_future(run.loop())
         try:
@@ -124,7 +119,8 @@ async def started(folder: Path, **more: Any) -> AsyncIterator[Run]:
 
 
 @on_virtual_time
-async def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up(tmp_path: Path) -> None:
+async def test_a_program_triggers_hears_who_touches_and_ends_with_its_connection_or_the_run(tmp_path: Path) -> None:
+    """What waits for the loop when the run ends is refused."""
     async with started(tmp_path) as run:
         assert run.slot.lines == [f"control: {run.served.socket}"]
         client = await run.connect()
@@ -139,6 +135,13 @@ async def test_a_program_triggers_hears_who_touches_and_is_gone_when_it_hangs_up
         await client.close()
         await asyncio.sleep(0.1)
         assert run.player.level_db is None and run.slot.scene().rules == ()
+        client = await run.connect()
+        waits = asyncio.ensure_future(client.ask(BUZZ))
+        await settle()
+    for asked in (waits, client.ask({"type": "ping"})):
+        with pytest.raises(ClientError):
+            await asked
+    await client.close()
 
 
 @on_virtual_time
@@ -209,31 +212,17 @@ async def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_
             await client.close()
 
 
-@on_virtual_time
-async def test_when_the_run_ends_programs_hear_it_and_what_waits_is_refused(tmp_path: Path) -> None:
-    async with started(tmp_path) as run:
-        client = await run.connect()
-        await client.ask({"type": "subscribe", "to": ["touches"]})
-    with pytest.raises(ClientError):
-        await client.ask({"type": "ping"})
-    await client.close()
-
-
 def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_held(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slot, child, theirs = slot_alone(tmp_path)
-    held = [
-        {"effect": 0, "name": "e", "at": 0, "segments": [[None, 20.0, False]], "is_whole": True},
-        {"act": {"stopped": None, "gone": None, "role": None, "trigger": [0, 7, 3, None, 0.0]}},
-        {"act": {"stopped": None, "gone": None, "role": [4, True, 8], "trigger": None}},
-        {"scene": [], "settings": [True, False, -6.0]},
-    ]
+    scene, encoder = Scene(named_effects()), StepEncoder()
+    scene.set_settings(7, SceneSettings(True, False, -6.0))
+    trigger = TriggeredEffect(scene.effects["buzz"], 7, 3, None)
     player = player_of(slot)
     player.take_touches([FINGER, Touch(4, 0.2, 3)], 0)
     player.advance_effects(10**9)
-    for document in held:
-        part = json.dumps(document).encode()
+    for part in encoder.parts(scene, ControlStep(role=Role(4, True, 8), trigger=trigger)):
         theirs.sendall(len(part).to_bytes(8, "little") + part)
         for _ in range(2):  # the size, then the part
             step = slot.poll()
@@ -277,35 +266,18 @@ async def test_what_is_no_message_gets_an_answer_and_the_next_one_is_heard(tmp_p
 
 
 @on_virtual_time
-async def test_open_sound_control_is_served_whatever_else_comes(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+async def test_open_sound_control_is_served_where_it_says(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     async with started(tmp_path, osc_port=0) as run:
-        (found,) = [each for each in map(OSC_LINE.search, run.slot.lines) if each is not None]
-        peer, random_, loop = ("127.0.0.1", int(found[1])), random.Random(5), asyncio.get_running_loop()
-        heard: asyncio.Queue[bytes] = asyncio.Queue()
-
-        class Sender(asyncio.DatagramProtocol):
-            def datagram_received(self, data: bytes, addr: Any) -> None:  # noqa: ARG002  # asyncio's
-                heard.put_nowait(data)
-
-        ways = [(await loop.create_datagram_endpoint(Sender, remote_addr=peer))[0] for _ in range(2)]
-        for _ in range(100):
-            ways[1].sendto(hostile_datagram(random_))
-        await settle()
-        ways[1].close()
-        while not heard.empty():
-            heard.get_nowait()
-        asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "stop": []}
-        for name, values in asked.items():
-            ways[0].sendto(encode_osc(f"/tactable/{name}", values))
-            while decode_osc(await heard.get()) != [("/tactable/answer", [f"/tactable/{name}", True, ""])]:
-                pass
-        ways[0].close()
-    assert "messages" in capfd.readouterr().err  # what was refused is told at the end
-
-
-OSC_LINE = re.compile(r"osc://127\.0\.0\.1:(\d+)/tactable/")
+        found = re.search(r"osc://127\.0\.0\.1:(\d+)/tactable/", " ".join(run.slot.lines))
+        assert found is not None
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+            program.setblocking(False)
+            program.connect(("127.0.0.1", int(found[1])))
+            program.send(encode_osc("/tactable/trigger", ["buzz", 3]))
+            answer = await asyncio.get_running_loop().sock_recv(program, 1 << 16)
+        assert decode_osc(answer) == [("/tactable/answer", ["/tactable/trigger", True, ""])]
+        assert run.player.level_db == 20.0
+    assert "OSC: 1 messages, 0 refused" in capfd.readouterr().err  # told at the end
 
 
 def test_what_is_served_crosses_to_its_process_whole() -> None:

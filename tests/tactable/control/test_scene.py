@@ -45,16 +45,17 @@ def test_a_region_takes_the_place_of_what_lies_below_it_for_every_event() -> Non
     assert [felt_at(scene, at) for at in (20, 70)] == [15.0, 10.0]
 
 
-def test_what_a_program_holds_ends_with_its_lease() -> None:
+def test_what_a_program_holds_ends_with_its_lease_and_a_region_that_is_off_is_silent() -> None:
     scene = Scene(NAMED)
     scene.set_region(region("mine", 0, 50), 1)
     scene.set_region(region("taken over", 50, 100), 1)
     scene.set_region(region("taken over", 50, 100), 2)
-    scene.set_region(region("stays", 100, 150, stays=True), 1)
+    scene.set_region(region("stays", 100, 150, stays=True, level_change_db=-10.0), 1)
+    scene.set_region(region("off", 20, 50, is_enabled=False, stays=True), 1)
     scene.set_settings(1, SceneSettings(uses_rule_file=False, level_change_db=-5.0))
-    assert [felt_at(scene, at) for at in (20, 70, 120, 200)] == [20.0, 20.0, 20.0, None]
+    assert [felt_at(scene, at) for at in (10, 20, 70, 120, 200)] == [20.0, None, 20.0, 10.0, None]
     scene.end_lease(1)
-    assert [felt_at(scene, at) for at in (20, 70, 120, 200)] == [20.0, 25.0, 25.0, 20.0]
+    assert [felt_at(scene, at) for at in (10, 20, 70, 120, 200)] == [20.0, None, 25.0, 15.0, 20.0]
     assert scene.settings == SceneSettings()
 
 
@@ -71,23 +72,6 @@ def test_effects_end_with_the_program_that_defined_them_and_regions_keep_theirs(
         scene.define(Effect(f"e{number}", NAMED["press"].envelope), 3)
     scene.end_lease(3)
     scene.define(Effect("room again", NAMED["press"].envelope), 2)
-
-
-def test_one_program_switches_everything_off_until_its_lease_ends() -> None:
-    scene = Scene(NAMED)
-    scene.set_settings(1, SceneSettings())
-    scene.set_settings(2, SceneSettings(is_enabled=False))
-    assert felt_at(scene, 20) is None
-    scene.end_lease(2)
-    assert felt_at(scene, 20) == 20.0
-
-
-def test_a_region_that_is_off_is_silent_and_levels_add_up() -> None:
-    scene = Scene(NAMED)
-    scene.set_region(region("off", 0, 50, is_enabled=False), 1)
-    scene.set_region(region("soft", 50, 100, level_change_db=-30.0), 1)
-    scene.set_settings(1, SceneSettings(level_change_db=2.5))
-    assert [felt_at(scene, at) for at in (20, 70, 200)] == [None, 0.0, 22.5]
 
 
 def test_a_scene_has_bounds() -> None:

@@ -3,14 +3,13 @@
 import asyncio
 import json
 import random
-from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
 
 from engine.effects import SceneSettings
 from tactable.control.requests import DEFAULT_LEASE_S, LONGEST_LEASE_S
-from tactable.control.server import MOST_PROGRAMS, MOST_UNREAD_BYTES, ControlServer
+from tactable.control.server import MOST_UNREAD_BYTES, ControlServer
 from tactable.shipped import find_device
 from tests.quick import first_quick
 from tests.tactable.control.messages import HELLO, ROOT, SAID, VALID, hostile_line
@@ -27,18 +26,14 @@ class Line(Program):
         SAID.validate(self.said[-1])
 
 
-async def lines_of(*messages: dict[str, Any] | bytes, forever: bool = False) -> AsyncIterator[bytes]:
-    for message in messages:
-        yield message if isinstance(message, bytes) else json.dumps(message).encode()
-    if forever:
-        await asyncio.get_running_loop().create_future()
-
-
 async def what_is_said(server: ControlServer, *messages: dict[str, Any] | bytes) -> list[dict[str, Any]]:
     """To a program that sends these and hangs up."""
-    line = Line()
-    await server.converse(lines_of(*messages), line)
-    return line.said
+    program = Line()
+    for message in messages:
+        program.tell(message)
+    program.hang_up()
+    await server.converse(program.lines(), program)
+    return program.said
 
 
 @on_virtual_time
@@ -51,21 +46,20 @@ async def test_each_message_has_its_answer_in_order(server: ControlServer, slot:
 
 
 @on_virtual_time
-async def test_the_first_message_is_a_hello(server: ControlServer, slot: VirtualSlot) -> None:
+async def test_a_program_begins_with_a_hello_and_one_that_asks_for_no_step_has_none(
+    server: ControlServer, slot: VirtualSlot
+) -> None:
     said = await what_is_said(server, {"type": "stop"}, HELLO, {"type": "ping"})
     assert [each["ok"] for each in said] == [False, True, True]
     assert '{"type": "hello", "version": 1' in said[0]["error"]
     assert slot.steps == []
 
 
-@pytest.mark.parametrize("messages", [[], [HELLO]])
 @on_virtual_time
-async def test_a_program_that_has_hung_up_is_told_nothing_more(
-    server: ControlServer, messages: list[dict[str, Any]]
-) -> None:
-    said = await what_is_said(server, *messages)
+async def test_a_program_that_has_hung_up_is_told_nothing_more(server: ControlServer) -> None:
+    said = await what_is_said(server, HELLO)
     await asyncio.sleep(2 * DEFAULT_LEASE_S)
-    assert len(said) == len(messages)
+    assert len(said) == 1
 
 
 @pytest.mark.parametrize("seed", first_quick([3, 4, 5]))
@@ -80,38 +74,27 @@ async def test_hostile_messages_get_nothing_but_answers(server: ControlServer, s
 
 
 @on_virtual_time
-async def test_programs_at_once_never_put_two_steps_into_the_slot(server: ControlServer, slot: VirtualSlot) -> None:
-    asked = [HELLO, *[VALID[1], {"type": "trigger", "effect": "tick", "finger": 3}] * 15]
-    said = await asyncio.gather(*[what_is_said(server, *asked) for _ in range(MOST_PROGRAMS)])
-    assert [len(each) for each in said] == [31] * MOST_PROGRAMS
-    assert sum(step.trigger is not None for step in slot.steps) == MOST_PROGRAMS * 15
-    assert {step.gone_owner for step in slot.steps} == {None, *range(1, MOST_PROGRAMS + 1)}
-
-
-@on_virtual_time
 async def test_one_program_too_many_is_told_so(server: ControlServer) -> None:
-    held = [
-        asyncio.create_task(server.converse(lines_of(forever=True), Line())) for _ in range(16)
-    ]  # as docs/programs.md says
-    await asyncio.sleep(0)
+    held = [Line().begin(server) for _ in range(16)]  # as docs/programs.md says
+    await settle()
     said = await what_is_said(server, HELLO)
     assert [each["ok"] for each in said] == [False] and "end one of them" in said[0]["error"]
-    for task in held:
-        task.cancel()
-    await asyncio.gather(*held, return_exceptions=True)
+    for program in held:
+        program.hang_up()
+    await settle()
 
 
 @on_virtual_time
 async def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_not(server: ControlServer) -> None:
-    silent, babbling, greeting = Line(), Line(), Line()
-    talk = asyncio.create_task(server.converse(lines_of(HELLO, forever=True), greeting))
-    await server.converse(lines_of(forever=True), silent)
-    await server.converse(lines_of({"type": "ping"}, forever=True), babbling)
+    silent, babbling, greeting = Line(), Line(), Line().begin(server)
+    babbling.tell({"type": "ping"})
+    for program in (silent, babbling):
+        await server.converse(program.lines(), program)
     assert [each["error"] for each in silent.said] == ["run: no hello within 10 s: the connection is closed"]
     assert len(babbling.said) == 2 and "no hello" in babbling.said[1]["error"]
-    assert len(server._programs) == 1 and not talk.done()
-    talk.cancel()
-    await asyncio.gather(talk, return_exceptions=True)
+    assert len(server._programs) == 1 and greeting.talk is not None and not greeting.talk.done()
+    greeting.hang_up()
+    await settle()
 
 
 @on_virtual_time
@@ -139,11 +122,14 @@ async def test_after_a_change_of_table_positions_are_those_of_the_new_device(
 
 
 @on_virtual_time
-async def test_a_finger_that_is_not_there_is_named_with_those_that_are(server: ControlServer) -> None:
-    away = {"type": "trigger", "effect": "tick", "finger": 9}
-    said = await what_is_said(server, HELLO, away, {"type": "role", "finger": 9, "role": "quiet"})
-    for answer, key in zip(said[1:], ("trigger", "role"), strict=True):
+async def test_a_finger_that_is_not_there_is_named_with_those_that_are_and_one_that_is_quiet_refuses_triggers(
+    server: ControlServer,
+) -> None:
+    away, quiet = TRIGGER | {"finger": 9}, {"type": "role", "finger": 3, "role": "quiet"}
+    said = await what_is_said(server, HELLO, away, quiet | {"finger": 9}, quiet, TRIGGER)
+    for answer, key in zip(said[1:3], ("trigger", "role"), strict=True):
         assert answer["error"] == f"{key}.finger: 9: does not touch the bar; of these that do: 3"
+    assert said[3]["ok"] and "'by rules'" in said[4]["error"]
 
 
 @pytest.mark.parametrize("reads", [True, False])
@@ -151,10 +137,8 @@ async def test_a_finger_that_is_not_there_is_named_with_those_that_are(server: C
 async def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many(
     server: ControlServer, reads: bool
 ) -> None:
-    line = Program(reads=reads)
-    talk = lines_of(HELLO, {"type": "subscribe", "to": ["touches"]}, forever=True)
-    talking = asyncio.create_task(server.converse(talk, line))
-    await settle()
+    line = Program(reads=reads).begin(server)
+    await line.ask({"type": "subscribe", "to": ["touches"]})
     event = {"event": "touches", "time_ns": 1, "fingers": FINGERS * 50}
     server.publish([event] * 200)
     got = len(line.said) - 2
@@ -164,8 +148,8 @@ async def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many
     server.publish([event])
     told = [each["count"] for each in line.said if each.get("event") == "lost"]
     assert told == ([] if reads else [200 - got])  # once
-    talking.cancel()
-    await asyncio.gather(talking, return_exceptions=True)
+    line.hang_up()
+    await settle()
 
 
 @on_virtual_time
@@ -188,19 +172,6 @@ async def test_what_a_lease_holds_ends_when_it_has_been_silent_for_it_and_not_be
         assert slot.player.settings == SceneSettings() and slot.player.level_db is None
         program.hang_up()
         await settle()
-
-
-@on_virtual_time
-async def test_a_connection_that_hangs_up_ends_its_lease_at_once(server: ControlServer, slot: VirtualSlot) -> None:
-    program, other = Line().begin(server), Line().begin(server)
-    await program.ask(VALID[6], TRIGGER)
-    assert slot.player.level_db == 23.5
-    program.hang_up()
-    await settle()
-    assert slot.player.placement is None and slot.player.settings == SceneSettings() and other.said[-1]["ok"]
-    other.hang_up()
-    await settle()
-    assert slot.steps[-1].gone_owner == 1  # the other one had asked for nothing
 
 
 @on_virtual_time
@@ -227,17 +198,7 @@ async def test_while_a_program_has_switched_feeling_off_triggers_are_refused_and
     assert slot.player.level_db is not None
     await second.ask({"type": "settings", "enabled": False})
     assert slot.player.level_db is None
-    await first.ask(message)
-    assert "switched feeling off" in first.said[-1]["error"] and slot.player.level_db is None
+    assert "switched feeling off" in (await first.ask(message))["error"] and slot.player.level_db is None
     second.hang_up()
     await settle()
-    await first.ask(message)
-    assert first.said[-1]["ok"] and slot.player.level_db is not None
-
-
-@on_virtual_time
-async def test_a_quiet_finger_refuses_triggers_in_words(server: ControlServer) -> None:
-    program = Line().begin(server)
-    await program.ask({"type": "role", "finger": 3, "role": "quiet"}, TRIGGER)
-    assert [each["ok"] for each in program.said] == [True, True, False]
-    assert "'by rules'" in program.said[-1]["error"]
+    assert (await first.ask(message))["ok"] and slot.player.level_db is not None

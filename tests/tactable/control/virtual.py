@@ -115,7 +115,7 @@ class Program:
         self._asked = 0
 
     def begin(self, server: ControlServer, **hello: Any) -> "Program":
-        self.talk = asyncio.ensure_future(server.converse(self._each_line(), self))
+        self.talk = asyncio.ensure_future(server.converse(self.lines(), self))
         self.tell(HELLO | hello)
         return self
 
@@ -133,7 +133,7 @@ class Program:
     def hang_up(self) -> None:
         self._lines.put_nowait(None)
 
-    async def _each_line(self) -> AsyncIterator[bytes]:
+    async def lines(self) -> AsyncIterator[bytes]:
         while (line := await self._lines.get()) is not None:
             yield line
 
