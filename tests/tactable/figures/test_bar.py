@@ -9,7 +9,6 @@ from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from precompute.studies.reach import compute_reach
-from tactable.figures.file import Picture
 from tactable.figures.reach import plot_reach
 from tactable.figures.zones import plot_optimum, plot_zones
 from tests.precompute.devices import shipped
@@ -18,16 +17,9 @@ from tests.tactable.figures.pictures import check_picture
 DEVICE = shipped("reference-a")
 
 
-@pytest.fixture(scope="module")
-def reach() -> Picture:
-    return plot_reach(DEVICE)
-
-
-def two_tones(left_hz: float, right_hz: float) -> BarDrive:
-    return BarDrive("", np.array([left_hz, right_hz]), np.ones(2, dtype=np.complex128))
-
-
-def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(reach: Picture) -> None:
+def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(tmp_path: Path) -> None:
+    reach = plot_reach(DEVICE)
+    check_picture(reach, DEVICE, (), tmp_path)
     place_m = np.asarray(reach.columns["position (m)"])
     touched = compute_reach(assemble(DEVICE), place_m[::20], DEVICE.finger)
     name = "each actuator at its best frequency, under a finger there (m/s^2)"
@@ -37,9 +29,11 @@ def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(reach: Picture) 
     assert reach.summary["under_a_finger"]["least_m_per_s2"] == min(reach.columns[name])
 
 
-def test_the_data_by_zone_are_the_steady_state_of_each_drive() -> None:
-    drives = [two_tones(60.0, 90.0), two_tones(150.0, 130.0)]
-    columns = plot_zones(DEVICE, drives).columns
+def test_the_data_by_zone_are_the_steady_state_of_each_drive(tmp_path: Path) -> None:
+    drives = [BarDrive("", np.array(hz), np.ones(2, dtype=np.complex128)) for hz in ((60.0, 90.0), (150.0, 130.0))]
+    picture = plot_zones(DEVICE, drives)
+    check_picture(picture, DEVICE, ("drive", "zone"), tmp_path)
+    columns = picture.columns
     for k, drive in enumerate(drives):
         state = compute_steady_state(assemble(DEVICE), drive.frequency_hz, drive.amplitude)
         rows = slice(5 * k, 5 * k + 5)
@@ -48,16 +42,12 @@ def test_the_data_by_zone_are_the_steady_state_of_each_drive() -> None:
     assert sum(columns["localized factor (1)"]) == pytest.approx(2.0), "zones cover the bar"
 
 
-def test_the_optimum_is_drawn_with_its_wanted_zones() -> None:
+def test_the_optimum_is_drawn_with_its_wanted_zones(tmp_path: Path) -> None:
     picture = plot_optimum(DEVICE, ["I", "III", "V"])
+    check_picture(picture, DEVICE, ("drive", "zone"), tmp_path)
     names = {text.get_text() for text in picture.figure.axes[1].texts}
     assert {"I, wanted", "II", "III, wanted", "IV", "V, wanted"} <= names
     for found, drive in zip(picture.summary["drives"], find_untouched_optima(assemble(DEVICE), [0, 2, 4]), strict=True):
         share = compute_steady_state(assemble(DEVICE), drive.frequency_hz, drive.amplitude).share
         assert found["localized_factor"] == pytest.approx(share[[0, 2, 4]].sum())
     assert picture.summary["drives"][1]["localized_factor"] > picture.summary["drives"][0]["localized_factor"] > 0.8626
-
-
-def test_every_picture_has_its_units_its_estimates_and_its_data(reach: Picture, tmp_path: Path) -> None:
-    for picture in (reach, plot_zones(DEVICE, [two_tones(60.0, 90.0)]), plot_optimum(DEVICE, ["I"])):
-        check_picture(picture, DEVICE, ("drive", "zone"), tmp_path)

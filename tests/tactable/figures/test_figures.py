@@ -36,9 +36,10 @@ def drawn(table: Table, felt: str, *quiet: str, level_db: float = 20.0) -> Playe
     return solved_drive(table, Placement.named(table.device, [felt], quiet), level_db)
 
 
-def test_a_level_that_is_not_achieved_is_said(table: Table) -> None:
+def test_a_level_that_is_not_achieved_is_said(table: Table, tmp_path: Path) -> None:
     loudest_db = drawn(table, "I", "III", level_db=inf).drive.weakest_felt_db
     picture = plot_state(drawn(table, "I", "III", level_db=loudest_db + 3))
+    check_picture(picture, table.device, {"drive"}, tmp_path)
     assert "NOT ACHIEVED" in picture.caption
     assert picture.summary["achieved"] is False
 
@@ -70,8 +71,10 @@ def test_the_course_is_risen_when_it_is_said_and_stays_near_what_is_promised(tab
         assert rising.time_s[outside[-1]] == pytest.approx(played.figures.t90_s, abs=2e-3)
 
 
-def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table) -> None:
-    columns = plot_course(drawn(table, "I", "II", "III")).columns
+def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table, tmp_path: Path) -> None:
+    picture = plot_course(drawn(table, "I", "II", "III"))
+    check_picture(picture, table.device, (), tmp_path)
+    columns = picture.columns
     level_db = {
         name: np.asarray(columns[f"level of {name} (dB {table.device.threshold.above})"])
         for name in ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
@@ -88,44 +91,32 @@ def test_without_fingers_the_factor_is_that_of_the_sweep(table: Table, amplitude
     assert computed == pytest.approx(read_factor(table, ["I", "III"], drive), abs=2e-6)
 
 
-def test_with_fingers_the_factor_is_that_of_the_steady_state(table: Table) -> None:
-    device = table.device
+def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_actuator_s_band(table: Table) -> None:
+    left, right = table.device.actuators
+    device = replace(table.device, actuators=(replace(left, band_hz=(100.0, 300.0)), right))
     middle_m = (device.zones[1].start_m + device.zones[1].stop_m) / 2
     plant, hz = assemble(device).with_fingers([middle_m], device.finger), device.sweep.frequency_hz
     factor = compute_factor(device, ["III"], ["II"], PairDrive((0, 1), (1.0, 0.6)))
-    for first, second in ((3, 40), (40, 3), (25, 25)):
+    below = hz < 100.0
+    assert np.isnan(factor[below]).all()
+    assert np.isfinite(factor[~below]).all()
+    for first, second in ((30, 40), (40, 3), (25, 25)):
         steady = compute_steady_state(plant, hz[[first, second]], np.array([1.0, 0.6], dtype=np.complex128))
         assert factor[first, second] == pytest.approx(steady.share[2], rel=1e-8)
 
 
-def test_out_of_its_band_an_actuator_has_no_factor(table: Table) -> None:
-    left, right = table.device.actuators
-    device = replace(table.device, actuators=(replace(left, band_hz=(100.0, 300.0)), right))
-    factor = compute_factor(device, ["I"], [], PairDrive((0, 1), (1.0, 1.0)))
-    below = device.sweep.frequency_hz < 100.0
-    assert np.isnan(factor[below]).all()
-    assert np.isfinite(factor[~below]).all()
-
-
-def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(table: Table) -> None:
+def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(
+    table: Table, tmp_path: Path
+) -> None:
     drive = pair_drive(table.device, [], [1.0, 1.0])
     picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
+    for each in (picture, plot_factor(table, [["I"]], ["I"], drive)):
+        check_picture(each, table.device, (), tmp_path)
     assert len(picture.figure.axes) == 4  # with the colour bar
     shares = [picture.columns[f"localized factor {name} untouched (1)"] for name in ("I", "II", "III")]
     assert np.sum(shares, axis=0) == pytest.approx(1.0, abs=1e-5)
     together = plot_factor(table, [["I", "III"]], [], drive).columns["localized factor untouched (1)"]
     assert np.asarray(together) == pytest.approx(np.asarray(shares[0]) + np.asarray(shares[2]), abs=1e-6)
-
-
-def test_every_picture_has_its_units_its_estimates_and_its_data(table: Table, tmp_path: Path) -> None:
-    drive = drawn(table, "I", "III")
-    pictures = [
-        plot_state(drive),
-        plot_course(drive),
-        plot_factor(table, [["I"]], ["I"], PairDrive((0, 1), (1.0, 1.0))),
-    ]
-    for picture in pictures:
-        check_picture(picture, table.device, {"drive"}, tmp_path)
 
 
 def test_the_same_data_are_the_same_file(table: Table, tmp_path: Path) -> None:

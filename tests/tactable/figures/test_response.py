@@ -53,13 +53,9 @@ def test_noiseless_readings_lie_on_the_curve_that_has_the_sensor_at_each_place()
 
 def test_what_is_simulated_says_so_and_what_is_measured_does_not() -> None:
     read = readings((150.0, 130.0))
-    simulated, measured = (
-        plot_response(DEVICE, replace(read, is_simulated=flag), has_readings=True) for flag in (True, False)
-    )
-    assert "SIMULATED" in simulated.caption and simulated.figure.get_supxlabel().startswith(
-        "Curves computed, points SIM"
-    )
-    assert "SIMULATED" not in measured.caption
-    assert measured.figure.get_supxlabel().startswith("Curves computed, points measured.")
-    (axes,) = measured.figure.axes
-    assert {line.get_label() for line in axes.lines} >= {"measured", "computed, with the sensor at each place"}
+    for is_simulated, what in ((True, "SIMULATED"), (False, "measured.")):
+        picture = plot_response(DEVICE, replace(read, is_simulated=is_simulated), has_readings=True)
+        assert ("SIMULATED" in picture.caption) is is_simulated
+        assert picture.figure.get_supxlabel().startswith(f"Curves computed, points {what}")
+        labels = {line.get_label() for axes in picture.figure.axes for line in axes.lines}
+        assert labels >= {"computed, with the sensor at each place"} and ("measured" in labels) is not is_simulated

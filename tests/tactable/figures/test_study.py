@@ -10,7 +10,6 @@ from engine.device import Device
 from precompute.studies.placement import Placement, PlacementSearch, even_places, own_places
 from precompute.studies.resolution import Resolved
 from precompute.studies.two_fingers import TwoFingers
-from tactable.figures.file import Picture
 from tactable.figures.placement import plot_placement
 from tactable.figures.resolution import TOLD_APART_DB, narrowest_zone_m, plot_resolution
 from tests.precompute.devices import shipped
@@ -45,21 +44,10 @@ def resolved(actuators: int, zones: int, worst_db: float, level_db: float = 20.0
 STUDY = [resolved(2, 2, 14.0), resolved(2, 4, 11.0), resolved(2, 8, 6.0), resolved(3, 2, 9.0), resolved(3, 4, 12.0, 18)]
 
 
-@pytest.fixture(scope="module")
-def pictures() -> dict[str, Picture]:
-    return {
-        "placement": plot_placement(DEVICE, [search(2), search(3)], 20.0),
-        "resolution": plot_resolution(DEVICE, STUDY, 20.0),
-    }
-
-
-def test_every_picture_has_its_units_its_estimates_and_its_data(pictures: dict[str, Picture], tmp_path: Path) -> None:
-    for picture in pictures.values():
-        check_picture(picture, DEVICE, ("placement",), tmp_path)
-
-
-def test_every_placement_is_a_row_judged_ones_first(pictures: dict[str, Picture]) -> None:
-    columns = pictures["placement"].columns
+def test_every_placement_is_a_row_judged_ones_first(tmp_path: Path) -> None:
+    picture = plot_placement(DEVICE, [search(2), search(3)], 20.0)
+    check_picture(picture, DEVICE, ("placement",), tmp_path)
+    columns = picture.columns
     assert list(columns["placement"]) == ["found", "even", "as described", *["screened"] * 9, "found", "even"] + (
         ["screened"] * 9
     )
@@ -77,10 +65,9 @@ def test_zones_are_told_apart_down_to_the_first_that_are_not() -> None:
     assert narrowest_zone_m([resolved(2, 2, TOLD_APART_DB)]) is not None
 
 
-def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_missed(
-    pictures: dict[str, Picture],
-) -> None:
-    picture = pictures["resolution"]
+def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_missed(tmp_path: Path) -> None:
+    picture = plot_resolution(DEVICE, STUDY, 20.0)
+    check_picture(picture, DEVICE, ("placement",), tmp_path)
     left = picture.figure.axes[0]
     drawn = {str(line.get_label()): line for line in left.lines}
     assert np.asarray(drawn["2 at 25, 75 %"].get_ydata()).tolist() == [14.0, 11.0, 6.0]

@@ -18,7 +18,7 @@ def test_steps_are_left_out_and_zones_played_once_at_the_middle_rate_under_stres
         assert sum(each.engine == ZONES for load in plan.loads for each in plan.conditions(load)) == count
 
 
-def test_each_engine_is_next_to_its_floor() -> None:
+def test_each_engine_is_next_to_its_floor_and_rounds_begin_with_another_condition_and_measure_all() -> None:
     for load in (BackgroundLoad.IDLE, BackgroundLoad.STRESS):
         for rate_hz in PLAN.rates_hz:
             floor = PLAN.floor_of(Condition(TACTABLE, rate_hz, load, ALL_STEPS))
@@ -26,9 +26,6 @@ def test_each_engine_is_next_to_its_floor() -> None:
             assert floor in PLAN.conditions(load)
             assert PLAN.floor_of(floor) is None
     assert PLAN.floor_of(Condition(TACTABLE, 1000, BackgroundLoad.THREAD, ALL_STEPS)) is None
-
-
-def test_rounds_begin_with_another_condition_and_measure_all_of_them() -> None:
     rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
     assert len({conditions[0] for conditions in rounds}) == 4
     assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)

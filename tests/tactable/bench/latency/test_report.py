@@ -41,16 +41,13 @@ def document_of(run: Run) -> dict[str, Any]:
     }
 
 
-def test_samples_come_back_as_they_were(tmp_path: Path) -> None:
+def test_samples_come_back_as_they_were_and_a_file_without_any_is_refused_by_name(tmp_path: Path) -> None:
     run = made_run()
     write_samples(run, tmp_path / "samples.npz")
     again = read_samples(tmp_path / "samples.npz")
     assert again.keys() == run.rounds().keys()
     for name, parts in run.rounds().items():
         np.testing.assert_array_equal(parts, again[name])
-
-
-def test_a_file_without_samples_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "samples.npz").write_bytes(b"no archive")
     with pytest.raises(LatencyReportError, match=r"samples\.npz: holds no samples"):
         read_samples(tmp_path / "samples.npz")
@@ -59,8 +56,12 @@ def test_a_file_without_samples_is_refused_by_name(tmp_path: Path) -> None:
         read_samples(tmp_path / "others.npz")
 
 
-def test_the_ratio_to_the_floor_is_that_of_the_medians() -> None:
-    document = run_json(made_run())
+def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the_layer_and_what_came_late() -> None:
+    document = document_of(made_run())
+    text = page_markdown(document)
+    assert "the slowest hundredth lost its time in host (wake-up, 100 %)" in text
+    assert f"| {OURS.name} | 40 | 0 | 0 | 0 | 0 |" in text
+    assert "    tactable bench latency <&>" in text
     assert [row["way"] for row in document["ratios"]] == ["due to written", "sent to written"]
     assert [row["median"]["value"] for row in document["ratios"]] == [pytest.approx(2.0)] * 2
     assert document["ratios"][0]["p99_9"] is None
@@ -80,13 +81,6 @@ def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: P
     names = sorted(path.name for path in (tmp_path / "new").iterdir())
     assert names == ["report.html", "report.json", "report.md", "samples.npz"]
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
-
-
-def test_the_summary_names_the_layer_and_what_came_late() -> None:
-    text = page_markdown(document_of(made_run()))
-    assert "the slowest hundredth lost its time in host (wake-up, 100 %)" in text
-    assert f"| {OURS.name} | 40 | 0 | 0 | 0 | 0 |" in text
-    assert "    tactable bench latency <&>" in text
 
 
 def test_an_arrival_belongs_to_the_latest_command_of_its_sequence() -> None:

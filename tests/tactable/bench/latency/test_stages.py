@@ -21,14 +21,8 @@ from tactable.bench.latency.stages import (
     us,
 )
 
-WAYS_NS = {
-    Point.SENT: 20e3,
-    Point.READ: 30e3,
-    Point.FRAME: 4e3,
-    Point.STATE: 3e3,
-    Point.COMMAND: 1e3,
-    Point.WRITTEN: 9e3,
-}
+MEASURED = (Point.SENT, Point.READ, Point.FRAME, Point.STATE, Point.COMMAND, Point.WRITTEN)
+WAYS_NS = dict(zip(MEASURED, (20e3, 30e3, 4e3, 3e3, 1e3, 9e3), strict=True))
 
 
 def stamps_of(count: int, **late_ns: float) -> Stamps:
@@ -53,13 +47,17 @@ def test_a_percentile_is_a_sample_and_told_only_with_ten_beyond_it(durations_ns:
     assert round(1e3 * (figures["max_us"] or 0)) == max(durations_ns)
 
 
-def test_without_samples_there_are_no_figures_and_what_is_not_known_is_a_dash() -> None:
+def test_without_samples_there_are_no_figures_what_is_not_known_is_a_dash_and_what_was_never_written_a_miss() -> None:
     assert figures_of(np.array([np.nan])) is None
     assert blame(stamps_of(0)) is None
     assert [us(value) for value in (None, float("nan"), 3.14159, 12345.6)] == ["-", "-", "3.1", "12346"]
+    assert misses_of(np.array([2e6, np.nan, 0.5e6, 60e6])) == {"1 ms": 3, "5 ms": 2, "10 ms": 2, "20 ms": 2, "50 ms": 2}
 
 
-def test_a_stage_begins_with_the_last_point_that_was_measured() -> None:
+def test_stages_add_up_to_the_way_and_each_begins_with_the_last_point_that_was_measured() -> None:
+    told = stages_json(stamps_of(50))["stages"]
+    assert told["due to written"]["p50_us"] == pytest.approx(67.0)
+    assert sum(told[STAGES[point].name]["p50_us"] for point in WAYS_NS) == pytest.approx(67.0)
     stamps = stamps_of(3)
     stamps[:, [Point.FRAME, Point.STATE, Point.COMMAND]] = np.nan
     assert durations_of(stamps, Point.WRITTEN).tolist() == [17e3] * 3
@@ -76,16 +74,6 @@ def test_the_layer_that_was_late_is_named(point: str, layer: str) -> None:
     assert (found["slowest"]["layer"], found["slowest"]["stage"]) == (layer, STAGES[Point[point]].name)
     assert found["slowest"]["share"] > 0.99
     assert found["typical"]["layer"] == "host"
-
-
-def test_what_was_never_written_is_a_miss() -> None:
-    assert misses_of(np.array([2e6, np.nan, 0.5e6, 60e6])) == {"1 ms": 3, "5 ms": 2, "10 ms": 2, "20 ms": 2, "50 ms": 2}
-
-
-def test_stages_add_up_to_the_way() -> None:
-    told = stages_json(stamps_of(50))["stages"]
-    assert told["due to written"]["p50_us"] == pytest.approx(67.0)
-    assert sum(told[STAGES[point].name]["p50_us"] for point in WAYS_NS) == pytest.approx(67.0)
 
 
 def test_the_document_names_every_stage_with_its_layer() -> None:
