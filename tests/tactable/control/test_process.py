@@ -1,7 +1,9 @@
 """The control channel end to end: a run on an emulated firmware, and programs at its Unix socket."""
 
 import json
+import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,6 +19,7 @@ from engine.touch.sources.recording import write_recording
 from firmware_link.emulator import Cause
 from firmware_link.emulator.process import RunningEmulator, run_emulator
 from tactable.control.client import Client
+from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.shipped import find_device
 from tests.engine.made_table import write_table
 from tests.tactable.cli.in_process import run_here
@@ -36,6 +39,8 @@ class Running:
     process: "subprocess.Popen[str]"
     emulator: RunningEmulator
     socket: Path
+    said: str
+    """What it printed until it began."""
 
     def connect(self) -> Client:
         return tactable.connect(self.socket, name="a test")
@@ -81,15 +86,14 @@ def running(tmp_path: Path) -> Iterator[Running]:
                 line = process.stderr.readline()
                 assert process.poll() is None and line, said
                 said += line
-            assert "osc://127.0.0.1:" in said
-            yield Running(process, emulator, path)
+            yield Running(process, emulator, path, said)
             if process.poll() is None:
                 process.kill()
 
 
-def event_of(client: Client, name: str) -> dict[str, Any]:
-    """The next event of this name."""
-    return next(each for each in client.events(PATIENCE_S) if each["event"] == name)
+def event_of(client: Client, name: str, has: Callable[[dict[str, Any]], bool] = lambda _: True) -> dict[str, Any]:
+    """The next event of this name that has something."""
+    return next(each for each in client.events(PATIENCE_S) if each["event"] == name and has(each))
 
 
 def wait_until(holds: Callable[[], bool]) -> None:
@@ -103,6 +107,7 @@ def test_a_run_serves_programs_from_its_first_touch_over_a_new_table_to_its_end(
     triggers_and_hears(running)
     the_example_of_two_buttons_sees_the_finger(running)
     no_second_run_takes_the_socket(running)
+    answers_open_sound_control_where_it_says(running)
     programs_meet_the_device_of_a_new_table(running)
     summary = running.end()
     assert summary["changes_of_table"] == 1 and summary["control_steps"] > 8
@@ -141,6 +146,15 @@ def no_second_run_takes_the_socket(running: Running) -> None:
     assert running.greeting()["device"] == "reference-a"
 
 
+def answers_open_sound_control_where_it_says(running: Running) -> None:
+    found = re.search(r"osc://127\.0\.0\.1:(\d+)/tactable/", running.said)
+    assert found is not None, running.said
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+        program.connect(("127.0.0.1", int(found[1])))
+        program.send(encode_osc("/tactable/ping", []))
+        assert decode_osc(program.recv(1 << 16)) == [("/tactable/answer", ["/tactable/ping", True, ""])]
+
+
 def programs_meet_the_device_of_a_new_table(running: Running) -> None:
     with running.connect() as client:
         client.set_region("kept", ["100 mm", "140 mm"], touch="press", stays=True)
@@ -150,10 +164,16 @@ def programs_meet_the_device_of_a_new_table(running: Running) -> None:
     (folder / "new.nc").replace(folder / "bar.nc")
     wait_until(lambda: running.greeting()["length_m"] == longer.bar.length_m)
     with running.connect() as client:
+        assert [zone["stop_m"] for zone in client.run["zones"]] == [zone.stop_m for zone in longer.zones]
         assert client.run["regions"] == ["kept"]  # it keeps its metres
-        client.subscribe("played")
+        at_m = pytest.approx(0.2 * longer.bar.length_m, abs=1e-4)
+        (finger,) = client.subscribe("touches", "played")
+        if finger["at_m"] != at_m:  # the run is a moment later
+            (finger,) = event_of(client, "touches", lambda event: bool(event["fingers"][0]["at_m"] == at_m))["fingers"]
+        assert finger["zone"] == longer.zones[1].name and finger["region"] is None
         client.set_region("key", ["15 %", "25 %"], hold={"effect": "buzz", "after": "10 ms"})
         played = event_of(client, "played")
         assert played["kind"] == "drive" and played["promise"] is not None
-        assert played["fingers"][0]["at_m"] == pytest.approx(0.2 * longer.bar.length_m, abs=1e-4)
         assert client.subscribe("played")[0]["region"] == "key"
+        client.remove_region("key")
+        assert event_of(client, "played")["kind"] == "silence"

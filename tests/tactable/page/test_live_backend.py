@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
     return folder
 
 
+@contextmanager
+def started(folder: Path, emulator: RunningEmulator, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    paths = ("bar.nc", "--touch", "taps.hid", "--port", emulator.port)
+    command = [TACTABLE, "run", *paths, "--reconnect", "--no-watch", "--no-solve", *words]
+    with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        yield process
+
+
 def address_of(process: "subprocess.Popen[str]") -> str:
     """What the run says of its page."""
     assert process.stderr is not None
@@ -47,16 +57,20 @@ def address_of(process: "subprocess.Popen[str]") -> str:
 async def looked_on(address: str, commands: int) -> tuple[dict[str, Any], list[bytes]]:
     """The scene, and everything that comes until so many commands and a motion were seen."""
     origin = Origin(address[: address.index("/", 7)])
-    scene, told = dict[str, Any](), list[bytes]()
+    scene, told, kinds = dict[str, Any](), list[bytes](), set[int]()
     async with connect(address.replace("http:", "ws:") + "socket", origin=origin) as socket:
         while True:
             message = await socket.recv()
             assert isinstance(message, bytes)
-            told.append(message)
+            kinds.add(message[1])
             if message[1] == Kind.SCENE:
                 scene = json.loads(message[2:])
-            has_motion = any(each[1] == Kind.MOTION for each in told)
-            if has_motion and message[1] == Kind.PICTURE and int.from_bytes(message[34:38], "little") >= commands:
+            told.append(message)
+            if (
+                Kind.MOTION in kinds
+                and int.from_bytes(told[-1][34:38], "little") >= commands
+                and told[-1][1] == Kind.PICTURE
+            ):
                 return scene, told
 
 
@@ -71,11 +85,10 @@ def page_of(process: "subprocess.Popen[str]") -> int:
 def test_a_run_is_shown_to_a_page_that_only_looks_on_and_goes_on_when_that_is_killed(
     folder: Path, emulator: RunningEmulator
 ) -> None:
-    words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--no-watch", "--no-solve", "--page"]
-    refused = run_here(folder, *words, "--page-host", "192.0.2.1")  # before it begins
+    words = ["bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--no-watch", "--no-solve"]
+    refused = run_here(folder, "run", *words, "--page", "--page-host", "192.0.2.1")  # before it begins
     assert refused.returncode == 1 and refused.stderr.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
-    command = [TACTABLE, *words, "--reconnect", "--json"]
-    with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with started(folder, emulator, "--page", "--json") as process:
         address = address_of(process)
         scene, told = asyncio.run(looked_on(address, 3))
         os.kill(page_of(process), signal.SIGKILL)
