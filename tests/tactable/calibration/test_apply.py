@@ -16,6 +16,7 @@ from engine.table.history import previous_of
 from precompute.builder.build import build_table
 from precompute.calibration.misfit import Loss
 from precompute.clicks.options import ClickOptions
+from precompute.measurements.netcdf_content import load_content
 from precompute.measurements.parameters import paper_names
 from tactable.calibration.apply import apply_fit
 from tactable.calibration.job import CalibrationJob
@@ -50,7 +51,7 @@ def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def one_core() -> Iterator[None]:
     """As on a machine of one core: no other process builds, whose start would take as long as the work."""
     cores = os.sched_getaffinity(0)
@@ -59,14 +60,14 @@ def one_core() -> Iterator[None]:
     os.sched_setaffinity(0, cores)
 
 
-def apply(*options: str) -> Result:
-    words = ["calibrate", "bar.toml", "measured.csv", "-o", "new", "--starts", "1", "--no-compare", "--apply", "bar.nc"]
+def apply(*options: str, measurements: str = "measured.csv") -> Result:
+    words = ["calibrate", "bar.toml", measurements, "-o", "new", "--starts", "1", "--no-compare", "--apply", "bar.nc"]
     return CliRunner().invoke(app, [*words, *options])
 
 
-def applied(*options: str) -> dict[str, Any]:
+def applied(*options: str, measurements: str = "measured.csv") -> dict[str, Any]:
     """What it says of the table."""
-    done = apply("--json", *options)
+    done = apply("--json", *options, measurements=measurements)
     assert done.exit_code == 0, done.output
     said: dict[str, Any] = json.loads(done.stdout)["applied"]
     return said
@@ -78,7 +79,6 @@ def most_fingers(path: Path) -> int:
         return max(len(click.placement.position_m) for click in table.clicks)
 
 
-@pytest.mark.usefixtures("one_core")
 def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path) -> None:
     said = applied()
     new = Device.parse((folder / "new" / "reference-a.toml").read_text(encoding="utf-8"), "new")
@@ -96,7 +96,24 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in said["diff"]["device"]}
 
 
-@pytest.mark.usefixtures("one_core")
+def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("precompute.measurements.netcdf.read_content", load_content)  # in this process
+    table, measured = folder / "bar.nc", folder / "bar-measured.nc"
+    before = table.read_bytes()
+    bench = ("--measure", "--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "2")
+    changed = ("--change", "actuator[1].stiffness=20.5 kN/m", "--flaws", "noise=0.01m/s^2,drift=30", "--no-clicks")
+    said = applied(*bench, *changed, measurements=measured.name)
+    assert {"fit", "verify on the bar", "put in place"} <= said["seconds"].keys()
+    with Table.open(table) as found:
+        assert found.device.actuators[0].stiffness_n_per_m == pytest.approx(20.5e3, rel=5e-3)
+    assert previous_of(table).read_bytes() == before
+    contents = [path.read_bytes() for path in (measured, table)]
+    applied(*bench, *changed, measurements=measured.name)
+    assert [path.read_bytes() for path in (measured, table)] == contents
+
+
 def test_asked_again_it_goes_on_where_it_was(folder: Path) -> None:
     assert not applied("--no-clicks")["has_all_clicks"]
     second = applied()
@@ -104,7 +121,6 @@ def test_asked_again_it_goes_on_where_it_was(folder: Path) -> None:
     assert most_fingers(folder / "bar.nc") == 2
 
 
-@pytest.mark.usefixtures("one_core")
 @pytest.mark.parametrize(("wish", "fingers"), [((), 2), (("--no-clicks",), 1)])
 def test_asked_again_for_the_same_it_does_nothing(folder: Path, wish: tuple[str, ...], fingers: int) -> None:
     assert applied(*wish)["has_all_clicks"] == (fingers == 2)
@@ -118,7 +134,6 @@ def test_asked_again_for_the_same_it_does_nothing(folder: Path, wish: tuple[str,
     assert (folder / "new" / "report.json").read_bytes() == report
 
 
-@pytest.mark.usefixtures("one_core")
 def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder: Path) -> None:
     before = (folder / "bar.nc").read_bytes()
     strict = ("--accept", "0.001 %", "--no-clicks")
@@ -131,7 +146,6 @@ def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder
     assert previous_of(folder / "bar.nc").read_bytes() == before
 
 
-@pytest.mark.usefixtures("one_core")
 def test_a_table_that_the_bar_does_not_keep_is_not_put_in_place_nor_is_one_whose_test_was_interrupted(
     folder: Path,
 ) -> None:

@@ -19,13 +19,12 @@ def own_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "environ", os.environ.copy())
 
 
-def test_a_writable_package_or_home_is_left_to_numba(tmp_path: Path) -> None:
+def test_a_package_or_home_that_the_user_alone_can_write_or_names_is_left_to_numba(tmp_path: Path) -> None:
     assert provide_kernel_cache(tmp_path, NOWHERE) is None
     assert provide_kernel_cache(NOWHERE, tmp_path) is None
     assert "NUMBA_CACHE_DIR" not in os.environ
-
-
-def test_a_folder_that_the_user_names_is_taken(tmp_path: Path) -> None:
+    tmp_path.chmod(0o777)
+    assert "writable by you alone" in (provide_kernel_cache(NOWHERE, tmp_path) or "")
     os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
     assert provide_kernel_cache(NOWHERE, NOWHERE) is None
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
@@ -39,11 +38,6 @@ def test_a_folder_that_others_can_write_is_forgotten_in_one_line(tmp_path: Path,
     (line,) = refuse_open_caches()
     assert line.startswith(f"{variable}={tmp_path} is not used") and "chmod" in line and "\n" not in line
     assert variable not in os.environ and list(refuse_open_caches()) == []
-
-
-def test_a_cache_folder_that_others_can_write_is_none_for_kernels(tmp_path: Path) -> None:
-    tmp_path.chmod(0o777)
-    assert "writable by you alone" in (provide_kernel_cache(NOWHERE, tmp_path) or "")
 
 
 def test_without_a_place_kernels_go_into_a_folder_that_goes_with_the_process(monkeypatch: pytest.MonkeyPatch) -> None:

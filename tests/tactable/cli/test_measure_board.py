@@ -47,20 +47,16 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
     assert max(abs(degrees) for _, degrees in errors) < 1.5
 
 
-def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer(tmp_path: Path) -> None:
+def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer_whose_gain_gravity_shows(tmp_path: Path) -> None:
     words = ("--places", "1", "--frequencies", "205,209,213", "--method", "sweep", "--least", "100 %", "--json")
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words, "--flaws", "drift=-15000")
+    flaws = ("--gravity", "--flaws", "drift=-15000,gain=4%")
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words, *flaws)
     assert done.returncode in (0, 3), done.stderr
     summary = json.loads(done.stdout)
     assert summary["drift_ppm"] == pytest.approx(-15_000, abs=5)
+    assert summary["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
     assert set(summary["faults"]) <= {"CLOCK_DRIFT", "NOISE", "LATENCY"}
     assert summary["lost"] == {"frames": 0, "samples": 0}
-
-
-def test_gravity_shows_the_gain_of_the_board_s_own_accelerometer(tmp_path: Path) -> None:
-    words = ("--places", "1", "--frequencies", "209", "--gravity", "--flaws", "gain=4%")
-    summary = summary_of(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words)
-    assert summary["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
 
 
 def test_a_table_is_verified_by_the_board_s_own_accelerometer(tmp_path: Path, click_table: Path) -> None:

@@ -95,9 +95,8 @@ def test_what_is_not_achieved_is_refused_or_played(folder: Path, line: Line, whe
     assert sounds(line.log) == [True, False] * played_fingers
 
 
-@pytest.mark.parametrize("rules", [("--drives", "zones"), ("--effects", "zones.toml")])
-def test_zones_play_rows_of_the_sweep_in_place_of_clicks(folder: Path, line: Line, rules: tuple[str, str]) -> None:
-    summary, said = played(folder, *rules)
+def test_zones_play_rows_of_the_sweep_in_place_of_clicks(folder: Path, line: Line) -> None:
+    summary, said = played(folder, "--drives", "zones")
     # The rows reach the level, which no drive for positions does on this bar.
     assert (summary["clicks"], summary["not_achieved"]) == (0, 0) and "no clicks" not in said
     assert sounds(line.log) == [True, False] * 2
@@ -137,32 +136,24 @@ def test_a_run_that_reconnects_plays_on_when_the_port_is_back(folder: Path, line
 @pytest.mark.parametrize(
     ("words", "error", "parts"),
     [
-        (("bar.nc", "--touch", "no-such-panel"), DigitizerError, ["no-such-panel", "tactable list"]),
-        (("missing.nc", "--touch", "simulated"), TableError, ["missing.nc", "tactable build"]),
-        (
-            ("bar.nc", "--touch", "simulated", "--device", "reference-d"),
-            TableError,
-            ["bar.nc", "is a table of", "reference-d"],
-        ),
-        (("bar.nc", "--touch", "simulated", "--effects", "missing.toml"), OSError, ["missing.toml"]),
-        (("bar.nc", "--touch", "simulated", "--effects", "wrong.toml"), TactableError, ["wrong.toml", "'VI'"]),
-        (("bar.nc", "--touch", "held.toml"), RecordingError, ["held.toml"]),
-        (("bar.nc", "--touch", "simulated"), LinkError, ["no-such-port", "tactable list"]),
-        (("bar.nc", "--touch", "simulated", "--realtime", "nice"), SystemExit, []),
+        ("bar.nc --touch no-such-panel", DigitizerError, ["no-such-panel", "tactable list"]),
+        ("missing.nc --touch simulated", TableError, ["missing.nc", "tactable build"]),
+        ("bar.nc --touch simulated --device reference-d", TableError, ["bar.nc", "is a table of", "reference-d"]),
+        ("bar.nc --touch simulated --effects missing.toml", OSError, ["missing.toml"]),
+        ("bar.nc --touch simulated --effects wrong.toml", TactableError, ["wrong.toml", "'VI'"]),
+        ("bar.nc --touch held.toml", RecordingError, ["held.toml"]),
+        ("bar.nc --touch simulated", LinkError, ["no-such-port", "tactable list"]),
+        ("bar.nc --touch simulated --realtime nice", SystemExit, []),
     ],
 )
 def test_a_refusal_names_the_thing_before_kernels_are_compiled(
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: tuple[str, ...],
-    error: type[Exception],
-    parts: list[str],
+    folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, error: type[Exception], parts: list[str]
 ) -> None:
     monkeypatch.chdir(folder)
     compiled = list[object]()
     monkeypatch.setattr(run, "compile_steady_solver", compiled.append)
     machine = Machine(FakeMachine(folder).system, lambda: None, lambda: ())
-    found = CliRunner().invoke(app, ["run", *words, "--port", "no-such-port"], obj=machine).exception
+    found = CliRunner().invoke(app, ["run", *words.split(), "--port", "no-such-port"], obj=machine).exception
     assert isinstance(found, error)
     assert compiled == []
     assert all(part in str(found) for part in parts)

@@ -16,12 +16,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
 from engine.device import Device
-from engine.loop import SystemClock
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
-from engine.touch.sources.hidraw import open_hidraw
-from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
 from tactable.audio.interfaces import Interface
@@ -94,23 +91,17 @@ def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
     assert "Touch Bar" in bench.run("list").stdout
 
 
-def test_sound_cards_are_listed_with_the_text_that_chooses_them(bench: Bench) -> None:
+def test_sound_cards_are_listed_with_the_text_that_chooses_them_and_the_doctor_needs_none(bench: Bench) -> None:
     bench.cards = (Interface(3, "USB: (hw:1,0)", 2, 4, 44_100.0, 0.0087),)
+    (check,) = check_cards(bench.find_cards)
+    assert check.passed and all(part in check.finding for part in ("2 outputs", "4 inputs", "8.7 ms"))
     card, simulated = bench.json("list")["sound_cards"]
     assert (card["choose_by"], card["outputs"], card["inputs"]) == ("audio:USB: (hw:1,0)", 2, 4)
     assert (simulated["choose_by"], simulated["simulated"]) == ("audio:simulated", True)
     bench.cards = None
     assert any("libportaudio2" in problem for problem in bench.json("list")["problems"])
-
-
-def test_the_doctor_looks_at_sound_cards_and_needs_none(bench: Bench) -> None:
-    bench.cards = (Interface(3, "USB", 2, 4, 44_100.0, 0.0087),)
-    (check,) = check_cards(bench.machine().cards)
-    assert check.passed and all(part in check.finding for part in ("2 outputs", "4 inputs", "8.7 ms"))
-    bench.cards = None
-    (check,) = check_cards(bench.machine().cards)
-    assert not check.needed
-    assert "libportaudio2" in check.remedy
+    (check,) = check_cards(bench.find_cards)
+    assert not check.needed and "libportaudio2" in check.remedy
 
 
 def test_what_is_simulated_is_marked(bench: Bench) -> None:
@@ -171,33 +162,27 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualClock:
 
 @pytest.mark.usefixtures("clock")
 def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path: Path) -> None:
+    path = tmp_path / "bar.hid"
+    missing = bench.run("record", "04f3:200a", "-o", str(path))
+    assert isinstance(missing.exception, DigitizerError) and not path.exists()
     device = bench.hid.plug()
     reports = [touch_report((1, step, True)) for step in range(5)]
     bench.hid.send(device, *reports)
-    path = tmp_path / "bar.hid"
     summary = bench.json("record", "04f3:200a", "-o", str(path), "--seconds", "0.2")
     recording = read_recording(path)
     assert [report.data for report in recording.reports] == reports
     assert recording.reports[0].time_s == 0.0
-    identity = (recording.name, recording.bus, recording.vendor_id, recording.product_id)
-    assert identity == ("Touch Bar", 3, 0x04F3, 0x200A)
+    identity = (recording.name, recording.bus, recording.vendor_id, recording.product_id, recording.descriptor)
+    assert identity == ("Touch Bar", 3, 0x04F3, 0x200A, device.descriptor)
     assert (summary["reports"], summary["recording"]) == (5, str(path))
 
 
 def test_an_unplug_ends_the_recording_cleanly(bench: Bench, clock: VirtualClock) -> None:
     device = bench.hid.plug()
-    source = open_hidraw(bench.system(), "04f3:200a", reconnect=False)
     bench.hid.send(device, touch_report((1, 5, True)))
     clock.actors.append(Once(clock.time_ns + 200 * MS, lambda: bench.hid.unplug(device)))
-    recording = record_source(source, 3, clock, threading.Event())
+    recording = record_source(bench.hid.open("04f3:200a", reconnect=False), 3, clock, threading.Event())
     assert len(recording.reports) == 1
-    source.close()
-
-
-def test_a_recording_that_is_played_is_recorded_as_it_was() -> None:
-    recording = read_recording(DEMO_RECORDING)
-    again = record_source(Playback(recording, speed=None), recording.bus, SystemClock(), threading.Event())
-    assert again == recording
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -214,13 +199,6 @@ def test_ctrl_c_ends_a_recording_with_a_whole_file(
     reports = bench.json("record", "simulated", "-o", str(path))["reports"]
     assert 0 < reports == len(read_recording(path).reports) < len(read_recording(DEMO_RECORDING).reports)
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_device_that_is_not_there_leaves_no_file(bench: Bench, tmp_path: Path) -> None:
-    path = tmp_path / "bar.hid"
-    result = bench.run("record", "04f3:200a", "-o", str(path))
-    assert isinstance(result.exception, DigitizerError)
-    assert not path.exists()
 
 
 def test_replayed_frames_are_one_object_a_line(bench: Bench) -> None:
@@ -326,12 +304,9 @@ def drawn(start: float, stop: float, *, axis: str = "x", across: float = 0.5) ->
 
 def without_size(surface: Surface) -> Surface:
     """The same surface of a device that states no size."""
-
-    def bare(contact: Any) -> Any:
-        return replace(contact, x=replace(contact.x, unit=0), y=replace(contact.y, unit=0))
-
-    reports = tuple(replace(r, contacts=tuple(map(bare, r.contacts))) for r in surface.reports)
-    return replace(surface, reports=reports)
+    (report,) = surface.reports
+    bare = [replace(each, x=replace(each.x, unit=0), y=replace(each.y, unit=0)) for each in report.contacts]
+    return replace(surface, reports=(replace(report, contacts=tuple(bare)),))
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
@@ -363,7 +338,7 @@ def test_a_bar_drawn_whole_puts_its_ends_where_the_finger_was(
         assert margin <= 0 or margin * learnt.bar_mm > FINGERTIP_MM
 
 
-def test_a_touch_area_shorter_than_the_bar_leaves_margins() -> None:
+def test_a_touch_area_shorter_than_the_bar_leaves_margins_and_a_stroke_short_by_a_fingertip_none() -> None:
     learnt = learn_axis(SURFACE, drawn(0, 1), TOUCH_MM + 40)
     for margin in (learnt.start_margin, learnt.end_margin):
         assert margin == pytest.approx(20 / 319.4)
@@ -371,9 +346,6 @@ def test_a_touch_area_shorter_than_the_bar_leaves_margins() -> None:
     # The finger leaves the touch area before the bar's start only: the end is where it was lifted.
     learnt = learn_axis(SURFACE, drawn(0, 0.999), TOUCH_MM + 40)
     assert learnt.margin_text(learnt.start_margin) == "20 mm"
-
-
-def test_a_stroke_that_stops_a_fingertip_short_of_the_edges_leaves_no_margin() -> None:
     tip = FINGERTIP_MM / 2 / TOUCH_MM
     learnt = learn_axis(SURFACE, drawn(tip, 1 - tip), TOUCH_MM)
     assert (learnt.start_margin, learnt.end_margin, learnt.notes) == (0.0, 0.0, ())
@@ -392,21 +364,19 @@ def test_what_is_printed_is_what_a_device_file_reads(knows_size: bool) -> None:
     assert map_json(learnt)["table"] == digitizer_table(learnt)
 
 
-def test_a_stroke_that_tells_no_axis_and_a_recording_without_one_are_refused(tmp_path: Path) -> None:
+def test_the_longest_stroke_of_a_recording_counts_and_one_that_tells_no_axis_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DigitizerError, match="20 % of the touch area"):
         learn_axis(SURFACE, drawn(0.4, 0.6))
     with pytest.raises(DigitizerError, match="straight along"):
         learn_axis(without_size(SURFACE), Stroke((0, X_MAXIMUM), (0, Y_MAXIMUM)))
-    write_recording(replace(make_recording((DrawnStroke(0, 1, 0, 1),)), reports=()), tmp_path / "nothing.hid")
-    with pytest.raises(DigitizerError, match="nothing was touched"):
-        learn_from_recording(tmp_path / "nothing.hid", None)
-
-
-def test_of_several_strokes_in_a_recording_the_longest_counts(tmp_path: Path) -> None:
     strokes = (DrawnStroke(0.0, 0.5, 0.1, 0.3), DrawnStroke(0.2, 1.0, 0.99, 0.01), DrawnStroke(1.2, 1.5, 0.5, 0.9))
-    write_recording(make_recording(strokes), tmp_path / "drawn.hid")
-    learnt = learn_from_recording(tmp_path / "drawn.hid", TOUCH_MM)
+    recording, path = make_recording(strokes), tmp_path / "drawn.hid"
+    write_recording(recording, path)
+    learnt = learn_from_recording(path, TOUCH_MM)
     assert (learnt.axis, learnt.flip, learnt.start_margin) == ("x", True, 0.0)
+    write_recording(replace(recording, reports=()), path)
+    with pytest.raises(DigitizerError, match="nothing was touched"):
+        learn_from_recording(path, None)
 
 
 def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:

@@ -14,6 +14,7 @@ from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, errors, true_response
+from tests.tools.virtual import VirtualClock
 
 BIT_RATE_HZ = 1_000_000
 RATE_HZ, SYNTHESIS_HZ = 3_200.0, 48_000
@@ -84,19 +85,8 @@ def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:
         open_board_sensor(DEVICE, bench, bench, 115_200)
 
 
-class StandingClock:
-    """No time passes."""
-
-    def now_ns(self) -> int:
-        return 0
-
-    def wait(self, *_: object) -> None:
-        return None
-
-
 def a_sensor(scales: tuple[float, ...] = (1.0, 1.0), number_of_actuators: int = 2) -> BoardSensor:
-    described = AccelerometerDescribed(RATE_HZ, 0.5, 100, 0)
-    clock = StandingClock()
+    described, clock = AccelerometerDescribed(RATE_HZ, 0.5, 100, 0), VirtualClock()
     return BoardSensor(described, DEVICE, scales, number_of_actuators, SYNTHESIS_HZ, clock, is_simulated=False)
 
 

@@ -169,13 +169,10 @@ def test_samples_that_are_no_numbers_spoil_their_reading(odd: float) -> None:
     assert math.isfinite(abs(reading.acceleration))
 
 
-def test_windows_without_a_sample_are_taken_again() -> None:
+def test_windows_without_a_sample_are_taken_again_and_a_channel_that_stays_lost_is_refused() -> None:
     reading = read_after_loss(800 * MS)
     assert (reading.faults, reading.earlier) == ((), (Fault.LOST_SAMPLES,))
     assert errors(reading)[0] < 0.05
-
-
-def test_a_channel_that_stays_lost_is_refused() -> None:
     with pytest.raises(SensorError, match="a channel has lost all its samples: check its connection"):
         read_after_loss(math.inf)
 
@@ -213,10 +210,8 @@ def test_the_latency_of_a_converter_is_measured_by_its_loopback() -> None:
 
 def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again() -> None:
     bench = bench_of()
-    bench.stall(400_000_000)
-    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
-        stepped = SteppedSine(DEVICE, driven, SimulatedSensor(bench), SteppedSineOptions())
-        bench.stall(400_000_000)
+    with stepping(bench) as stepped:
+        bench.stall(400 * MS)
         reading, _ = stepped.read(0, 209)
     assert stepped.rearmed == 1
     assert errors(reading)[0] < 0.05

@@ -267,15 +267,10 @@ def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(bursts: Li
     assert key in find_missed(unheard, first_applied(unheard))[0]
 
 
-@pytest.fixture(scope="module")
-def rendered(bursts: LiveRun) -> tuple[Wanted, DriveEvent]:
-    """A drive for a felt and a quiet finger, and the event that it caused in the firmware."""
-    applied = first_applied(bursts)
-    return next((wanted, event) for wanted, event in applied.items() if wanted.placement.quiet)
-
-
-def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
-    wanted, event = rendered
+def test_a_broken_promise_is_found_and_one_for_positions_is_not_kept_elsewhere(
+    reporter: Reporter, bursts: LiveRun
+) -> None:
+    wanted, event = next((wanted, event) for wanted, event in first_applied(bursts).items() if wanted.placement.quiet)
     report = reporter.report_drive(wanted, event)
     assert report.disagreement <= AGREEMENT
     assert replace(report, promised_factor=1.03 * report.promised_factor).disagreement > AGREEMENT
@@ -285,11 +280,6 @@ def test_a_broken_promise_is_found(reporter: Reporter, rendered: tuple[Wanted, D
         assert replace(report, promise=replace(report.promise, acceleration_m_per_s2=boast)).disagreement > AGREEMENT
     louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
     assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
-
-
-def test_a_promise_for_positions_is_not_kept_elsewhere(reporter: Reporter, rendered: tuple[Wanted, DriveEvent]) -> None:
-    wanted, event = rendered
-    report = reporter.report_drive(wanted, event)
     moved_m = [at_m + 2e-3 for at_m in wanted.placement.position_m]
     assert replace(report, simulated=reporter.bar.simulate_held(event, moved_m)).disagreement > AGREEMENT
 
@@ -351,7 +341,7 @@ def test_a_broken_promise_of_a_click_is_found(
     assert reporter.report_click(wanted, other).disagreement > AGREEMENT
 
 
-def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
+def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_that_is_not_driven_moves_nothing(
     reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
 ) -> None:
     run, _ = clicked
@@ -361,13 +351,6 @@ def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it(
     ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
     assert felt.felt[ringing].max() > 0
     assert not felt.quiet[ringing].any()
-
-
-def test_a_board_that_was_never_driven_moves_nothing(
-    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
-) -> None:
-    """Such as where the only click of a run came too late."""
-    run, _ = clicked
-    felt = reporter.bar.feel(replace(run, log=replace(run.log, events=())), 1.0)
-    assert len(felt.time_s) > 10
-    assert not felt.drive.any() and not felt.felt.any() and not felt.quiet.any()
+    still = reporter.bar.feel(replace(run, log=replace(run.log, events=())), 1.0)
+    assert len(still.time_s) > 10
+    assert not still.drive.any() and not still.felt.any() and not still.quiet.any()

@@ -32,19 +32,15 @@ def test_its_receptances_are_those_of_the_finite_elements() -> None:
         assert abs(ours - theirs).max() < 2e-3 * abs(theirs).max()
 
 
-def test_it_is_a_table_without_clicks(tmp_path: Path) -> None:
+def test_it_is_a_table_without_clicks_and_with_compiled_kernels_has_the_rows_of_a_sweep(tmp_path: Path) -> None:
     device = find_device("reference-d")
+    with open_first_table(device, tmp_path / "rows.nc", has_rows=True) as table:
+        assert table.best_rows == find_best_rows(device) and len(table.best_rows) == 31
     with open_first_table(device, tmp_path / "first.nc") as table:
         assert is_first(table) and not table.is_shipped
         assert len(table.clicks) == 0
         assert table.device.fingerprint == device.fingerprint
         assert table.receptances.drive.shape[1] == len(device.actuators)
-
-
-def test_with_compiled_kernels_it_has_the_rows_of_a_sweep_that_is_not_kept(tmp_path: Path) -> None:
-    device = find_device("reference-d")
-    with open_first_table(device, tmp_path / "first.nc", has_rows=True) as table:
-        assert table.best_rows == find_best_rows(device) and len(table.best_rows) == 31
 
 
 def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_share(tmp_path: Path) -> None:
