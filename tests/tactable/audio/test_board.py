@@ -149,10 +149,6 @@ def test_the_pace_counts_what_a_card_played_by_itself() -> None:
 
 def test_a_block_has_as_many_samples_as_were_asked_for() -> None:
     board = AudioBoard(core(), OUTPUT, 1)
-    assert [board.render(b"", frames)[0].shape for frames in (1, 7, 240, 4_801)] == [
-        (1, 2),
-        (7, 2),
-        (240, 2),
-        (4_801, 2),
-    ]
+    for frames in (1, 7, 240, 4_801):
+        assert board.render(b"", frames)[0].shape == (frames, 2)
     assert board.time_us == 5_049 * 1_000_000 // 48_000

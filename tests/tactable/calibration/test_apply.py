@@ -114,24 +114,17 @@ def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_
     assert [path.read_bytes() for path in (measured, table)] == contents
 
 
-def test_asked_again_it_goes_on_where_it_was(folder: Path) -> None:
-    assert not applied("--no-clicks")["has_all_clicks"]
-    second = applied()
-    assert second["in_place_after_s"] is None and second["has_all_clicks"]
-    assert most_fingers(folder / "bar.nc") == 2
-
-
-@pytest.mark.parametrize(("wish", "fingers"), [((), 2), (("--no-clicks",), 1)])
-def test_asked_again_for_the_same_it_does_nothing(folder: Path, wish: tuple[str, ...], fingers: int) -> None:
-    assert applied(*wish)["has_all_clicks"] == (fingers == 2)
-    assert most_fingers(folder / "bar.nc") == fingers
-    report = (folder / "new" / "report.json").read_bytes()
-    with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
-        pass  # not the table that was only completed
-    whole = (folder / "bar.nc").read_bytes()
-    assert apply(*wish).exit_code == 0
-    assert (folder / "bar.nc").read_bytes() == whole
-    assert (folder / "new" / "report.json").read_bytes() == report
+def test_asked_again_it_goes_on_where_it_was_and_for_the_same_does_nothing(folder: Path) -> None:
+    files = (folder / "bar.nc", folder / "new" / "report.json")
+    for wish, fingers in ((("--no-clicks",), 1), ((), 2)):
+        said = applied(*wish)
+        assert (said["has_all_clicks"], said["in_place_after_s"] is None) == (fingers == 2,) * 2
+        assert most_fingers(folder / "bar.nc") == fingers
+        with Table.open(previous_of(folder / "bar.nc"), device=DEVICE):
+            pass  # not the table that was only completed
+        whole = [path.read_bytes() for path in files]
+        assert apply(*wish).exit_code == 0
+        assert [path.read_bytes() for path in files] == whole
 
 
 def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder: Path) -> None:

@@ -4,30 +4,27 @@ import hashlib
 import json
 import re
 import shlex
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
 
 from engine.device import Device
 from precompute.measurements.parameters import paper_names
 from tactable.cli.console import EXIT_DOUBTFUL
-from tactable.cli.main import app
 from tactable.shipped import find_device
+from tests.tactable.cli.in_process import run_here
 
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[3]
 DRIVES = "150,130;150,200;140,-"
-
-
-def run(*words: str) -> Result:
-    return CliRunner().invoke(app, list(words))
+run = partial(run_here, Path())
 
 
 def simulated(path: Path, *options: str) -> Path:
-    assert run("simulate-measurements", "reference-a", "-o", str(path), "--drives", DRIVES, *options).exit_code == 0
+    assert run("simulate-measurements", "reference-a", "-o", str(path), "--drives", DRIVES, *options).returncode == 0
     return path
 
 
@@ -41,7 +38,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def calibrated(measured: Path) -> tuple[Path, dict[str, Any]]:
     folder = measured.parent / "new"
     done = run("calibrate", "reference-a", str(measured), "-o", str(folder), "--starts", "1", "--json")
-    assert done.exit_code == 0, done.output
+    assert done.returncode == 0, done.stderr
     return folder, json.loads(done.stdout)
 
 
@@ -70,7 +67,7 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     fitted = ("--fit", "actuator.full_scale=0.3 µm..0.6 µm", "--also", "actuator[1].stiffness")
     options = ("--accept", "1 %", "--strict", "--starts", "1", "--no-compare")
     done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *fitted, *options)
-    assert done.exit_code == EXIT_DOUBTFUL
+    assert done.returncode == EXIT_DOUBTFUL
     for part in ("reference-a SIMULATED: 66 readings", "actuator[1].stiffness", "DOUBTFUL: the typical misfit"):
         assert part in done.stdout
     assert "flash the board" not in done.stdout
@@ -79,19 +76,13 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert "Not done: " in (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
 
 
-def test_a_wrong_modulus_is_fitted_or_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
+def test_a_wrong_modulus_that_is_not_fitted_is_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
     changes = ("--change", "bar.youngs_modulus=74.2 GPa", "--noise", "2 %", "--wrong", "5 %")
     path = simulated(tmp_path / "m.csv", *changes)
     fit = [word for name in paper_names(find_device("reference-a")) for word in ("--fit", name)]
     done = run("calibrate", "reference-a", str(path), "-o", str(tmp_path / "six"), *fit, "--starts", "1")
-    assert done.exit_code == EXIT_DOUBTFUL
+    assert done.returncode == EXIT_DOUBTFUL
     assert "Try --also bar.youngs_modulus: the typical misfit, " in done.stdout
-    done = run("calibrate", "reference-a", str(path), "-o", str(tmp_path / "new"), "--starts", "1", "--json")
-    assert done.exit_code == 0, done.output
-    report = json.loads(done.stdout)
-    (modulus,) = [p for p in report["parameters"] if p["name"] == "bar.youngs_modulus"]
-    assert modulus["interval"][0] <= 74.2e9 <= modulus["interval"][1]
-    assert report["adequacy"]["doubt"] == ""
 
 
 def test_a_plan_proposes_readings_and_what_they_would_tell_with_measurements_or_without(measured: Path) -> None:
@@ -101,7 +92,7 @@ def test_a_plan_proposes_readings_and_what_they_would_tell_with_measurements_or_
     for parameter in plan["parameters"]:
         assert parameter["standard_error_after"] <= parameter["standard_error"]
     done = run("plan-measurements", "reference-a", "--count", "2", "--criterion", "A", "--also", "bar.density")
-    assert done.exit_code == 0
+    assert done.returncode == 0
     assert "bar.density" in done.stdout and "standard error" in done.stdout
 
 
@@ -111,7 +102,7 @@ def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -
     assert text.startswith("# SIMULATED by tactable simulate-measurements: reference-a; ")
     assert len(text.splitlines()) == 2 + 9
     again = run("simulate-measurements", "reference-a", "-o", str(path))
-    assert again.exit_code == 1 and "exists already" in str(again.exception)
+    assert again.returncode == 1 and "exists already" in again.stderr
     assert path.read_text(encoding="utf-8") == text
 
 
@@ -122,7 +113,7 @@ def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tm
     words = [
         str(tmp_path / "m.csv") if word == f"measurements/{shipped.name}" else word for word in shlex.split(made[0])
     ]
-    assert run(*words).exit_code == 0
+    assert run(*words).returncode == 0
     again = (tmp_path / "m.csv").read_text(encoding="utf-8")
     assert again.splitlines()[:2] == text.splitlines()[:2]
     for line, other in zip(again.splitlines()[2:], text.splitlines()[2:], strict=True):

@@ -1,22 +1,15 @@
 """The commands `modes` and `check`: what they say of a device file, for people and machines, and what they refuse."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from tactable.cli.main import app
 from tactable.shipped import find_device, shipped_names
-from tests.tactable.cli.in_process import summary_of
+from tests.tactable.cli.in_process import run_here, summary_of
 
-
-def run(*words: str) -> Result:
-    return CliRunner().invoke(app, list(words))
-
-
-def json_of(*words: str) -> Any:
-    return summary_of(Path(), *words)
+HERE = Path()
+run = partial(run_here, HERE)
 
 
 def test_the_shipped_devices_are_found_by_name() -> None:
@@ -26,14 +19,14 @@ def test_the_shipped_devices_are_found_by_name() -> None:
 
 def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -> None:
     picture = tmp_path / "modes.svg"
-    found = json_of("modes", "reference-a", "--finger", "I,120 mm", "--up-to", "400 Hz", "-o", str(picture))
+    found = summary_of(HERE, "modes", "reference-a", "--finger", "I,120 mm", "--up-to", "400 Hz", "-o", str(picture))
     assert found["finger_m"] == pytest.approx([0.02794, 0.12])
     frequencies = [mode["frequency_hz"] for mode in found["untouched"]]
     assert frequencies == sorted(frequencies) and frequencies[-1] <= 400 and len(frequencies) == 6
     assert found["with_finger"][1]["damping_ratio"] > found["untouched"][1]["damping_ratio"]
     assert picture.stat().st_size > 10_000
     done = run("modes", "reference-a", "--finger", "III", "-o", str(tmp_path / "modes.csv"))
-    assert done.exit_code == 0 and f"{frequencies[0]:.2f} Hz" in done.stdout
+    assert done.returncode == 0 and f"{frequencies[0]:.2f} Hz" in done.stdout
     assert "Computed, not measured" in done.stdout
     assert (tmp_path / "modes.csv").read_text(encoding="utf-8").startswith("position (mm),mode 1 untouched")
 
@@ -50,11 +43,11 @@ def test_a_check_says_what_drivers_and_electrodes_make_of_a_command(tmp_path: Pa
     for part in ("transfer function of left: 3 points", "electrodes of left: one electrode", "-12.0 dB"):
         assert part in done.stdout
     assert "electrodes of right: two electrodes 180 deg apart" in done.stdout and "the force is linear" in done.stdout
-    assert json_of("check", str(path))["electrodes"]["left"]["second_harmonic"] == 0.25
+    assert summary_of(HERE, "check", str(path))["electrodes"]["left"]["second_harmonic"] == 0.25
 
 
 def test_a_check_says_what_is_estimated_and_what_follows() -> None:
-    found = json_of("check", "reference-a")
+    found = summary_of(HERE, "check", "reference-a")
     device = find_device("reference-a")
     assert found["estimated"] == list(device.estimated_values) and len(found["estimated"]) == 15
     assert list(found["greatest_level_db"]) == ["I", "II", "III", "IV", "V"]
@@ -70,7 +63,10 @@ def test_a_check_says_what_is_estimated_and_what_follows() -> None:
 
 
 def test_a_check_names_the_threshold_curve_and_the_finger(tmp_path: Path) -> None:
-    own, other = json_of("check", "reference-a"), json_of("check", "reference-a", "--threshold", "android")
+    own, other = (
+        summary_of(HERE, "check", "reference-a"),
+        summary_of(HERE, "check", "reference-a", "--threshold", "android"),
+    )
     assert (own["threshold"]["name"], own["threshold"]["measured_hz"]) == ("oh-choi-2019", [40.0, 250.0])
     assert (other["threshold"]["name"], other["threshold"]["measured_hz"]) == ("android", None)
     for zone, level_db in own["greatest_level_db"].items():
@@ -81,11 +77,11 @@ def test_a_check_names_the_threshold_curve_and_the_finger(tmp_path: Path) -> Non
     )
     text = text.replace('damping = "1 N*s/m"\nstiffness = "1 kN/m"\n', "")
     (tmp_path / "measured.toml").write_text(text, encoding="utf-8")
-    found = json_of("check", str(tmp_path / "measured.toml"))["finger"]
+    found = summary_of(HERE, "check", str(tmp_path / "measured.toml"))["finger"]
     assert found["measured_points"] == 3 and found["measured_hz"] == [60, 300] and 0 < found["misfit"] < 1
     done = run("check", str(tmp_path / "measured.toml"))
     assert "fitted to 3 measured points from 60 to 300 Hz, off by" in done.stdout
-    assert run("check", "reference-a", "--threshold", "loud").exit_code != 0
+    assert run("check", "reference-a", "--threshold", "loud").returncode != 0
 
 
 def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -> None:
@@ -93,7 +89,7 @@ def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -
         'levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB", "43 dB"]'
     )
     (tmp_path / "loud.toml").write_text(text, encoding="utf-8")
-    found = json_of("check", str(tmp_path / "loud.toml"))
+    found = summary_of(HERE, "check", str(tmp_path / "loud.toml"))
     weak = [name for name, most_db in found["greatest_level_db"].items() if most_db < 43]
     assert weak and found["levels_out_of_reach"] == [{"level_db": 43.0, "zones": weak}]
     assert f"43 dB is out of reach in {', '.join(weak)}" in run("check", str(tmp_path / "loud.toml")).stdout

@@ -40,14 +40,8 @@ def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tm
         hz, steps = table.device.sweep.frequency_hz, table.device.sweep.amplitude
         factor = table.localized_factor(["II"])
     assert len(rows) == factor.size
-    at = (2, 1, 2, 1)  # (frequency_1, frequency_2, amplitude_1, amplitude_2)
-    line = rows[
-        (rows.frequency_1 == hz[at[0]])
-        & (rows.frequency_2 == hz[at[1]])
-        & (rows.amplitude_1 == steps[at[2]])
-        & (rows.amplitude_2 == steps[at[3]])
-    ]
-    assert np.float32(line["localized_factor II"].item()) == factor[at]
+    line = rows.set_index(["frequency_1", "frequency_2", "amplitude_1", "amplitude_2"])["localized_factor II"]
+    assert np.float32(line.loc[(hz[2], hz[1], steps[2], steps[1])].item()) == factor[2, 1, 2, 1]
 
 
 def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The commands of pictures: each comes with its data and a summary; sounds beside clicks."""
 
 import math
-import wave
 from pathlib import Path
 
 import pytest
@@ -74,7 +73,6 @@ def test_a_sound_is_written_beside_the_picture(folder: Path) -> None:
     assert caption.startswith("reference-a: 46.57 mm (I) felt, 232.8 mm (III) quiet")
     assert picture == "written: click.png"
     assert sound.startswith("written: click.wav: 46.57 mm (I), 232.8 mm (III) (one after another)")
-    with wave.open(str(folder / "click.wav"), "rb") as file:
-        assert file.getframerate() == 48_000
+    assert (folder / "click.wav").read_bytes().startswith(b"RIFF")
     said = summary_of(folder, "plot", *CLICK, "--sound", "click.wav", "--stereo", "--plain")["sound"]
     assert (said["file"], said["channels"], said["is_weighted"]) == ("click.wav", 2, False)

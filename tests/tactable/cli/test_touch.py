@@ -79,15 +79,20 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 # ---- list ------------------------------------------------------------------------------------------------
 
 
-def test_list_shows_size_contacts_and_a_stable_name(bench: Bench) -> None:
+def test_list_shows_size_contacts_a_stable_name_and_what_is_simulated(bench: Bench) -> None:
     device = bench.hid.plug(serial_number="A1")
-    bench.ports = (PortDescription("/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver"),)
+    bench.hid.plug("hidraw1", product_string="virtual bar (SIMULATED)")
+    emulated = PortDescription("/dev/ttyACM1", "x", "emulated firmware (SIMULATED)")
+    bench.ports = (PortDescription("/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver"), emulated)
     listing = bench.json("list")
     row = listing["digitizers"][0]
     assert (row["name"], row["path"], row["stable_id"], row["usable"]) == ("Touch Bar", device.path, "A1", True)
     assert (row["width_mm"], row["height_mm"], row["contact_maximum"]) == (200.0, 200.0, 5)
-    (port,) = listing["serial_ports"]
+    assert [each["simulated"] for each in listing["digitizers"]] == [False, True, True]
+    assert listing["digitizers"][-1]["stable_id"] == "simulated"
+    port, other = listing["serial_ports"]
     assert list(port.values()) == ["/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver", False]
+    assert other["simulated"]
     assert "Touch Bar" in bench.run("list").stdout
 
 
@@ -102,15 +107,6 @@ def test_sound_cards_are_listed_with_the_text_that_chooses_them_and_the_doctor_n
     assert any("libportaudio2" in problem for problem in bench.json("list")["problems"])
     (check,) = check_cards(bench.find_cards)
     assert not check.needed and "libportaudio2" in check.remedy
-
-
-def test_what_is_simulated_is_marked(bench: Bench) -> None:
-    bench.hid.plug(product_string="virtual bar (SIMULATED)")
-    bench.ports = (PortDescription("/dev/ttyACM0", "x", "emulated firmware (SIMULATED)"),)
-    listing = bench.json("list")
-    assert [row["simulated"] for row in listing["digitizers"]] == [True, True]
-    assert listing["digitizers"][-1]["stable_id"] == "simulated"
-    assert listing["serial_ports"][0]["simulated"]
 
 
 def test_a_device_that_cannot_be_used_is_listed_with_the_reason(bench: Bench) -> None:
@@ -249,13 +245,6 @@ def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Benc
     assert "hidraw" in checks["hidapi"]["remedy"]
 
 
-def test_doctor_opens_no_node(bench: Bench) -> None:
-    bench.hid.plug()
-    before = set(Path("/proc/self/fd").iterdir())
-    examine(bench.machine())
-    assert set(Path("/proc/self/fd").iterdir()) == before
-
-
 def test_the_rule_is_printed_for_one_for_all_and_for_a_device_not_there(bench: Bench) -> None:
     bench.hid.plug("hidraw0")
     bench.hid.plug("hidraw1", product_id=0xBEEF)
@@ -279,9 +268,12 @@ def test_the_rules_of_a_serial_port_are_printed_with_those_of_digitizers(bench: 
     assert isinstance(bench.run("doctor", "--emit-udev", "/dev/ttyS0").exception, DigitizerError)
 
 
-def test_no_permission_is_told_with_the_command_that_helps(bench: Bench) -> None:
+def test_doctor_opens_no_node_and_tells_the_command_that_helps_where_there_is_no_permission(bench: Bench) -> None:
     device = bench.hid.plug()
     (found,) = find_digitizers(bench.system())
+    before = set(Path("/proc/self/fd").iterdir())
+    examine(bench.machine())
+    assert set(Path("/proc/self/fd").iterdir()) == before
     # Root may read everything; a node that is listed and gone cannot be read by anyone.
     Path(device.path).rename(device.path + "-gone")
     checks = examine(bench.machine())

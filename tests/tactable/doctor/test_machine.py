@@ -37,7 +37,9 @@ def test_a_governor_that_saves_power_is_told_with_the_command_that_ends_it(root:
     assert examine(root)["governor"].passed
 
 
-def test_an_unprivileged_user_is_told_rule_and_limits(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unprivileged_user_is_told_rule_and_limits_unless_they_are_wide_enough(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "access", lambda *_: False)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (0, 0))
@@ -47,13 +49,7 @@ def test_an_unprivileged_user_is_told_rule_and_limits(root: Path, monkeypatch: p
     for name in ("priority", "locked memory"):
         assert "@realtime - rtprio 80" in checks[name].remedy
         assert "limits.d/tactable.conf" in checks[name].remedy
-
-
-def test_limits_that_are_wide_enough_pass(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "geteuid", lambda: 1000)
     limits = {resource.RLIMIT_RTPRIO: PRIORITY, resource.RLIMIT_MEMLOCK: resource.RLIM_INFINITY}
-    monkeypatch.setattr(resource, "getrlimit", lambda limit: (0, limits[limit]))
-    assert examine(root)["priority"].passed
-    assert examine(root)["locked memory"].passed
-    monkeypatch.setattr(resource, "getrlimit", lambda limit: (0, limits[limit] - 1))
-    assert not examine(root)["priority"].passed
+    for lacks, passes in ((0, True), (1, False)):
+        monkeypatch.setattr(resource, "getrlimit", lambda limit, lacks=lacks: (0, limits[limit] - lacks))
+        assert [examine(root)[name].passed for name in ("priority", "locked memory")] == [passes, passes]

@@ -13,11 +13,8 @@ from tactable.run.click_process import Solver
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
-def test_the_options_are_those_that_the_table_was_made_with(source: ClickSource) -> None:
+def test_a_click_of_the_table_is_taken_from_it_with_the_options_that_made_it(source: ClickSource) -> None:
     assert source.options == CHEAP.at(source.table.places)
-
-
-def test_a_click_of_the_table_is_taken_from_it(source: ClickSource) -> None:
     with pytest.raises(TableError, match="--felt I"):
         source.solve(Placement.named(source.table.device, [], ["II"]))
     near = Placement.named(source.table.device, ["50 mm"], ["225 mm"])

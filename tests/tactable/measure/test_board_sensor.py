@@ -13,7 +13,7 @@ from tactable.measure.faults import Fault
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
-from tests.tactable.measure.test_stepped_sine import MASS_KG, PLACE_M, errors, true_response
+from tests.tactable.measure.test_stepped_sine import bench_of, errors, true_response
 from tests.tools.virtual import VirtualClock
 
 BIT_RATE_HZ = 1_000_000
@@ -30,12 +30,6 @@ class Lossy(BoardBench):
         super()._answer(b"" if self.answers % 29 == 0 else data, time_ns)
 
 
-def bench_of(flaws: str = "", kind: type[BoardBench] = BoardBench) -> BoardBench:
-    bench = kind(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG)
-    bench.place(PLACE_M)
-    return bench
-
-
 def read(bench: BoardBench, actuator: int, hz: float, **options: float) -> tuple[Reading, BoardSensor]:
     sensor = open_board_sensor(DEVICE, bench, bench, BIT_RATE_HZ)
     with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0), BIT_RATE_HZ, accelerometer=sensor) as driven:
@@ -50,7 +44,7 @@ def read(bench: BoardBench, actuator: int, hz: float, **options: float) -> tuple
 def test_a_reading_is_the_response_of_the_bar_whatever_the_clock_of_the_part(
     actuator: int, hz: float, drift: int
 ) -> None:
-    reading, sensor = read(bench_of(f"drift={drift}"), actuator, hz, least=1.0)
+    reading, sensor = read(bench_of(f"drift={drift}", BoardBench), actuator, hz, least=1.0)
     ratio = reading.acceleration / true_response(reading)
     assert abs(ratio - 1) < 4 * reading.error + 0.002
     assert all(errors(reading) < np.array([0.2, 1.5]))
@@ -64,13 +58,13 @@ def test_a_reading_is_the_response_of_the_bar_whatever_the_clock_of_the_part(
     ("flaws", "hz", "least", "fault"), [("", 70, 1.0, Fault.NOISE), ("offset=150m/s^2", 209, 0.05, Fault.CLIPPING)]
 )
 def test_what_the_part_does_not_show_is_named(flaws: str, hz: float, least: float, fault: Fault) -> None:
-    reading, _ = read(bench_of(flaws), int(hz > 100), hz, least=least, attempts=1)
+    reading, _ = read(bench_of(flaws, BoardBench), int(hz > 100), hz, least=least, attempts=1)
     assert fault in reading.faults
     assert reading.error > 0.02 or fault is Fault.CLIPPING
 
 
 def test_frames_that_the_line_loses_are_counted_and_named() -> None:
-    reading, sensor = read(bench_of(kind=Lossy), 1, 209, least=1.0, attempts=1)
+    reading, sensor = read(bench_of("", Lossy), 1, 209, least=1.0, attempts=1)
     assert Fault.LOST_SAMPLES in {*reading.faults, *reading.earlier}
     assert sensor.losses.frames > 3
     assert sensor.losses.samples == 0
@@ -80,7 +74,7 @@ def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:
     without = SimulatedBench(DEVICE, ConverterFlaws(), 1)
     with pytest.raises(LinkError, match="no accelerometer"):
         open_board_sensor(DEVICE, without, without, BIT_RATE_HZ)
-    bench = bench_of()
+    bench = bench_of("", BoardBench)
     with pytest.raises(LinkError, match=r"115200 bit/s carries 1398 .*--bit-rate"):
         open_board_sensor(DEVICE, bench, bench, 115_200)
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,8 +54,7 @@ class BusyHost(SimulatedBench):
 
 
 def read_while_busy(period_ns: int, duration_ns: int, **options: bool) -> Reading:
-    bench = BusyHost(DEVICE, ConverterFlaws(), 1, MASS_KG, **options)  # type: ignore[arg-type]
-    bench.place(PLACE_M)
+    bench = bench_of("", BusyHost, **options)
     with stepping(bench) as stepped:
         bench.be_busy(period_ns, duration_ns)
         return stepped.read(0, 209)[0]
@@ -86,8 +86,9 @@ def read_after_loss(duration_ns: float, odd: float = 0.0) -> Reading:
         return stepped.read(0, 209)[0]
 
 
-def bench_of(flaws: str = "", **options: bool) -> SimulatedBench:
-    bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG, **options)  # type: ignore[arg-type]
+def bench_of(flaws: str = "", kind: type[Any] = SimulatedBench, **options: bool) -> Any:
+    """A bench of this kind, with the sensor in its place."""
+    bench = kind(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG, **options)
     bench.place(PLACE_M)
     return bench
 

@@ -57,21 +57,15 @@ def three_fingers(felt_m: float = 0.201) -> Placement:
     return Placement.on(DEVICE, [felt_m], [0.03, 0.1])
 
 
-def test_it_solves_what_is_asked_for_the_fingers_where_they_are(path: Path) -> None:
-    placement = three_fingers()
-    ((fingerprint, click),) = answers(path, (placement, DEVICE))
+def test_it_solves_the_newest_question_alone_for_the_fingers_where_they_are(path: Path) -> None:
+    *older, placement = (three_fingers(felt_m) for felt_m in (0.201, 0.202, 0.203))
+    ((fingerprint, click),) = answers(path, *((each, DEVICE) for each in (*older, placement)))
     assert fingerprint == DEVICE.fingerprint and click.placement == placement
     with Table.open(path) as table:
         assert table.clicks.basis is not None and click.basis.hash == table.clicks.basis.hash
     expected = ClickSolver(DEVICE, CHEAP.at_fingers).solve_entry(placement)
     assert (click.weights == expected.weights).all() and click.fraction_bits == expected.fraction_bits
     assert (click.felt, click.quiet, click.tolerance_m) == (expected.felt, expected.quiet, expected.tolerance_m)
-
-
-def test_the_newest_question_alone_is_answered(path: Path) -> None:
-    asked = [three_fingers(felt_m) for felt_m in (0.201, 0.202, 0.203)]
-    found = answers(path, *((placement, DEVICE) for placement in asked))
-    assert [click.placement for _, click in found] == asked[-1:]
 
 
 def test_a_question_for_a_device_that_the_table_is_not_of_is_dropped(path: Path) -> None:
