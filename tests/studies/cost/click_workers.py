@@ -31,7 +31,7 @@ def measure_workers(
             n_workers=workers, threads_per_worker=1, memory_limit=None, dashboard_address="127.0.0.1:0"
         )
         with cluster, distributed.Client(cluster) as client:  # type: ignore[no-untyped-call]
-            ready_s = max(client.run(_prepare, device, options, placements[0]).values())
+            ready_s = max(client.run(_time_in_worker, device, options, placements[0]).values())
             start_s = time.perf_counter()
             solve = partial(_time_in_worker, device, options)
             solved_s = client.gather(client.map(solve, placements[1:], pure=False))
@@ -51,10 +51,6 @@ def measure_workers(
 def _solver_of(device: Device, options: ClickOptions) -> ClickSolver:
     """The solver of a worker, which has one for all its clicks."""
     return ClickSolver(device, options)
-
-
-def _prepare(device: Device, options: ClickOptions, placement: Placement) -> float:
-    return timed(lambda: _solver_of(device, options).solve(placement))[1]
 
 
 def _time_in_worker(device: Device, options: ClickOptions, placement: Placement) -> float:

@@ -1,14 +1,12 @@
-"""How soon touches of a recorded hand get their own click: the run's solver, an emulated board, real time. SIMULATED.
+"""How soon touches of a hand get their own click: the run's solver, an emulated board, real time. SIMULATED.
 
     python -m tests.studies.cost.clicks_of_a_hand reference-a.nc --fingers 5
-    python -m tests.studies.cost.clicks_of_a_hand reference-a.nc --recording hand.hid
 
-Without a recording all fingers but one rest, and that one taps at random places, five times a second. Every finger
+All fingers but one rest, and that one taps at random places, five times a second. Every finger
 that comes begins a click which it feels and the others do not. A touch counts from when its report was
 read until its click was written to the line; one that another touch, or its own lift, overtakes counts apart.
 """
 
-import argparse
 import json
 from contextlib import closing
 from pathlib import Path
@@ -23,13 +21,14 @@ from engine.table import Table
 from engine.touch import Placement
 from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, Report, read_recording
+from engine.touch.sources.recording import Recording, Report
 from firmware_link.emulator.process import run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.run.click_process import ClickProcess
 from tactable.run.live import Live, LiveOptions
+from tests.studies.options import read_options
 
 LATE_S = 15e-3
 _RATE_HZ, _STEPS, _DOWN = 125, 25, 12  # reports of a tap; the others come first, and rest when it comes down
@@ -85,14 +84,10 @@ def measure(records: list[CommandRecord]) -> list[tuple[int, float | None]]:
 
 def main() -> None:
     """Print the shares and times by number of fingers, as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("table", type=Path)
-    parser.add_argument("--recording", type=Path)
-    parser.add_argument("--fingers", type=int, default=5)
-    asked = parser.parse_args()
+    asked = read_options(__doc__, table=Path, fingers=5)
     with Table.open(asked.table) as table:
-        hand = tapping_hand(table.device, asked.fingers) if asked.recording is None else read_recording(asked.recording)
-        print(json.dumps(summary(measure(records_of(table, hand))), indent=1))
+        found = measure(records_of(table, tapping_hand(table.device, asked.fingers)))
+        print(json.dumps(summary(found), indent=1))
 
 
 def summary(found: list[tuple[int, float | None]]) -> dict[str, Any]:

@@ -1,17 +1,16 @@
 """Processor time and memory of clicks as fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth clicks [--device NAME] [--figure FILE]` shows how the time of one click grows with
+`python -m tests.studies.cost.growth clicks [--figure FILE]` shows how the time of one click grows with
 each of them alone, and that memory stays bounded. Clicks are those of random placements; a table takes as many times
 longer as it has placements.
 
 `growth workers` shares the clicks of a grid of placements of a bar with eight actuators among one and two Dask workers.
 """
 
-import argparse
 import json
 import platform
 import resource
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.parallel.solving import solve_in_processes
 from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
+from tests.studies.options import read_options
 
 CLICK_CASES = (
     *[("fingers", count) for count in (1, 2, 3, 5, 8)],
@@ -35,7 +35,7 @@ CLICK_CASES = (
     *[("mm of bar", length_mm) for length_mm in (150, 300, 600)],
 )
 CLICKS = 12
-WORKER_ACTUATORS, WORKER_PLACEMENTS, SOLVED_PLACEMENTS = 8, 2000, 60
+WORKER_ACTUATORS, WORKER_PLACEMENTS = 8, 2000
 Case = tuple[str, int]
 
 
@@ -44,14 +44,8 @@ def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case],
 
     Every case has a process of its own, since the memory of a process only grows.
     """
-    rows = list[dict[str, Any]]()
-    for case in cases:
-        rows += solve_in_processes(partial(_begin, device, options, clicks), [[case]], 1)
-    return rows
-
-
-def _begin(device: Device, options: ClickOptions, clicks: int) -> Callable[[Case], dict[str, Any]]:
-    return partial(time_clicks, device, options, clicks)
+    begin = partial(partial, time_clicks, device, options, clicks)
+    return [row for case in cases for row in solve_in_processes(begin, [[case]], 1)]
 
 
 def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) -> dict[str, Any]:
@@ -114,7 +108,7 @@ def exponents_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     return found
 
 
-def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
+def draw(rows: Sequence[dict[str, Any]], title: str, path: Path | str) -> None:
     """Seconds for one click, and memory, a panel for each series."""
     names = list(dict.fromkeys(row["series"] for row in rows))
     figure = matplotlib.figure.Figure(figsize=(3 * len(names), 3.2), layout="constrained")
@@ -135,13 +129,8 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path) -> None:
 
 def main() -> None:
     """Print a row for each case, then the exponents."""
-    parser = argparse.ArgumentParser(prog="tests.studies.cost.growth", description=__doc__)
-    parser.add_argument("what", choices=("clicks", "workers"))
-    parser.add_argument("--device", default="reference-a")
-    parser.add_argument("--solved", type=int, default=SOLVED_PLACEMENTS, help="placements that the workers solve")
-    parser.add_argument("--figure", type=Path)
-    asked = parser.parse_args()
-    device = find_device(asked.device)
+    asked = read_options(__doc__, what=str, solved=60, figure="")
+    device = find_device("reference-a")
     machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
     if asked.what == "workers":
         grid = grid_of(_with_actuators(device, WORKER_ACTUATORS), WORKER_PLACEMENTS)
@@ -150,7 +139,7 @@ def main() -> None:
         print(json.dumps({"machine": machine, "grid": len(grid), "rows": rows}, indent=2))
         return
     rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
-    if asked.figure is not None:
+    if asked.figure:
         draw(rows, machine, asked.figure)
     print(machine)
     for row in rows:

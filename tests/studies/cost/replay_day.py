@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import resource
@@ -30,6 +29,7 @@ from tactable.shipped import DEMO_RECORDING
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.render.made_steady import made_renderer
 from tests.engine.shared_recordings import RECORDINGS
+from tests.studies.options import read_options
 from tests.tools.virtual import VirtualLine
 
 ROOT = Path(__file__).parents[3]
@@ -173,7 +173,7 @@ def usable(paths: Sequence[Path]) -> list[Recording]:
     return found
 
 
-def draw(day: Day, path: Path) -> None:
+def draw(day: Day, path: str) -> None:
     """Memory over the hours."""
     from matplotlib.figure import Figure
 
@@ -186,17 +186,14 @@ def draw(day: Day, path: Path) -> None:
 
 def main() -> None:
     """Print what was found as JSON; exit status 1 where it is not as it should be."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hours", type=float, default=24.0)
-    parser.add_argument("--figure", type=Path)
-    arguments = parser.parse_args()
+    asked = read_options(__doc__, hours=24.0, figure="")
     paths = sorted((RECORDINGS / "touch").glob("*.hid")) or [DEMO_RECORDING]
     recordings = usable(paths)
-    day = replay(recordings, 3600 * arguments.hours, max(24, 2 * len(recordings)))
+    day = replay(recordings, 3600 * asked.hours, max(24, 2 * len(recordings)))
     found: dict[str, Any] = asdict(day)
     sys.stdout.write(json.dumps(found, indent=2) + "\n")
-    if arguments.figure:
-        draw(day, arguments.figure)
+    if asked.figure:
+        draw(day, asked.figure)
     sys.exit(day.expired_leases > 0 or day.collections > 0)
 
 

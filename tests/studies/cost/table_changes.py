@@ -1,11 +1,10 @@
 """Time from measurements to the new table playing, and cost of a change of table to the run that plays. SIMULATED.
 
-`python -m tests.studies.cost.table_changes [--device NAME] [--changes N] [--load idle|stress]` proves on real
+`python -m tests.studies.cost.table_changes [--changes N]` proves on real
 processes that `calibrate --apply` reaches a running `tactable run`, and that changes of table under 1000 reports a
 second lose no report and make no more commands late than the same run has without them.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -26,13 +25,14 @@ from engine.device.texts import text_with_values
 from engine.table.history import replace_table
 from precompute.builder.build import build_table
 from precompute.parallel.pool import available_cores
-from tactable.bench.latency.background_load import BackgroundLoad, background_load
 from tactable.shipped import find_device, find_device_file
+from tests.studies.options import read_options
 from tests.studies.trust.watched_run import resting_run, touches, watched_run
 
 Times = NDArray[np.int64]
 
 TACTABLE = (sys.executable, "-c", "from tactable.cli.main import main; main()")
+DEVICE = "reference-a"
 RATE_HZ, FRAME_NS = 1000, 1_000_000
 WAITING_REPORTS = 63
 """Reports that hidraw keeps for a program that does not read."""
@@ -45,15 +45,15 @@ _STIFFNESS = ("18.9 kN/m", "20.5 kN/m")
 _DRIFT = ("actuator[1].stiffness=20.5 kN/m", "actuator.full_scale=0.48 µm")
 
 
-def measure_chain(device_name: str, folder: Path) -> dict[str, Any]:
+def measure_chain(folder: Path) -> dict[str, Any]:
     """Seconds from the start of `calibrate --apply` on drifted, SIMULATED measurements until a run has changed over."""
-    device, table, measured = find_device(device_name), folder / "chain.nc", folder / "measured.csv"
-    build_table(device, table, clicks_up_to=0, workers=available_cores())
+    table, measured = folder / "chain.nc", folder / "measured.csv"
+    build_table(find_device(DEVICE), table, clicks_up_to=0, workers=available_cores())
     changes = [word for change in _DRIFT for word in ("--change", change)]
-    _run(folder, "simulate-measurements", str(find_device_file(device_name)), "-o", str(measured), *changes)
+    _run(folder, "simulate-measurements", str(find_device_file(DEVICE)), "-o", str(measured), *changes)
     with resting_run(table, folder) as run:
         start_s = time.perf_counter()
-        words = ("calibrate", device_name, str(measured), "-o", str(folder / "fitted"), "--apply", str(table), "--json")
+        words = ("calibrate", DEVICE, str(measured), "-o", str(folder / "fitted"), "--apply", str(table), "--json")
         applying = subprocess.Popen([*TACTABLE, *words], stdout=subprocess.PIPE)
         run.wait_for_change()
         playing_s = time.perf_counter() - start_s
@@ -68,14 +68,14 @@ def measure_chain(device_name: str, folder: Path) -> dict[str, Any]:
     }
 
 
-def make_tables(device_name: str, folder: Path) -> tuple[Path, Path]:
+def make_tables(folder: Path) -> tuple[Path, Path]:
     """Two tables of a device on a coarse grid, with all its states, that drive differently."""
     coarse = {"sweep.step": "10 Hz", "sweep.amplitude_steps": "2", "sweep.phase_steps": "8"}
-    text, paths = find_device(device_name).text, []
+    text, paths = find_device(DEVICE).text, []
     for number, stiffness in enumerate(_STIFFNESS):
         path = folder / f"table-{number}.nc"
         values = {**coarse, "actuator[1].stiffness": stiffness}
-        device = Device.parse(text_with_values(text, values, device_name), device_name)
+        device = Device.parse(text_with_values(text, values, DEVICE), DEVICE)
         build_table(device, path, clicks_up_to=0, workers=available_cores())
         paths.append(path)
     return paths[0], paths[1]
@@ -102,20 +102,17 @@ class Segment:
         return np.array([self.late_ns[a:b].max(initial=0) for a, b in zip(first, last, strict=True)], np.int64)
 
 
-def measure_changes(tables: tuple[Path, Path], count: int, load: BackgroundLoad, folder: Path) -> dict[str, Any]:
+def measure_changes(tables: tuple[Path, Path], count: int, folder: Path) -> dict[str, Any]:
     """`count` changes between two tables under RATE_HZ reports a second, and in between runs without one."""
     with_changes, without, left = list[Segment](), list[Segment](), count
-    with background_load(load):
-        while left > 0:
-            wanted = min(left, _SEGMENT_CHANGES)
-            with_changes.append(_measure(tables, wanted, _SEGMENT_S, folder))
-            without.append(_measure(tables, 0, min(_CONTROL_S, with_changes[-1].late_ns.size / RATE_HZ + 2), folder))
-            left -= max(1, len(with_changes[-1].change_ns))
+    while left > 0:
+        with_changes.append(_measure(tables, min(left, _SEGMENT_CHANGES), _SEGMENT_S, folder))
+        without.append(_measure(tables, 0, min(_CONTROL_S, with_changes[-1].late_ns.size / RATE_HZ + 2), folder))
+        left -= max(1, len(with_changes[-1].change_ns))
     pauses = np.concatenate([segment.pauses_ns(segment.change_ns) for segment in with_changes])
     pairs = zip(without, with_changes, strict=True)
     others = [segment.pauses_ns(_even(segment, len(other.change_ns))) for segment, other in pairs]
     return {
-        "load": load.value,
         "with": _figures(with_changes),
         "without": _figures(without),
         "pause_ms": _quantiles(pauses),
@@ -191,20 +188,14 @@ def _quantiles(found_ns: Times) -> dict[str, float]:
 
 def main() -> None:
     """Print what was measured: the chain from measurements to playing, then the changes beside the run without."""
-    parser = argparse.ArgumentParser(prog="tests.studies.cost.table_changes", description=__doc__)
-    parser.add_argument("--device", default="reference-a")
-    parser.add_argument("--changes", type=int, default=1000, help="changes of table while touches come, 1 s each")
-    parser.add_argument(
-        "--load", type=BackgroundLoad, choices=(BackgroundLoad.IDLE, BackgroundLoad.STRESS), default=BackgroundLoad.IDLE
-    )
-    asked = parser.parse_args()
+    asked = read_options(__doc__, changes=1000)
     with tempfile.TemporaryDirectory(prefix="tactable-study-") as name:
         folder = Path(name)
         result = {
             "simulated": True,
             "machine": {"python": platform.python_version(), "cores": os.cpu_count(), "load": os.getloadavg()[0]},
-            "chain": measure_chain(asked.device, folder),
-            "changes": measure_changes(make_tables(asked.device, folder), asked.changes, asked.load, folder),
+            "chain": measure_chain(folder),
+            "changes": measure_changes(make_tables(folder), asked.changes, folder),
         }
     print(json.dumps(result, indent=2))
 

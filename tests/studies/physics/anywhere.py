@@ -8,12 +8,10 @@ what a run plays; a click made for the middles of the zones is what a table with
 evaluated on the same plants. The steady drive is the one that a run solves for the positions.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +30,7 @@ from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 
@@ -228,18 +227,10 @@ def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str,
 
 def main() -> None:
     """Compare at random placements, or at each of some distances, which are drawn too."""
-    parser = argparse.ArgumentParser(prog="python -m tests.studies.physics.anywhere")
-    parser.add_argument("device")
-    parser.add_argument("--placements", type=int, default=300)
-    parser.add_argument("--fingers", type=int, default=2)
-    parser.add_argument("--felt", type=int, default=1)
-    parser.add_argument("--table", type=Path, help="also the clicks that this table of the device has")
-    parser.add_argument("--distances", default="", help="exact distances between two fingers, mm, for the picture")
-    parser.add_argument("-o", dest="picture", default="distance.png")
-    asked = parser.parse_args()
+    asked = read_options(__doc__, device=str, placements=300, fingers=2, felt=1, table="", distances="")
     device, tabulated = find_device(asked.device), None
     wanted = Anywhere(placements=asked.placements, fingers=asked.fingers, feeling=asked.felt)
-    if asked.table is not None:
+    if asked.table:
         with Table.open(asked.table, device=device) as table:
             tabulated = table.clicks
     exact = [replace(wanted, apart_m=float(mm) / 1e3, is_exact=True) for mm in asked.distances.split(",") if mm]
@@ -248,7 +239,7 @@ def main() -> None:
         found.append(compare_anywhere(device, each, available_cores(), tabulated=tabulated))
         print("\n".join(describe(device, each, found[-1])), flush=True)
     if exact:
-        draw(device, [each.apart_m for each in exact], found).savefig(asked.picture, dpi=110)
+        draw(device, [each.apart_m for each in exact], found).savefig("distance.png", dpi=110)
 
 
 if __name__ == "__main__":

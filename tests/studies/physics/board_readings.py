@@ -4,7 +4,6 @@
 oscillator is up to 3 % off, another in each seed, and compares with the finite elements with the sensor on the bar.
 """
 
-import sys
 import time
 
 import numpy as np
@@ -19,6 +18,7 @@ from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.walk import even_walk
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 
 PLACES, FREQUENCIES_HZ = 3, (75.0, 110.0, 135.0, 170.0, 209.0, 235.0, 265.0, 297.0)
 MASS_KG, BIT_RATE_HZ, DRIFT = 2e-3, 1_000_000, 0.03
@@ -51,9 +51,8 @@ def _true(reading: Reading, position_m: float) -> complex:
 
 def main() -> None:
     """Print a line for each seed."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 2
     print("SIMULATED; seed, drift, kept, time of driving, dB and degrees off by (50 / 95 / 100 %), processor time")
-    for seed in range(seeds):
+    for seed in range(read_options(__doc__, seeds=(2,)).seeds):
         start_s = time.process_time()
         with threadpool_limits(1, "blas"):
             found = read_seed(seed)

@@ -8,7 +8,6 @@ within its [spread], the fitted bar as the calibration leaves it, and the descri
 on fresh plants of its own spread; fingers vary as the device file says. SIMULATED.
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +22,7 @@ from precompute.measurements.simulate import Flaws
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, TRUTH, read_bar
+from tests.studies.options import read_options
 
 _PERCENTS = (5, 50, 95)
 
@@ -43,8 +43,8 @@ def felt_db(device: Device, placements: int) -> NDArray[np.float64]:
 
 def main() -> None:
     """Print a row for each state of knowledge."""
-    name, placements = (sys.argv[1:] + ["reference-a", "60"][len(sys.argv) - 1 :])[:2]
-    device = find_device(name)
+    asked = read_options(__doc__, device=("reference-a",), placements=(60,))
+    device = find_device(asked.device)
     exact = replace(device, spread=replace(device.spread, stiffness=0.0, mass=0.0))
     names = default_names(device)
     known = {
@@ -53,9 +53,10 @@ def main() -> None:
         "fitted with bar.density and actuator.mass": calibrated(device, (*names, "bar.density", "actuator.mass")),
         "known exactly": exact,
     }
-    print(f"{name}, {placements} random placements of two fingers, SIMULATED: felt (5 %), quiet (95 %) in dB")
+    what = f"{asked.device}, {asked.placements} random placements of two fingers, SIMULATED"
+    print(f"{what}: felt (5 %), quiet (95 %) in dB")
     for words, bar in known.items():
-        felt, quiet = felt_db(bar, int(placements))
+        felt, quiet = felt_db(bar, asked.placements)
         shown = " / ".join(f"{level:.1f}" for level in np.percentile(felt, _PERCENTS))
         print(f"{words}: felt mean {felt.mean():.2f} (5/50/95 % of placements: {shown}); quiet mean {quiet.mean():.2f}")
 

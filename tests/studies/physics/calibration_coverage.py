@@ -5,7 +5,6 @@ hold the true value about as often as they say, with noise and with wrong readin
 exact. docs/calibration-coverage.png and the table in docs/calibration.md are made with --draws 100.
 """
 
-import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from precompute.measurements.parameters import find_parameters, paper_names, wit
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 
@@ -177,13 +177,10 @@ def draw(result: dict[str, Any], path: Path) -> None:
 
 def main() -> None:
     """Print a line for each case."""
-    parser = argparse.ArgumentParser(prog="tests.studies.physics.calibration_coverage", description=__doc__)
-    parser.add_argument("--draws", type=int, default=10, help="bars of each case")
-    parser.add_argument("--figure", type=Path, help="draw the coverage to this file")
-    asked = parser.parse_args()
+    asked = read_options(__doc__, draws=10, figure="")
     result = measure_coverage(CASES, asked.draws)
-    if asked.figure is not None:
-        draw(result, asked.figure)
+    if asked.figure:
+        draw(result, Path(asked.figure))
     print("\n".join(map(describe, result["cases"])))
 
 

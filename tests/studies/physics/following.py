@@ -10,7 +10,6 @@ zero and up again where its phase is written. SIMULATED.
 """
 
 import math
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -28,6 +27,7 @@ from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from precompute.predict.at_positions import SteadyDesigner
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 
@@ -160,10 +160,11 @@ def random_runs(device: Device, count: int, seed: int = 11) -> list[Run]:
 
 def main() -> None:
     """Print each run, and what they have in common."""
-    device = find_device(sys.argv[1] if len(sys.argv) > 1 else "reference-a")
+    asked = read_options(__doc__, device=("reference-a",), runs=(20,))
+    device = find_device(asked.device)
     following, table = Following(device), list[tuple[bool, list[Felt]]]()
     print(f"{device.name}, SIMULATED: quiet peak, median of quiet peaks in 20 ms, felt 5 % of 20 ms, dB")
-    for run in random_runs(device, int(sys.argv[2]) if len(sys.argv) > 2 else 20):
+    for run in random_runs(device, asked.runs):
         ways = ((ramped, False), (crossfaded, False), (crossfaded, True))
         felt = [following.feel(run, synthesis, keeps=keeps) for synthesis, keeps in ways]
         jumps = [following.jumps(run, keeps=keeps) for keeps in (False, True)]
@@ -174,9 +175,8 @@ def main() -> None:
     for name, has_jumps in (("without a jump of the best frequency", False), ("with jumps", True)):
         chosen = [felt for jumped, felt in table if jumped is has_jumps]
         if chosen:
-            shown = "; ".join(
-                f"{way} {_shown(each)}" for way, each in zip(WAYS, zip(*chosen, strict=True), strict=True)
-            )
+            by_way = zip(WAYS, zip(*chosen, strict=True), strict=True)
+            shown = "; ".join(f"{way} {_shown(each)}" for way, each in by_way)
             print(f"{name}, {len(chosen)} runs, medians: {shown}")
 
 

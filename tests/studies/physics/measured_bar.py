@@ -1,6 +1,6 @@
 """What a bar that was measured by stepped sine is worth: responses, fitted parameters, drives. SIMULATED.
 
-    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--frequencies N] [--flaws] [--methods]
+    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--flaws] [--methods]
 
 For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
 and a converter has noise, hum, latency, jitter, a clock that drifts, an offset, clipping and lost samples. `measure`
@@ -10,7 +10,6 @@ sums the seeds up. With --flaws each flaw of a converter is put in by itself ins
 are counted. With --methods stepped sine and sweep read the same bars.
 """
 
-import argparse
 import math
 import tempfile
 import time
@@ -25,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from engine.steady.solver import SteadySolver
 from engine.touch import Placement
-from precompute.calibration.calibrate import Calibration, Estimate, calibrate
+from precompute.calibration.calibrate import Estimate, calibrate
 from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
@@ -34,8 +33,10 @@ from precompute.model.response import solve_response
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.places import solve_place_receptances
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
+from tactable.measure.faults import find_late
+from tactable.measure.gravity import check_gravity
 from tactable.measure.simulated_bench import ConverterFlaws
-from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions
 from tactable.measure.walk import (
     Method,
@@ -49,6 +50,7 @@ from tactable.measure.walk import (
 )
 from tactable.shipped import find_device
 from tests.precompute.measured import SENSOR_MASS_KG
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 
@@ -146,18 +148,15 @@ def measure_bar(
     method: Method = STEPPED,
 ) -> Measured:
     """Measure a simulated bar as the command does."""
-    simulated = {"flaws": flaws, "changes": changes, "seed": seed, "is_fine": True}
-    apparatus_options = ApparatusOptions(
-        SIMULATED,
-        SIMULATED,
-        method.stepped.most,
+    chosen = ApparatusOptions(
+        *(SIMULATED, SIMULATED, method.stepped.most),
         sensor_mass_kg=SENSOR_MASS_KG,
-        **simulated,  # type: ignore[arg-type]
+        flaws=flaws,
+        changes=changes,
+        seed=seed,
+        is_fine=True,
     )
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        open_apparatus(device, apparatus_options, lambda _: None) as apparatus,
-    ):
+    with tempfile.TemporaryDirectory() as folder, open_apparatus(device, chosen, lambda _: None) as apparatus:
         raw = RawFolder(Path(folder), device, walk, {})
         records = measure_walk(device, walk, apparatus, method, raw)
     found = measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
@@ -194,7 +193,7 @@ def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: li
     measured = measure_bar(device, values, flaws_of(seed), seed, walk)
     bar_s, processor_s = sum(reading.seconds for reading in measured.readings), time.process_time() - started_s
     error_db, error_deg = response_errors(true, measured.measurements)
-    fitted: Calibration = calibrate(device, measured.measurements, NAMES, starts=1)
+    fitted = calibrate(device, measured.measurements, NAMES, starts=1)
     best, after, before = (contrasts_db(true, each, placements) for each in (true, fitted.device, device))
     figures = SeedFigures(
         kept=len(measured.measurements),
@@ -225,18 +224,21 @@ def beyond_interval(estimate: Estimate, true: float) -> float:
     return abs(math.log(true / estimate.value)) / max(abs(math.log(edge / estimate.value)), 1e-12)
 
 
+def off_by(error_db: Array, error_deg: Array) -> str:
+    """Percentiles of errors of responses, in words."""
+    db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(each, (50, 95, 100))) for each in (error_db, error_deg))
+    return f"off by (50/95/100 %) {db} dB, {degrees} deg"
+
+
 def figures_text(seeds: Sequence[SeedFigures]) -> str:
     """Errors, intervals and contrasts of one or several bars, in words."""
-    error_db, error_deg, off = (
-        np.concatenate([getattr(e, k) for e in seeds]) for k in ("error_db", "error_deg", "off")
-    )
-    lost, best, before = (
-        np.concatenate([getattr(e, k) for e in seeds]) for k in ("lost_db", "best_db", "lost_as_described_db")
+    names = ("error_db", "error_deg", "off", "lost_db", "best_db", "lost_as_described_db")
+    error_db, error_deg, off, lost, best, before = (
+        np.concatenate([getattr(each, name) for each in seeds]) for name in names
     )
     beyond = np.array([value for each in seeds for value in each.beyond.values()])
-    db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
     return (
-        f"response off by (50/95/100 %) {db} dB, {degrees} deg; {np.count_nonzero(beyond <= 1)} of {len(beyond)} "
+        f"response {off_by(error_db, error_deg)}; {np.count_nonzero(beyond <= 1)} of {len(beyond)} "
         f"parameters within their intervals, off by {100 * np.median(off):.3f} % (most {100 * max(off):.3f} %); "
         f"contrast (median of {len(lost)}) {np.median(best):.2f} dB for the true bar, lost {np.median(lost):.3f} dB "
         f"(95 %: {np.percentile(lost, 95):.3f}) by the measured one, {np.median(before):.2f} dB (95 %: "
@@ -262,13 +264,11 @@ def study_methods(device: Device, seed: int, places: int) -> None:
     few, every = even_walk(device, places), even_walk(device, places, np.arange(60.0, 300.5, 1.0).tolist())
     for name, walk, method in (("stepped", few, STEPPED), ("sweep", few, SWEPT), ("sweep", every, SWEPT)):
         measured = measure_bar(device, values, flaws_of(seed), seed, walk, method)
-        error_db, error_deg = response_errors(true, measured.measurements)
-        db, degrees = ("/".join(f"{v:.3f}" for v in np.percentile(e, (50, 95, 100))) for e in (error_db, error_deg))
         print(
             f"seed {seed}: {name}, {len(walk[0].tones)} readings a place at {places} places: "
             f"{sum(reading.seconds for reading in measured.readings):.0f} s of driving, "
-            f"{len(measured.measurements)} of {len(measured.readings)} readings kept, "
-            f"off by (50/95/100 %) {db} dB, {degrees} deg",
+            f"{len(measured.measurements)} of {len(measured.readings)} readings kept,",
+            off_by(*response_errors(true, measured.measurements)),
             flush=True,
         )
 
@@ -277,16 +277,11 @@ def study_flaws(device: Device) -> None:
     """Print the faults that readings name for each flaw by itself."""
     walk = even_walk(device, 2, [104.0, 150.0, 209.0])
     for name, text in SINGLE_FLAWS.items():
-        measured = measure_bar_named(device, text, walk)
-        print(f"{name}: {measured}", flush=True)
+        print(f"{name}: {measure_bar_named(device, text, walk)}", flush=True)
 
 
 def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
     """Faults by how many of the readings name them, and what the converter is found to be."""
-    from tactable.measure.faults import find_late
-    from tactable.measure.gravity import check_gravity
-    from tactable.measure.stepped_sine import SteppedSine
-
     flaws = replace(ConverterFlaws.parse(text), has_gravity=True)
     options = SteppedSineOptions()
     chosen = ApparatusOptions(SIMULATED, SIMULATED, 1.0, sensor_mass_kg=SENSOR_MASS_KG, flaws=flaws)
@@ -315,13 +310,7 @@ def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
 
 def main() -> None:
     """Print a line for each seed, or for each flaw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("seeds", type=int, nargs="?", default=5)
-    parser.add_argument("--places", type=int, default=6)
-    parser.add_argument("--frequencies", type=int, default=8)
-    parser.add_argument("--flaws", action="store_true")
-    parser.add_argument("--methods", action="store_true")
-    asked = parser.parse_args()
+    asked = read_options(__doc__, seeds=(5,), places=6, flaws=False, methods=False)
     device = find_device("reference-a")
     with threadpool_limits(1, "blas"):
         if asked.flaws:
@@ -332,13 +321,9 @@ def main() -> None:
                 study_methods(device, seed, asked.places)
             return
         free_hz = default_frequencies(device)
-        chosen_hz = [free_hz[round(k)] for k in np.linspace(0, len(free_hz) - 1, min(asked.frequencies, len(free_hz)))]
+        chosen_hz = [free_hz[round(k)] for k in np.linspace(0, len(free_hz) - 1, min(8, len(free_hz)))]
         walk = even_walk(device, asked.places, chosen_hz)
-        placements = [
-            placement
-            for placement in random_placements(device, Anywhere(placements=20, seed=7))
-            if any(placement.is_felt) and not all(placement.is_felt)
-        ]
+        placements = random_placements(device, Anywhere(placements=20, seed=7))  # one of two fingers feels
         print(summary_text([study_seed(device, seed, walk, placements) for seed in range(asked.seeds)]), flush=True)
 
 

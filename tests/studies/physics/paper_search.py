@@ -13,7 +13,6 @@ evaluates N sets of values, 300 000 by default, which takes about 40 minutes of 
 give the same result on every machine; a budget of time would not.
 """
 
-import argparse
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -25,6 +24,7 @@ from scipy.stats import qmc
 
 from engine.device import Device, Zone
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 from tests.studies.physics.paper_statements import (
     DAMPING_OF,
     READINGS,
@@ -261,10 +261,7 @@ def describe(device: Device) -> dict[str, object]:
 
 def main() -> None:
     """Search, and say what was found."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sets", type=int, default=300_000)
-    options = parser.parse_args()
+    options = read_options(__doc__, seed=1, sets=300_000)
     search = Search(options.seed, options.sets)
     search.run()
     excluded = [(STATEMENTS[i][0], STATEMENTS[j][0]) for i, j in search.exclude()]

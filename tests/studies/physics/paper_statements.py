@@ -14,7 +14,6 @@ python -m tests.studies.physics.paper_statements [DEVICE] prints them for refere
 """
 
 import itertools
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -27,6 +26,7 @@ from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 DampingOf = Literal["bar", "assembly"]
@@ -302,7 +302,7 @@ def margins(solved: Solved) -> Array:
 
 def main() -> None:
     """Print the statements for reference-a or the device named, counted from either end."""
-    device = find_device(sys.argv[1] if len(sys.argv) > 1 else "reference-a")
+    device = find_device(read_options(__doc__, device=("reference-a",)).device)
     for damping_of in DAMPING_OF:
         solved = solve(with_damping_of(device, damping_of), np.linspace(60, 300, 961))
         for reading in (Reading(1, False, False), Reading(1, False, True)):

@@ -8,7 +8,6 @@ Printed is the share of the 95 % intervals that hold the true value, by paramete
 as `calibrate` does, and for errors that are taken as even.
 """
 
-import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +25,7 @@ from precompute.measurements.parameters import find_parameters
 from precompute.measurements.simulate import even_places
 from tactable.shipped import find_device
 from tests.precompute.measured import SENSOR_MASS_KG
+from tests.studies.options import read_options
 from tests.studies.physics.measured_bar import NAMES, true_bar
 
 HZ = (64.0, 104.0, 125.5, 165.0, 189.0, 209.0, 233.0, 294.5)
@@ -73,7 +73,7 @@ def measure_coverage(bars: int) -> Coverage:
 def main() -> None:
     """Print the shares."""
     with threadpool_limits(1, "blas"):
-        found = measure_coverage(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+        found = measure_coverage(read_options(__doc__, bars=(100,)).bars)
     for name, held in (("reading by reading", found.held), ("taken as even", found.held_even)):
         shares = ", ".join(f"{key} {share:.2f}" for key, share in zip(NAMES, held.mean(axis=0), strict=True))
         print(f"{name}: {held.mean():.3f} of {held.size} intervals hold the true value ({shares})")

@@ -1,19 +1,19 @@
 """What is kept of the events of effect files in a folder: counts by format and fate.
 
-    python -m tests.studies.programs.effect_files FOLDER [--level 25]
+    python -m tests.studies.programs.effect_files FOLDER
 
 docs/results.md has the figures for the public files in `SOURCES`, which are not part of this repository: put them
 into a folder under these names. Each was read as stored in a public index in November 2026; the curves of the
 frequency of CanDrop, Keyboard and Knife, which are not kept anyway, were shortened.
 """
 
-import argparse
 import json
 from collections import Counter
 from pathlib import Path
 
 from engine.effects.files import FORMATS, read_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
+from tests.studies.options import read_options
 
 _MPEG = "github.com/MPEGGroup/HapticReferenceSoftware"
 _STUDIO = "github.com/htw128/haptics-studio, a copy of Meta's, companion/quest/Assets"
@@ -40,12 +40,12 @@ SOURCES = {
 }
 
 
-def count(folder: Path, full_level_db: float = FULL_LEVEL_DB) -> dict[str, Counter[str]]:
+def count(folder: Path) -> dict[str, Counter[str]]:
     """Events by fate, and files, by format. Raises EffectError for a file that is not valid."""
     counted: dict[str, Counter[str]] = {file_format: Counter() for file_format in FORMATS}
     for path in sorted(folder.iterdir()):
         if (file_format := path.suffix.removeprefix(".")) in FORMATS:
-            converted = read_effect_file(path, path.stem, full_level_db)
+            converted = read_effect_file(path, path.stem, FULL_LEVEL_DB)
             counted[file_format]["files"] += 1
             counted[file_format].update(str(report.fate) for report in converted.reports)
     return counted
@@ -53,11 +53,7 @@ def count(folder: Path, full_level_db: float = FULL_LEVEL_DB) -> dict[str, Count
 
 def main() -> None:
     """Read the options, count, and print."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("folder", type=Path)
-    options.add_argument("--level", type=float, default=FULL_LEVEL_DB)
-    asked = options.parse_args()
-    print(json.dumps(count(asked.folder, asked.level), indent=2))
+    print(json.dumps(count(read_options(__doc__, folder=Path).folder), indent=2))
 
 
 if __name__ == "__main__":

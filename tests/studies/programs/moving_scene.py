@@ -7,7 +7,6 @@ A tap that comes down between the sending of a change and its answer may get the
 tap must get the level of the scene in force at its place. The firmware is SIMULATED.
 """
 
-import argparse
 import json
 import random
 import subprocess
@@ -25,6 +24,7 @@ from firmware_link.emulator.process import run_emulator
 from tactable.control.client import Client, ClientError, connect
 from tactable.shipped import find_device, named_effects
 from tests.engine.made_table import write_table
+from tests.studies.options import read_options
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 DEVICE = find_device("reference-a")
@@ -136,10 +136,7 @@ def run(changes: int, seed: int, pause_s: float = 0.01) -> dict[str, object]:
 
 def main() -> None:
     """Read the options, run, and print the counts."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--changes", type=int, default=1000)
-    options.add_argument("--seed", type=int, default=1)
-    asked = options.parse_args()
+    asked = read_options(__doc__, changes=1000, seed=1)
     print(json.dumps(run(asked.changes, asked.seed), indent=2))
 
 

@@ -8,7 +8,6 @@ and answer an honest program. Prints what was sent, done and refused. With --osc
 sent in place of lines: nothing but answers and events may come back, and a message behind each few must be answered.
 """
 
-import argparse
 import json
 import random
 import re
@@ -27,6 +26,7 @@ from tactable.control.client import connect
 from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.shipped import find_device
 from tests.engine.made_table import write_table
+from tests.studies.options import read_options
 from tests.tactable.control.messages import HELLO, hostile_datagram, hostile_line
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -144,11 +144,7 @@ def fuzz(messages: int, seed: int, *, is_osc: bool = False) -> dict[str, object]
 
 def main() -> None:
     """Read the options, fuzz, and print the counts."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--messages", type=int, default=100_000)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--osc", action="store_true")
-    asked = options.parse_args()
+    asked = read_options(__doc__, messages=100_000, seed=1, osc=False)
     print(json.dumps(fuzz(asked.messages, asked.seed, is_osc=asked.osc), indent=2))
 
 

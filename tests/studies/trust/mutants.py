@@ -11,45 +11,24 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-_COMPARED = {
-    ast.Lt: ("<=", ">="),
-    ast.LtE: ("<", ">"),
-    ast.Gt: (">=", "<="),
-    ast.GtE: (">", "<"),
-    ast.Eq: ("!=",),
-    ast.NotEq: ("==",),
-    ast.Is: ("is not",),
-    ast.IsNot: ("is",),
-    ast.In: ("not in",),
-    ast.NotIn: ("in",),
-}
-_COMPUTED = {
-    ast.Add: "-",
-    ast.Sub: "+",
-    ast.Mult: "/",
-    ast.Div: "*",
-    ast.FloorDiv: "*",
-    ast.Mod: "*",
-    ast.BitAnd: "|",
-    ast.BitOr: "&",
-    ast.LShift: ">>",
-    ast.RShift: "<<",
-}
-_SWAPPED_CALLS = {"min": "max", "max": "min", "floor": "ceil", "ceil": "floor", "any": "all", "all": "any"}
-
-_C_OPERATORS = {
+_OPERATORS = {
     "<": ("<=", ">="),
     "<=": ("<", ">"),
     ">": (">=", "<="),
     ">=": (">", "<"),
     "==": ("!=",),
     "!=": ("==",),
+    "is": ("is not",),
+    "is not": ("is",),
+    "in": ("not in",),
+    "not in": ("in",),
     "&&": ("||",),
     "||": ("&&",),
     "+": ("-",),
     "-": ("+",),
     "*": ("/",),
     "/": ("*",),
+    "//": ("*",),
     "%": ("*",),
     "&": ("|",),
     "|": ("&",),
@@ -58,6 +37,8 @@ _C_OPERATORS = {
     "+=": ("-=", "="),
     "-=": ("+=", "="),
 }
+_SWAPPED_CALLS = {"min": "max", "max": "min", "floor": "ceil", "ceil": "floor", "any": "all", "all": "any"}
+
 _C_SILENT = re.compile(
     r'/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\])*"|^[ \t]*#[ \t]*(?:include|ifn?def|endif|if|else)[^\n]*', re.S | re.M
 )
@@ -144,10 +125,10 @@ def _python_alternatives(node: ast.expr | ast.stmt) -> Iterator[str]:
     match node:
         case ast.Compare():
             for index, operator in enumerate(node.ops):
-                for after in _COMPARED[type(operator)]:
+                for after in _OPERATORS[_symbol(operator)]:
                     yield _compared(node, index, after)
-        case ast.BinOp() if type(node.op) in _COMPUTED:
-            yield f"({ast.unparse(node.left)}) {_COMPUTED[type(node.op)]} ({ast.unparse(node.right)})"
+        case ast.BinOp() if _symbol(node.op) in _OPERATORS:
+            yield f"({ast.unparse(node.left)}) {_OPERATORS[_symbol(node.op)][0]} ({ast.unparse(node.right)})"
         case ast.BoolOp():
             other = " or " if isinstance(node.op, ast.And) else " and "
             yield "(" + other.join(f"({ast.unparse(value)})" for value in node.values) + ")"
@@ -172,30 +153,23 @@ def _python_alternatives(node: ast.expr | ast.stmt) -> Iterator[str]:
 
 def _compared(node: ast.Compare, index: int, after: str) -> str:
     terms = [ast.unparse(each) for each in (node.left, *node.comparators)]
-    operators = [_COMPARED_TEXT[type(each)] for each in node.ops]
+    operators = [_symbol(each) for each in node.ops]
     operators[index] = after
     return "(" + f"({terms[0]})" + "".join(f" {o} ({t})" for o, t in zip(operators, terms[1:], strict=True)) + ")"
 
 
-_COMPARED_TEXT: dict[type[ast.cmpop], str] = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-    ast.Is: "is",
-    ast.IsNot: "is not",
-    ast.In: "in",
-    ast.NotIn: "not in",
-}
+def _symbol(operator: ast.cmpop | ast.operator) -> str:
+    """How an operator is written."""
+    x = ast.Name("x")
+    applied = ast.BinOp(x, operator, x) if isinstance(operator, ast.operator) else ast.Compare(x, [operator], [x])
+    return ast.unparse(applied).strip("x ")
 
 
 def _c_changes(text: str) -> Iterator[tuple[int, int, str]]:
     # What says nothing to the compiler becomes spaces, so that places stay.
     code = _C_SILENT.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text)
     for found in _C_BINARY.finditer(code):
-        for after in _C_OPERATORS[found[0]]:
+        for after in _OPERATORS[found[0]]:
             yield *found.span(), after
     for found in _C_NUMBER.finditer(code):
         yield *found.span(), f"{int(found[1]) + 1}{found[2]}"
