@@ -1,16 +1,16 @@
 """Processor time of a demo's page from its start to its first picture, its first click and the table built here.
 
-`python -m tests.system.first_minute [DEVICE] [--tactable COMMAND] [--to-the-end] [--with-kernels]` runs `tactable demo`
-with empty caches, or with the kernels that this checkout has compiled before. All processes of the demo count. The
-build begins once the page plays, and counts too.
+`python -m tests.system.first_minute [DEVICE] [--with-kernels]` runs `tactable demo` with empty caches, or with the
+kernels that this checkout has compiled before. All processes of the demo count. The build begins once the page plays,
+and counts too.
 """
 
 import argparse
 import asyncio
+import contextlib
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -21,7 +21,9 @@ from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.messages import Drive, Kind
+from tests.system.page import TACTABLE
 from tests.tactable.page.browser import encode_touches
+from tests.tools.stalls import descendants
 
 _COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
 _DRIVE_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4
@@ -33,28 +35,14 @@ _TICK = os.sysconf("SC_CLK_TCK")
 def processor_s(process: int) -> float:
     """Processor time of a process, its children that have ended, and all that it started and that run."""
     total_s = 0.0
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            name, fields = stat.parent.name, stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(name) == process or _descends(int(fields[1]), process):
+    for each in {process, *descendants(process)}:
+        with contextlib.suppress(OSError):  # it has ended
+            fields = Path(f"/proc/{each}/stat").read_text().rpartition(")")[2].split()
             total_s += sum(map(int, fields[11:15])) / _TICK
     return total_s
 
 
-def _descends(process: int, ancestor: int) -> bool:
-    while process > 1:
-        if process == ancestor:
-            return True
-        try:
-            process = int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
-        except OSError:
-            return False
-    return False
-
-
-async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
+async def _watch(address: str, demo: int) -> None:
     where = urlsplit(address)
     url, origin = f"ws://{where.netloc}{where.path}socket", Origin(f"http://{where.netloc}")
     start_s, told, pictures = time.monotonic(), set[str](), 0
@@ -79,15 +67,11 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                     tell(scene["building"]["step"].partition(",")[0])
                 if scene.get("compared"):
                     tell(f"own table: {scene['compared']['text']}")
-                    if not to_the_end:
-                        return
+                    return
                 has_table = scene["clicks"] and not scene["is_shipped"] and not scene.get("solved")
                 if has_table:
                     tell("table with clicks of one finger")
-                if has_table and "first click" in told and not to_the_end:
-                    return
-                if plays and scene["building"] is None and "first click" in told and scene.get("has_kernels"):
-                    tell("whole table")
+                if has_table and "first click" in told:
                     return
             elif message[1] == Kind.PICTURE and plays:
                 if message[_LEVELS_AT]:
@@ -102,20 +86,20 @@ async def _watch(address: str, demo: int, *, to_the_end: bool) -> None:
                 pictures += 1
 
 
-def main(tactable: str, device: str, *, to_the_end: bool, with_kernels: bool) -> None:
+def main(device: str, *, with_kernels: bool) -> None:
     """Run the demo and print what came when."""
     with tempfile.TemporaryDirectory() as folder:
         caches = {"XDG_CACHE_HOME": folder}
         if not with_kernels:
             caches["NUMBA_CACHE_DIR"] = f"{folder}/kernels"
         with subprocess.Popen(
-            [tactable, "demo", device, "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
+            [TACTABLE, "demo", device, "--no-open"], env={**os.environ, **caches}, stderr=subprocess.PIPE, text=True
         ) as demo:
             assert demo.stderr is not None
             url = next(word for word in demo.stderr.readline().split() if word.startswith("http"))
             print(f"{processor_s(demo.pid):6.1f} s of processor time           address")  # noqa: T201
             try:
-                asyncio.run(_watch(url, demo.pid, to_the_end=to_the_end))
+                asyncio.run(_watch(url, demo.pid))
             finally:
                 demo.terminate()
 
@@ -123,8 +107,6 @@ def main(tactable: str, device: str, *, to_the_end: bool, with_kernels: bool) ->
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("device", nargs="?", default="reference-a")
-    parser.add_argument("--tactable", default=str(Path(sys.executable).parent / "tactable"))
-    parser.add_argument("--to-the-end", action="store_true")
     parser.add_argument("--with-kernels", action="store_true")
     asked = parser.parse_args()
-    main(asked.tactable, asked.device, to_the_end=asked.to_the_end, with_kernels=asked.with_kernels)
+    main(asked.device, with_kernels=asked.with_kernels)

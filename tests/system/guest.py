@@ -48,13 +48,7 @@ UNPLUGGED_S = 1.0
 
 def kernel_device() -> KernelDevice:
     """Plug the touch screen in and look at it."""
-
-    def script(stage: Stage) -> None:
-        with touch_screen():
-            stage.plugged.give()
-            stage.ended.wait()
-
-    with hardware(script) as stage:
+    with hardware(show_touch_screen) as stage:
         stage.plugged.wait()
         with open_touch_screen() as source:
             path = kernel_path_of(DEMO.vendor_id, DEMO.product_id)
@@ -75,12 +69,7 @@ def whole_chain() -> Happened:
             stage.stop.give()
             stage.ended.wait()
 
-    with emulated_firmware() as end_firmware, hardware(script) as stage:
-        stage.plugged.wait()
-        with open_touch_screen() as source:
-            run = run_chain(source, open_port(), stage.stop, stage.running.give)
-        stage.ended.give()
-        return Happened((run,), source.counters, end_firmware(), stage.notes())
+    return play_script(script)
 
 
 def touch_screen_unplugged() -> Happened:
@@ -102,12 +91,7 @@ def touch_screen_unplugged() -> Happened:
             stage.stop.give()
             stage.ended.wait()
 
-    with emulated_firmware() as end_firmware, hardware(script) as stage:
-        stage.plugged.wait()
-        with open_touch_screen() as source:
-            run = run_chain(source, open_port(), stage.stop, stage.running.give)
-        stage.ended.give()
-        return Happened((run,), source.counters, end_firmware(), stage.notes())
+    return play_script(script)
 
 
 def gadget_unplugged() -> Happened:
@@ -157,25 +141,16 @@ def overflow() -> Happened:
             stage.stop.give()
             stage.ended.wait()
 
-    with emulated_firmware() as end_firmware, hardware(script) as stage:
-        stage.plugged.wait()
-        with open_touch_screen() as source:
-            stage.opened.give()
-            stage.flooded.wait()
-            run = run_chain(source, open_port(), stage.stop, stage.running.give)
-        stage.ended.give()
-        return Happened((run,), source.counters, end_firmware(), stage.notes())
+    def flooded(stage: Stage) -> None:
+        stage.opened.give()
+        stage.flooded.wait()
+
+    return play_script(script, flooded)
 
 
 def refusals() -> Refusals:
     """Open the touch screen and the port without the right to."""
-
-    def script(stage: Stage) -> None:
-        with touch_screen():
-            stage.plugged.give()
-            stage.ended.wait()
-
-    with hardware(script) as stage:
+    with hardware(show_touch_screen) as stage:
         stage.plugged.wait()
         with open_touch_screen():
             pass
@@ -202,9 +177,27 @@ SCENARIOS: tuple[Callable[[], object], ...] = (
 # ---- helpers ---------------------------------------------------------------------------------------------
 
 
+def play_script(script: Callable[[Stage], None], on_opened: Callable[[Stage], None] = lambda _: None) -> Happened:
+    """One run of the engine beside the hardware's script, from when it is plugged in until it stops."""
+    with emulated_firmware() as end_firmware, hardware(script) as stage:
+        stage.plugged.wait()
+        with open_touch_screen() as source:
+            on_opened(stage)
+            run = run_chain(source, open_port(), stage.stop, stage.running.give)
+        stage.ended.give()
+        return Happened((run,), source.counters, end_firmware(), stage.notes())
+
+
 def touch_screen() -> VirtualDevice:
     """The demo's touch screen, to plug in."""
     return VirtualDevice(DEMO, TOUCH_SERIAL_NUMBER, CONTACT_COUNT_MAXIMUM)
+
+
+def show_touch_screen(stage: Stage) -> None:
+    """A script: it is plugged in until the engine has ended."""
+    with touch_screen():
+        stage.plugged.give()
+        stage.ended.wait()
 
 
 @contextlib.contextmanager

@@ -65,53 +65,42 @@ def stop_at_random(pid: int, source: random.Random, has_ended: threading.Event) 
                 os.kill(chosen, signal.SIGCONT)
 
 
-def run_once(words: Sequence[str], source: random.Random, has_stops: bool) -> tuple[list[str], int]:
+def run_once(words: Sequence[str], source: random.Random) -> tuple[list[str], int]:
     """A line for each test that did not hold, and the status of pytest."""
     with tempfile.TemporaryDirectory() as state:
         told = Path(state) / "verdicts"
         told.touch()
-        status = _run(words, source, has_stops, {"XDG_STATE_HOME": state, _VERDICTS: str(told)})
+        status = _run(words, source, {"XDG_STATE_HOME": state, _VERDICTS: str(told)})
         return told.read_text(encoding="utf-8").splitlines(), status
 
 
-def _run(words: Sequence[str], source: random.Random, has_stops: bool, environment: dict[str, str]) -> int:
+def _run(words: Sequence[str], source: random.Random, environment: dict[str, str]) -> int:
     command = [sys.executable, "-m", "pytest", "-p", "tests.tools.unquiet", *words]
     with subprocess.Popen(command, env={**os.environ, **environment}) as tests:
         has_ended = threading.Event()
         stopper = threading.Thread(target=stop_at_random, args=(tests.pid, source, has_ended))
-        if has_stops:
-            stopper.start()
+        stopper.start()
         try:
             tests.wait()
         finally:
             has_ended.set()
-            if has_stops:
-                stopper.join()
+            stopper.join()
     return tests.returncode
-
-
-def parse(words: Sequence[str]) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.unquiet", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--loops", type=int, default=os.cpu_count(), help="busy loops; default: one per processor")
-    parser.add_argument("--no-stops", action="store_true", help="stop no process of the tests")
-    parser.add_argument("--in-order", action="store_true", help="files, and the tests of each, as always")
-    parser.add_argument("--times", type=int, default=1, help="number of runs")
-    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6))
-    parser.add_argument("words", nargs="*", help="what pytest is given, after --")
-    return parser.parse_args(words)
 
 
 def main() -> int:
     """Run, and print the table; 1 if a test was broken or pytest ended by itself."""
-    chosen = parse(sys.argv[1:])
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.unquiet", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--times", type=int, default=1, help="number of runs")
+    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6))
+    parser.add_argument("words", nargs="*", help="what pytest is given, after --")
+    chosen = parser.parse_args()
     source = random.Random(chosen.seed)
     sys.stdout.write(f"seed {chosen.seed}\n")
     counts, is_broken = Counter[str](), False
-    with busy_loops(chosen.loops):
+    with busy_loops(os.cpu_count() or 1):
         for number in range(chosen.times):
-            order = [] if chosen.in_order else ["--order-seed", str(source.randrange(10**6))]
-            told, status = run_once([*chosen.words, *order], source, not chosen.no_stops)
+            told, status = run_once([*chosen.words, "--order-seed", str(source.randrange(10**6))], source)
             is_broken |= status not in (0, _NOTHING_TO_RUN)
             counts.update(set(told))
             sys.stdout.write(f"run {number + 1} of {chosen.times} ended with status {status}\n")
