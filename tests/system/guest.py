@@ -9,14 +9,14 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from engine.touch.sources.hid_discovery import load_hid_system
-from engine.touch.sources.hidraw import HidrawSource, open_hidraw
+from engine.touch.sources.hidraw import HidrawCounters, HidrawSource, open_hidraw
+from firmware_link.emulator.process import EmulatorLog
 from firmware_link.host.serial_port import SerialPort, path_of
-from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, run_chain
-from tests.system.results import Broken, Happened, KernelDevice, Refusals
+from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, ChainRun, run_chain
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget
 from tests.system.stage import Stage, emulated_firmware, error_as_nobody, hardware, until_it_works
 from tests.system.uhid import VirtualDevice, kernel_path_of, play
@@ -41,6 +41,47 @@ SWEPT = make_recording([Stroke(0.0, 0.008 * FLOOD, 0.05, 0.95)])
 SPEED = 0.5
 ATTEMPTS, STALL_S = 5, 0.1
 UNPLUGGED_S = 1.0
+
+
+# ---- what the guest hands back ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Happened:
+    """One scenario: each run of the engine, the last source's counts, the firmware's log, what the hardware did when.
+
+    Times are monotonic ns.
+    """
+
+    runs: tuple[ChainRun, ...]
+    source: HidrawCounters
+    log: EmulatorLog
+    notes: dict[str, int]
+
+
+@dataclass(frozen=True)
+class KernelDevice:
+    """The digitizer as the kernel shows it."""
+
+    kernel_name: str
+    driver: str
+    product_name: str
+    descriptor: bytes
+
+
+@dataclass(frozen=True)
+class Refusals:
+    """What a user without rights is told, "" for nothing."""
+
+    digitizer: str
+    port: str
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A scenario that did not come to its end."""
+
+    trace: str
 
 
 # ---- scenarios -------------------------------------------------------------------------------------------

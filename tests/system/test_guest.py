@@ -22,8 +22,7 @@ from firmware_link.host.serial_port import SerialPort
 from tests.engine.made_states import state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
 from tests.system.chain import BIT_RATE_HZ, DEVICE, ChainRun, driven_hz, is_silent, run_chain
-from tests.system.guest import DEMO, HELD, SWEPT, TAP
-from tests.system.results import Broken, Happened, KernelDevice, Refusals
+from tests.system.guest import DEMO, HELD, SWEPT, TAP, Broken, Happened, KernelDevice, Refusals
 
 Result = TypeVar("Result")
 

@@ -9,25 +9,18 @@ tap must get the level of the scene in force at its place. The firmware is SIMUL
 
 import json
 import random
-import subprocess
-import sys
-import tempfile
 import time
 from contextlib import suppress
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from engine.effects import Effects
-from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.process import run_emulator
 from tactable.control.client import Client, ClientError, connect
-from tactable.shipped import find_device, named_effects
-from tests.engine.made_table import write_table
+from tactable.shipped import named_effects
 from tests.studies.options import read_options
+from tests.studies.trust.controlled_run import DEVICE, controlled_run
 from tests.tactable.rig.strokes import Stroke, make_recording
 
-DEVICE = find_device("reference-a")
 LEVELS_DB = {name: Effects((), (named_effects()[name],)).levels_db[0] for name in ("press", "tick", "release", "hover")}
 ELSEWHERE_DB = 20.0
 TAP_S = 0.04
@@ -94,26 +87,16 @@ def run(changes: int, seed: int, pause_s: float = 0.01) -> dict[str, object]:
     places = [0.02 + 0.96 * random_.random() for _ in range(taps)]
     strokes = tuple(Stroke(TAP_S * n, TAP_S * n + TAP_S / 2, at, at) for n, at in enumerate(places))
     recording = make_recording(strokes)
-    with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
-        folder = Path(name)
-        write_table(folder / "bar.nc", DEVICE, response=0.05)
-        write_recording(recording, folder / "taps.hid")
-        path = folder / "control.sock"
-        words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", "--json"]
-        command = [str(Path(sys.executable).parent / "tactable"), *words, "--control", "--control-socket", str(path)]
-        with subprocess.Popen(
-            command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        ) as process:
-            assert process.stderr is not None
-            while "Ctrl-C ends" not in (said := process.stderr.readline()):
-                assert said and process.poll() is None, said
-            with connect(path, lease_s=60.0) as listener, connect(path, lease_s=60.0) as client:
-                listener.subscribe("played")
-                scenes = change(client, changes, pause_s, random_)
-                events = until_the_end(listener)
-            told, said = process.communicate(timeout=60.0)
-            assert process.returncode == 0, said
-    summary, felt = json.loads(told), []
+    with (
+        controlled_run(recording) as process,
+        connect(process.socket, lease_s=60.0) as listener,
+        connect(process.socket, lease_s=60.0) as client,
+    ):
+        listener.subscribe("played")
+        scenes = change(client, changes, pause_s, random_)
+        events = until_the_end(listener)
+        summary = process.summary()
+    felt = list[tuple[int, float, float]]()
     for event in events:
         if event["event"] == "played" and event["kind"] != "silence":
             (at_m,) = [each["at_m"] for each in event["fingers"] if each["role"] == "felt"]

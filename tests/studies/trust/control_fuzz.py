@@ -13,24 +13,17 @@ import random
 import re
 import signal
 import socket
-import subprocess
-import sys
-import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 
-from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.process import run_emulator
 from tactable.control.client import connect
 from tactable.control.osc_codec import decode_osc, encode_osc
-from tactable.shipped import find_device
-from tests.engine.made_table import write_table
 from tests.studies.options import read_options
+from tests.studies.trust.controlled_run import controlled_run
 from tests.tactable.control.messages import HELLO, hostile_datagram, hostile_line
 from tests.tactable.rig.strokes import Stroke, make_recording
 
-DEVICE = find_device("reference-a")
 PROGRAMS = 4
 BATCH, OSC_BATCH = 50, 2
 TAPS = 2_000
@@ -70,7 +63,8 @@ class Program:
 class OscProgram:
     """One sender of datagrams, which counts what comes back."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, said: str) -> None:
+        port = int(re.findall(r"osc://127.0.0.1:([0-9]+)", said)[0])
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect(("127.0.0.1", port))
         self._socket.settimeout(60.0)
@@ -97,49 +91,33 @@ class OscProgram:
 def fuzz(messages: int, seed: int, *, is_osc: bool = False) -> dict[str, object]:
     """Send the messages to a run of its own; what came back. Raises AssertionError."""
     random_ = random.Random(seed)
-    with tempfile.TemporaryDirectory() as name, run_emulator() as emulator:
-        folder = Path(name)
-        write_table(folder / "bar.nc", DEVICE, response=0.05)
-        strokes = tuple(Stroke(0.2 * tap, 0.2 * tap + 0.1, 0.1 + 0.2 * (tap % 5), 0.1) for tap in range(TAPS))
-        write_recording(make_recording(strokes), folder / "taps.hid")
-        path = folder / "control.sock"
-        words = ["run", "bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--reconnect", "--json"]
-        command = [str(Path(sys.executable).parent / "tactable"), *words, "--control", "--control-socket", str(path)]
-        command += ["--control-osc", "0"] if is_osc else []
-        with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
-            assert run.stderr is not None
-            port = 0
-            while "Ctrl-C ends" not in (said := run.stderr.readline()):
-                assert said and run.poll() is None, said
-                if found := re.search(r"osc://127.0.0.1:([0-9]+)", said):
-                    port = int(found[1])
-            start_s = time.monotonic()
-            programs: list[Program | OscProgram]
-            programs = [OscProgram(port) if is_osc else Program(path) for _ in range(PROGRAMS)]
-            batch_of, hostile = (OSC_BATCH, hostile_datagram) if is_osc else (BATCH, hostile_line)
-            for batch in range(messages // batch_of):
-                programs[batch % PROGRAMS].send([hostile(random_) for _ in range(batch_of)])
-            duration_s = time.monotonic() - start_s
-            with connect(path) as honest:
-                honest.ping()
-            for program in programs:
-                program.close()
-            run.send_signal(signal.SIGINT)
-            told, said = run.communicate(timeout=60.0)
-            assert run.returncode == 0, said
-        summary = json.loads(told)
-        assert summary["losses_of_the_port"] == 0 and summary["digitizer"]["lost_frames"] == 0
-        assert summary["commands_mispredicted"] == 0
-        answers = sum((program.answers for program in programs), Counter[str]())
-        assert is_osc or answers["done"] + answers["refused"] == BATCH * (messages // BATCH) + PROGRAMS
-        return {
-            "seed": seed,
-            "messages": messages,
-            "seconds": round(duration_s, 1),
-            **answers,
-            "control_steps": summary["control_steps"],
-            "reports": summary["reports"],
-        }
+    strokes = [Stroke(0.2 * tap, 0.2 * tap + 0.1, 0.1 + 0.2 * (tap % 5), 0.1) for tap in range(TAPS)]
+    with controlled_run(make_recording(strokes), *["--control-osc", "0"] * is_osc) as run:
+        start_s = time.monotonic()
+        programs: list[Program | OscProgram]
+        programs = [OscProgram(run.said) if is_osc else Program(run.socket) for _ in range(PROGRAMS)]
+        batch_of, hostile = (OSC_BATCH, hostile_datagram) if is_osc else (BATCH, hostile_line)
+        for batch in range(messages // batch_of):
+            programs[batch % PROGRAMS].send([hostile(random_) for _ in range(batch_of)])
+        duration_s = time.monotonic() - start_s
+        with connect(run.socket) as honest:
+            honest.ping()
+        for program in programs:
+            program.close()
+        run.process.send_signal(signal.SIGINT)
+        summary = run.summary()
+    assert summary["losses_of_the_port"] == 0 and summary["digitizer"]["lost_frames"] == 0
+    assert summary["commands_mispredicted"] == 0
+    answers = sum((program.answers for program in programs), Counter[str]())
+    assert is_osc or answers["done"] + answers["refused"] == BATCH * (messages // BATCH) + PROGRAMS
+    return {
+        "seed": seed,
+        "messages": messages,
+        "seconds": round(duration_s, 1),
+        **answers,
+        "control_steps": summary["control_steps"],
+        "reports": summary["reports"],
+    }
 
 
 def main() -> None:

@@ -7,18 +7,17 @@ imports would be most of the time of 200 kills. Processes that the work itself s
 import json
 import os
 import random
+import select
 import shutil
 import signal
 import subprocess
 import sys
 import textwrap
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Protocol
 
 from engine.device import Device
@@ -28,7 +27,7 @@ from precompute.builder.build import build_table
 from precompute.clicks import ClickOptions
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
-from tests.studies.trust.watched_run import resting_run
+from tests.studies.trust.watched_run import WatchedRun, resting_run
 
 ROOT = Path(__file__).parents[3]
 CHEAP = ClickOptions(pitch_m=140e-3, pool=90, judged=10)
@@ -152,14 +151,8 @@ for _ in range(30):
     roll_back(Path("bar.nc"))
 """
 
-    @contextmanager
-    def running(self, folder: Path) -> Iterator[None]:
-        """A run that plays the table meanwhile."""
-        for device in (OLD, NEW):
-            build_table(device, folder / "bar.nc", clicks_up_to=0)
-        with resting_run(folder / "bar.nc", folder) as run:
-            self._watched = run
-            yield
+    def __init__(self, watched: WatchedRun) -> None:
+        self._watched = watched
 
     def prepare(self, folder: Path) -> None:
         """Both tables are there."""
@@ -287,45 +280,35 @@ class _Started:
         # GNU's OpenMP, which numba would take, ends a fork of a process that has used it.
         path = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_THREADING_LAYER": "workqueue"}
         path["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"  # of what it cleans up
+        command = [sys.executable, "child.py"]
+        # Without a buffer, `select` sees what has not been read.
         self._server = subprocess.Popen(
-            [sys.executable, "child.py"],
-            cwd=folder,
-            env=path,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
+            command, cwd=folder, env=path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
         )
-        self._said: SimpleQueue[int] = SimpleQueue()
-        self._listener = threading.Thread(target=self._listen, daemon=True)
-        self._listener.start()
 
     def __enter__(self) -> "_Started":
         return self
 
     def __exit__(self, *unused: object) -> None:
-        assert self._server.stdin is not None and self._server.stdout is not None
-        self._server.stdin.close()
-        self._server.wait()
-        self._listener.join()
-        self._server.stdout.close()
+        self._server.communicate()
 
-    def _listen(self) -> None:
+    def _hear(self, timeout_s: float | None) -> int | None:
+        """The next number that it says."""
         assert self._server.stdout is not None
-        for line in self._server.stdout:
-            self._said.put(int(line))
+        ready, _, _ = select.select([self._server.stdout], [], [], timeout_s)
+        return int(self._server.stdout.readline()) if ready else None
 
     def run(self, after_s: float | None) -> float | None:
         """Seconds that the program took, or None if it was killed after `after_s` and left no process."""
         assert self._server.stdin is not None
-        self._server.stdin.write("fork\n")
-        self._server.stdin.flush()
-        child, start_s = self._said.get(timeout=_GONE_S), time.monotonic()
-        try:
-            status = self._said.get(timeout=after_s)
-        except Empty:
+        self._server.stdin.write(b"fork\n")
+        child, start_s = self._hear(_GONE_S), time.monotonic()
+        assert child is not None
+        status = self._hear(after_s)
+        if status is None:
             with suppress(ProcessLookupError):  # it ended at this very instant
                 os.kill(child, signal.SIGKILL)
-            status = self._said.get(timeout=_GONE_S)
+            status = self._hear(_GONE_S)
         _wait_for_group(child)
         assert status in (0, -signal.SIGKILL)
         return time.monotonic() - start_s if status == 0 else None
@@ -347,14 +330,10 @@ def _wait_for_group(group: int) -> None:
 def work_of(name: str, folder: Path) -> Iterator[Work]:
     """The work of that name, what it needs running."""
     if name == "swap":
-        swap = Swap()
-        with swap.running(folder):
-            yield swap
-        return
-    works: dict[str, Work] = {
-        "build": Build(),
-        "calibrate": Calibrate(),
-        "fleet": Fleet(0),
-        "fleet-processes": Fleet(2),
-    }
-    yield works[name]
+        for device in (OLD, NEW):
+            build_table(device, folder / "bar.nc", clicks_up_to=0)
+        with resting_run(folder / "bar.nc", folder) as run:
+            yield Swap(run)
+    else:
+        works: dict[str, Work] = {"build": Build(), "calibrate": Calibrate(), "fleet": Fleet(0)}
+        yield works.get(name) or Fleet(2)
