@@ -1,12 +1,11 @@
 """The house rules, and commands in the README that do what they say."""
 
 import re
-import shlex
 from pathlib import Path
 
 import pytest
 
-from tests.documents import Command, check_command
+from tests.documents import Command, check_command, read_blocks, read_commands
 from tests.tactable.cli.in_process import run_here
 
 ROOT = Path(__file__).parents[1]
@@ -26,12 +25,10 @@ def test_tables_is_no_package() -> None:
     assert not list((ROOT / "tables").rglob("*.py"))
 
 
-def readme_commands() -> list[str]:
+def readme_commands() -> list[Command]:
     """The lines of the README's shell blocks that call the installed command."""
-    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
-    commands = [line.split("#")[0].strip() for line in lines]
-    return [c.removeprefix(".venv/bin/") for c in commands if c.startswith((".venv/bin/tactable", "tactable"))]
+    blocks = [block for block in read_blocks(ROOT / "README.md") if block.language == "sh"]
+    return [command for block in blocks for command in read_commands(block) if command.words[0] == "tactable"]
 
 
 def test_the_readme_begins_with_its_two_commands() -> None:
@@ -45,15 +42,15 @@ def test_every_command_of_the_readme_exists_with_its_options() -> None:
     commands = readme_commands()
     assert len(commands) >= 4
     for command in commands:
-        check_command(Command(command, None))
+        check_command(command)
 
 
 @pytest.mark.long
 def test_the_commands_of_the_readme_run_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for command in readme_commands():
-        words = shlex.split(command)
+        words = command.words
         if words[1] == "build":
             words += ["--clicks-up-to", "0"]  # clicks take minutes and nothing new
         done = run_here(tmp_path, *words[1:])
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+        assert done.returncode == 0, f"{command.line}\n{done.stdout}{done.stderr}"

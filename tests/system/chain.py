@@ -19,7 +19,6 @@ from engine.loop import (
     open_pipeline,
 )
 from engine.render import link_configuration
-from engine.touch.digitizer import DigitizerCounters
 from engine.touch.sources import Source
 from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.process import EmulatorLog
@@ -45,7 +44,6 @@ class ChainRun:
 
     trace: tuple[CommandRecord, ...]
     counters: LoopCounters
-    digitizer_counters: DigitizerCounters
     link_counters: LinkCounters
     link_error: str | None
 
@@ -73,7 +71,7 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
             loop.run(stop)
         except LinkError as error:
             link_error = str(error)
-    return ChainRun(tuple(trace), loop.counters, pipeline.digitizer.counters, link.counters, link_error)
+    return ChainRun(tuple(trace), loop.counters, link.counters, link_error)
 
 
 def state_of(change: CommandRecord) -> int:

@@ -140,17 +140,14 @@ class FirmwareImage:
             with self._news:
                 self._take_reports()
 
-    def _take_reports(self) -> bool:
-        """Whether any had come."""
-        try:
+    def _take_reports(self) -> None:
+        text = ""
+        with contextlib.suppress(OSError):  # nothing there, or QEMU has ended
             text = os.read(self._report_line, READ_SIZE).decode("ascii")
-        except OSError:  # nothing there, or QEMU has ended
-            return False
         *lines, self._begun = (self._begun + text).split("\n")
         for line in lines:
             self._take(line)
         self._news.notify_all()
-        return True
 
     def _take(self, line: str) -> None:
         if not _REPORT.fullmatch(line):

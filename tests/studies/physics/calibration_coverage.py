@@ -7,7 +7,8 @@ exact. docs/calibration-coverage.png and the table in docs/calibration.md are ma
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -42,18 +43,9 @@ class Case:
 
 
 CASES = (
-    *(
-        Case(name, pairs, noise)
-        for name in ("reference-a", "reference-d")
-        for pairs in (3, 5, 7)
-        for noise in (0, 0.01, 0.05)
-    ),
+    *(Case(*each) for each in product(("reference-a", "reference-d"), (3, 5, 7), (0, 0.01, 0.05))),
     *(Case("reference-a", 5, noise, published=True) for noise in (0.01, 0.05)),
-    *(
-        Case("reference-a", 5, noise, wrong=0.1, loss=loss)
-        for loss in ("l1", "robust", "squares")
-        for noise in (0, 0.01)
-    ),
+    *(Case("reference-a", 5, noise, 0.1, loss) for loss, noise in product(("l1", "robust", "squares"), (0, 0.01))),
 )
 
 
@@ -69,12 +61,7 @@ def _run_case(case: Case, draws: int) -> dict[str, Any]:
     error, held, wide = (np.array([getattr(draw, key) for draw in found]) for key in ("error", "held", "open"))
     seconds = np.array([draw.seconds for draw in found])
     return {
-        "device": case.device,
-        "pairs": case.pairs,
-        "noise": case.noise,
-        "wrong": case.wrong,
-        "loss": case.loss,
-        "sigma": "as published" if case.published else "0.3 to 10 1/s",
+        **asdict(case),
         "parameters": [
             {
                 "name": name,
@@ -151,7 +138,7 @@ def _title(row: dict[str, Any]) -> str:
         f"{row['device']}, {row['pairs']} pairs, {100 * row['noise']:g} %"
         + (f", {100 * row['wrong']:g} % wrong" if row["wrong"] else "")
         + (f", {row['loss']}" if row["loss"] != "robust" else "")
-        + (", sigma as published" if row["sigma"] == "as published" else "")
+        + (", sigma as published" if row["published"] else "")
     )
 
 
