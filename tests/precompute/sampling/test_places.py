@@ -31,9 +31,7 @@ def test_places_cover_the_bar_evenly_and_are_at_most_a_pitch_apart() -> None:
     for length_m in (0.012, 0.2794, 0.5):
         device = with_bar(shipped("reference-a"), length_m=length_m)
         device = with_bar(device, largest_element_m=min(5e-3, length_m / 4))
-        shifted = [actuator.position_m / 0.2794 * length_m for actuator in device.actuators]
-        actuators = tuple(replace(one, position_m=at) for one, at in zip(device.actuators, shifted, strict=True))
-        table = solve_place_receptances(assemble(replace(device, actuators=actuators, zones=())), FREQUENCY_HZ[:1])
+        table = solve_place_receptances(assemble(replace(device, actuators=(), zones=())), FREQUENCY_HZ[:1])
         assert table.place_m[0] == 0 and table.place_m[-1] == pytest.approx(length_m)
         assert len(table.place_m) >= 5 and table.pitch_m <= PITCH_M * (1 + 1e-9)
         assert np.diff(table.place_m) == pytest.approx(table.pitch_m)

@@ -5,8 +5,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any, cast
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -31,48 +33,24 @@ BARS = {
     "three": DEVICES["three"],
     "limited": replace(_TWO, limits=replace(_TWO.limits, amplitude=0.3)),
 }
+FIGURES = ("localized_factor", "peak_acceleration", "dead_spot")
 Tables = dict[str, NDArray[np.float64]]
-
-
-class Tabulated:
-    """A writer that keeps what is streamed: arrays by group and name."""
-
-    def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
-        self._streams: list[tuple[str, tuple[int, ...], list[Any]]] = []
-
-    def write(self, *_: object) -> None:
-        """Axes are not kept."""
-
-    def open_stream(self, group: str, variable: Any, shape: tuple[int, ...], _: object) -> Any:
-        self._streams.append((f"{group}/{variable.name}", shape, []))
-        kept = self._streams[-1][2]
-
-        class Stream:
-            def append(self, piece: Any) -> None:
-                kept.append(piece.copy())
-
-            def close(self) -> None:
-                """Nothing is left."""
-
-        return Stream()
-
-    def arrays(self) -> Tables:
-        return {
-            name: np.concatenate([each.ravel() for each in kept]).reshape(shape).astype(float)
-            for name, shape, kept in self._streams
-        }
 
 
 @cache
 def swept(name: str, memory_budget_bytes: int = 1 << 24) -> tuple[BestRows, Tables]:
     device = BARS[name] if name in BARS else find_device(name)
     grid = compute_grid_response(assemble(device), device.sweep.frequency_hz, zone_points(device))
-    best, writer = BestRowSearch(device), Tabulated()
-    write_coherent_sweep(cast(TableWriter, writer), grid, best)
-    for _ in write_pair_sweep(cast(TableWriter, writer), grid, best, memory_budget_bytes):
-        pass
-    return best.best_rows(), writer.arrays()
+    best = BestRowSearch(device)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "swept.nc"
+        with TableWriter(path) as writer:
+            write_coherent_sweep(writer, grid, best)
+            for _ in write_pair_sweep(writer, grid, best, memory_budget_bytes):
+                pass
+        with h5py.File(path) as file:
+            names = (f"{group}/{figure}" for group in ("sweep", "coherent_sweep") for figure in FIGURES)
+            return best.best_rows(), {each: file[each][...].astype(float) for each in names}
 
 
 def every_row(device: Device, tables: Tables) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -134,9 +112,8 @@ def test_each_is_the_tabulated_row_scaled_to_its_level(name: str) -> None:
     found, tables = swept(name)
     two_tones = 0
     for row in rows_of(found):
-        names = ("localized_factor", "peak_acceleration", "dead_spot")
         axis = 4 if row.group == "sweep" else 2
-        factor, peak, dead = (np.moveaxis(tables[f"{row.group}/{each}"], axis, -1) for each in names)
+        factor, peak, dead = (np.moveaxis(tables[f"{row.group}/{each}"], axis, -1) for each in FIGURES)
         at = np.unravel_index(row.index, factor.shape[:-1])
         assert row.shares == pytest.approx(factor[at]) and max(row.amplitudes) <= device.limits.amplitude * (1 + 1e-9)
         scale = row.peaks_m_per_s2[0] / peak[at][0]

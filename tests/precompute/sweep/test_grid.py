@@ -1,7 +1,5 @@
 """Laws of the grid: points close enough, an honest interpolation error."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -71,13 +69,3 @@ def test_the_grid_response_is_that_of_the_dense_model(device: Device) -> None:
         assert abs(grid.acceleration[:, :, z] - expected).max() <= 1e-7 * abs(expected).max()
         gram = model.unit_gram(FREQUENCY_HZ, zone.start_m, zone.stop_m)
         assert abs(grid.gram[:, z] - gram).max() <= 1e-6 * abs(gram).max()
-
-
-def test_a_band_says_which_frequencies_may_be_driven() -> None:
-    device = DEVICES["reference-a"]
-    bands = ((60.0, 120.0), (110.0, 300.0))
-    actuators = tuple(replace(a, band_hz=band) for a, band in zip(device.actuators, bands, strict=True))
-    device = replace(device, actuators=actuators)
-    grid = compute_grid_response(assemble(device), FREQUENCY_HZ, zone_points(device))
-    for i, (low_hz, high_hz) in enumerate(bands):
-        assert FREQUENCY_HZ[grid.in_band[:, i]].tolist() == [f for f in FREQUENCY_HZ if low_hz <= f <= high_hz]

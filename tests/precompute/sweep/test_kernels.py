@@ -52,17 +52,11 @@ def test_pair_sweep_equals_numpy(seed: int, shape: tuple[int, int, int, int], st
 
 @few
 @given(st.integers(1, 40))
-def test_folding_reproduces_every_amplitude_pair(steps: int) -> None:
+def test_folding_reproduces_every_amplitude_pair_and_keeps_each_ratio_once(steps: int) -> None:
     fold = fold_amplitudes(steps)
     grid = np.arange(steps + 1) / steps
     assert fold.multiple * fold.first[fold.ratio] == pytest.approx(np.broadcast_to(grid[:, None], fold.ratio.shape))
     assert fold.multiple * fold.second[fold.ratio] == pytest.approx(np.broadcast_to(grid, fold.ratio.shape))
-
-
-@few
-@given(st.integers(1, 40))
-def test_folding_keeps_each_ratio_once(steps: int) -> None:
-    fold = fold_amplitudes(steps)
     angles = np.arctan2(fold.second.astype(float), fold.first.astype(float))
     assert np.diff(np.sort(angles)).min() > 1e-6
     assert set(fold.ratio[fold.multiple > 0]) == set(range(len(angles)))
