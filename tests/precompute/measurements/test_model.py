@@ -14,6 +14,7 @@ from precompute.measurements.types import Kind, Measurements, lay_out
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_bar
 from tests.precompute.measured import NAN
+from tests.precompute.model.test_transfers import with_transfers
 
 Array = NDArray[np.float64]
 DEVICE = with_bar(shipped("reference-a"), mass_damping_per_s=0.7)
@@ -22,11 +23,11 @@ DEVICES = [*every_device().values(), ASSEMBLY]
 any_device = on_each({device.name: device for device in DEVICES})
 
 
-def rows_of(device: Device, drives_hz: Array, kind: Kind = Kind.PEAK, *, finger: bool = True) -> Measurements:
+def rows_of(device: Device, drives_hz: Array, kind: Kind) -> Measurements:
     """Every drive at seven places with a heavy sensor; every second row has a finger on the bar."""
     rows = lay_out(drives_hz, even_places(device, 7), 2e-3, kind)
     finger_m = np.where(np.arange(len(rows)) % 2 == 0, 0.37 * device.bar.length_m, NAN)
-    return replace(rows, finger_m=finger_m if finger else np.full(len(rows), NAN))
+    return replace(rows, finger_m=finger_m)
 
 
 def dense_reading(device: Device, rows: Measurements, row: int) -> complex:
@@ -49,21 +50,15 @@ def dense_reading(device: Device, rows: Measurements, row: int) -> complex:
 def test_readings_are_those_of_the_dense_model_with_sensor_and_finger_assembled(device: Device) -> None:
     still = [NAN] * (len(device.actuators) - 2)
     drives_hz = np.array([[150, 130, *still], [140, NAN, *still], [200, 200, *still]])
-    rows = rows_of(device, drives_hz)
-    rows = replace(rows, amplitude=rows.amplitude * np.array([0.8, 0.3 + 0.4j, *[1.0] * len(still)]))
-    found = np.exp(MeasurementModel(device, rows, ()).predict(np.zeros(0)).log_acceleration)
-    for row in range(0, len(rows), 5):
-        assert found[row] == pytest.approx(dense_reading(device, rows, row), rel=1e-7)
+    for kind, kind_hz in ((Kind.PEAK, drives_hz), (Kind.RESPONSE, drives_hz[1:])):
+        rows = rows_of(device, kind_hz, kind)
+        rows = replace(rows, amplitude=rows.amplitude * np.array([0.8, 0.3 + 0.4j, *[1.0] * len(still)]))
+        found = np.exp(MeasurementModel(device, rows, ()).predict(np.zeros(0)).log_acceleration)
+        for row in range(0, len(rows), 5):
+            assert found[row] == pytest.approx(dense_reading(device, rows, row), rel=1e-7)
 
 
-def test_responses_are_those_of_the_dense_model() -> None:
-    rows = rows_of(DEVICE, np.array([[150, NAN], [180, 180]]), Kind.RESPONSE)
-    found = np.exp(MeasurementModel(DEVICE, rows, ()).predict(np.zeros(0)).log_acceleration)
-    for row in range(0, len(rows), 5):
-        assert found[row] == pytest.approx(dense_reading(DEVICE, rows, row), rel=1e-7)
-
-
-@pytest.mark.parametrize("device", [DEVICE, ASSEMBLY], ids=["bar", "assembly"])
+@pytest.mark.parametrize("device", [DEVICE, ASSEMBLY, with_transfers(DEVICE)], ids=["bar", "assembly", "transfers"])
 @pytest.mark.parametrize("kind", Kind)
 @pytest.mark.parametrize("name", known_names(DEVICE))
 def test_derivatives_are_those_of_differences(name: str, kind: Kind, device: Device) -> None:

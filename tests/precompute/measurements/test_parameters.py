@@ -59,9 +59,10 @@ def test_a_coordinate_is_of_one_value_and_its_rate_is_its_derivative(name: str, 
     assert parameter.rate_at(x) == pytest.approx(numeric, rel=1e-6)
 
 
-def test_the_coordinate_of_a_damping_begins_at_0_and_becomes_a_logarithm() -> None:
+def test_a_damping_of_0_may_be_fitted_and_its_coordinate_becomes_a_logarithm() -> None:
     (sigma,) = find_parameters(DEVICE, ["bar.mass_damping"], {}, 0.0)
-    assert sigma.coordinate(0.0) == 0.0
+    (damping,) = find_parameters(with_actuators(DEVICE, damping_n_s_per_m=0.0), ["actuator.damping"], {}, 0.0)
+    assert damping.start == damping.low == sigma.coordinate(0.0) == 0.0
     assert sigma.coordinate(100.0) - sigma.coordinate(10.0) == pytest.approx(math.log(10), rel=1e-3)
 
 
@@ -98,11 +99,6 @@ def test_what_cannot_be_fitted_is_refused_by_name(
     with pytest.raises(ParameterError) as caught:
         find_parameters(device, names, bounds, 0.0)
     assert message in str(caught.value)
-
-
-def test_a_damping_of_0_may_be_fitted() -> None:
-    (damping,) = find_parameters(with_actuators(DEVICE, damping_n_s_per_m=0.0), ["actuator.damping"], {}, 0.0)
-    assert (damping.start, damping.low) == (0.0, 0.0)
 
 
 def test_actuators_that_differ_by_design_are_fitted_each() -> None:

@@ -62,13 +62,6 @@ def relative_error(device: Device, plant: MeasuredPlant, frequency_hz: Array) ->
     return error
 
 
-def test_22_places_give_the_field_between_them() -> None:
-    plant = measured_plant(REFERENCE, measured(REFERENCE, REFERENCE.sweep.frequency_hz))
-    error = relative_error(REFERENCE, plant, REFERENCE.sweep.frequency_hz)
-    assert error.max() < 2e-3
-    assert np.median(error) < 1e-4
-
-
 def test_the_errors_are_upper_bounds_and_the_model_agrees_with_itself() -> None:
     for step_hz in (0.5, 2.0):
         hz = np.arange(60.0, 300.0 + step_hz / 2, step_hz)
@@ -77,6 +70,7 @@ def test_the_errors_are_upper_bounds_and_the_model_agrees_with_itself() -> None:
         plant = measured_plant(REFERENCE, responses)
         between = relative_error(REFERENCE, plant, (hz[:-1] + hz[1:]) / 2).max(axis=(0, 2, 3))
         at = relative_error(REFERENCE, plant, hz).max(axis=(0, 2, 3))
+        assert at.max() < 2e-3
         assert (at <= errors.between_places).all()
         assert (between <= errors.between_places + errors.between_frequencies).all()
         assert errors.model.max() < 1e-9

@@ -14,13 +14,10 @@ DEVICE = shipped("reference-a")
 READ = read_bar(DEVICE, {}, ((150, 130), (140, NAN)), points=3)
 
 
-def test_drives_are_numbered_as_they_appear() -> None:
+def test_drives_are_numbered_as_they_appear_and_named_as_one_says_it() -> None:
     assert READ.drive_of_row.tolist() == [0, 0, 0, 1, 1, 1]
     turned = READ.part(np.array([5, 0, 4, 1]))
     assert turned.drive_of_row.tolist() == [0, 1, 0, 1]
-
-
-def test_a_drive_is_named_as_one_says_it() -> None:
     assert READ.drive_text(0) == "150 Hz and 130 Hz"
     assert READ.drive_text(3) == "140 Hz and still"
     assert replace(READ, amplitude=0.6j * READ.amplitude).drive_text(3) == "140 Hz at 60 % and still"

@@ -59,14 +59,17 @@ def written(folder: Path, *sets: dict[str, Any]) -> Path:
     return path
 
 
-def test_every_line_of_every_response_is_a_row(tmp_path: Path) -> None:
-    found = read_uff(written(tmp_path, nodes(), response(1, 8), response(2, 9)), DEVICE, 2e-3)
+def test_every_line_of_every_response_is_a_row_whatever_its_unit(tmp_path: Path) -> None:
+    found = read_uff(
+        written(tmp_path, nodes(), response(1, 8), response(2, 9, ordinate_axis_units_lab="g")), DEVICE, 2e-3
+    )
     assert found.kind is Kind.RESPONSE
     assert found.position_m == pytest.approx([0.02] * 3 + [0.13] * 3)
     assert found.frequency_hz[:3, 0].tolist() == HZ[1:].tolist()
     assert np.isnan(found.frequency_hz[:3, 1]).all() and np.isnan(found.frequency_hz[3:, 0]).all()
     assert found.amplitude.tolist() == [[1, 0]] * 3 + [[0, 1]] * 3
-    assert found.acceleration == pytest.approx(np.array([1 + 2j, 3 - 1j, -2 + 0.5j, 2 + 4j, 6 - 2j, -4 + 1j]), rel=1e-4)
+    value = np.array([1 + 2j, 3 - 1j, -2 + 0.5j])
+    assert found.acceleration == pytest.approx(np.append(value, 2 * 9.80665 * value), rel=1e-4)
     assert found.sensor_mass_kg.tolist() == [2e-3] * 6
 
 

@@ -6,23 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precompute.measurements import Kind, MeasurementError, Measurements, lay_out, read_measurements
+from precompute.measurements import Kind, MeasurementError, Measurements, read_measurements
 from precompute.measurements.file import write_measurements
 from tests.precompute.devices import shipped
+from tests.precompute.measured import NAN, read_bar
 from tests.precompute.measurements.test_netcdf import read_here
 
 DEVICE = shipped("reference-a")
-NAN = np.nan
 
 
 def responses(kind: Kind = Kind.RESPONSE) -> Measurements:
     """Both actuators alone at three uneven frequencies and two places, at a fifth of full scale."""
-    drives = np.array([[70.0, NAN], [81.3, NAN], [230.5, NAN], [NAN, 70.0], [NAN, 81.3], [NAN, 230.5]])
-    layout = lay_out(drives, np.array([0.035, 0.12]), 2e-3, kind)
-    random = np.random.default_rng(1)
-    value = random.standard_normal(len(layout)) + 1j * random.standard_normal(len(layout))
-    value = value if kind is Kind.RESPONSE else abs(value).astype(np.complex128)
-    return replace(layout, amplitude=0.2 * layout.amplitude, acceleration=value)
+    drives_hz = [drive for hz in (70.0, 81.3, 230.5) for drive in ((hz, NAN), (NAN, hz))]
+    read = read_bar(DEVICE, {}, drives_hz, points=2, kind=kind)
+    return replace(read, amplitude=0.2 * read.amplitude, is_simulated=False)
 
 
 def sorted_rows(measurements: Measurements) -> Measurements:
