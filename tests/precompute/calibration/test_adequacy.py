@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.measurements.parameters import default_names, paper_names, with_changes
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
-from precompute.measurements.types import Kind, lay_out
+from precompute.measurements.parameters import default_names, paper_names
+from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped, with_bar
-from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG, TRUTH, read_bar
+from tests.precompute.measured import TRUTH, read_bar
 from tests.quick import first_quick
 
 pytestmark = pytest.mark.long
@@ -67,9 +66,7 @@ def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, f
     else:
         true_m = 0.24 + 1e-3 * error_mm
         bar = replace(described, actuators=(described.actuators[0], replace(right, position_m=true_m)))
-    shorter = min(bar, described, key=lambda device: device.bar.length_m)
-    layout = lay_out(np.array(PAIRS_HZ[:3], dtype=np.float64), even_places(shorter, 22), SENSOR_MASS_KG, Kind.PEAK)
-    found = calibrate(described, simulate_measurements(with_changes(bar, TRUTH), layout, FLAWS, 1), starts=1)
+    found = calibrate(described, read_bar(bar, TRUTH, flaws=FLAWS), starts=1)
     report = adequacy_report(described, found, {})
     assert report["remedy"]["name"] == name
     assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
@@ -78,18 +75,14 @@ def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, f
     )
 
 
-def test_a_misfit_that_sensors_are_not_better_than_is_no_doubt() -> None:
-    found = fitted(TRUTH, paper_names(DEVICE), Flaws())
-    wavy = replace(found, log_residual=np.full(len(found.log_residual), 1e-3))
-    assert assess(wavy).chance < 1e-6 and assess(wavy).is_noise
-    assert not assess(replace(found, log_residual=np.full(len(found.log_residual), 2e-2))).is_noise
-
-
-def test_residuals_without_memory_are_adequate_as_often_as_the_limit_says() -> None:
+def test_residuals_without_memory_or_smaller_than_of_any_sensor_are_no_doubt() -> None:
     found, random = fitted(TRUTH, paper_names(DEVICE), Flaws()), np.random.default_rng(1)
     noise: list[NDArray[np.float64]] = list(random.normal(0, 0.02, (1000, len(found.log_residual))))
     doubted = sum(not assess(replace(found, log_residual=row)).is_noise for row in noise)
     assert doubted <= 15  # of 1000 at a probability of 0.005
+    wavy = replace(found, log_residual=np.full(len(found.log_residual), 1e-3))
+    assert assess(wavy).chance < 1e-6 and assess(wavy).is_noise
+    assert not assess(replace(found, log_residual=20 * wavy.log_residual)).is_noise
 
 
 def test_repeats_tell_a_misfit_that_changes_its_sign_from_place_to_place() -> None:

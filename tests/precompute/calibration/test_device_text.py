@@ -15,7 +15,7 @@ from tests.precompute.measured import read_bar
 PROVENANCE = {"created": "2026-11-21T12:00:00+00:00", "measurements": "measurements.csv", "loss": "robust"}
 
 
-def test_the_new_file_has_the_fitted_values_and_nothing_else_changed() -> None:
+def test_the_new_file_has_the_fitted_values_with_how_well_they_are_known_and_nothing_else_changed() -> None:
     found = noisy_calibration()
     read = Device.parse(calibrated_text(found, PROVENANCE), "new.toml")
     expected = found.device
@@ -26,15 +26,10 @@ def test_the_new_file_has_the_fitted_values_and_nothing_else_changed() -> None:
     same = replace(read, bar=DEVICE.bar, actuators=DEVICE.actuators, uncertainty=None, text=DEVICE.text)
     assert same == DEVICE
     assert read.fingerprint != DEVICE.fingerprint
-
-
-def test_the_new_file_says_how_well_the_values_are_known() -> None:
-    found = noisy_calibration()
-    uncertainty = Device.parse(calibrated_text(found, PROVENANCE), "new.toml").uncertainty
-    assert uncertainty is not None
-    assert [value.name for value in uncertainty.fitted] == [p.name for p in found.parameters]
-    assert np.array(uncertainty.covariance) == pytest.approx(found.covariance, rel=1e-12)
-    for value, parameter in zip(uncertainty.fitted, found.parameters, strict=True):
+    assert read.uncertainty is not None
+    assert [value.name for value in read.uncertainty.fitted] == [p.name for p in found.parameters]
+    assert np.array(read.uncertainty.covariance) == pytest.approx(found.covariance, rel=1e-12)
+    for value, parameter in zip(read.uncertainty.fitted, found.parameters, strict=True):
         assert (value.low, value.high) == pytest.approx((parameter.low, parameter.high), rel=1e-9)
         assert value.knee == pytest.approx(parameter.knee)
 

@@ -1,20 +1,13 @@
 """Laws of the fit: other starts leave a wrong basin, what is not told stays, bounds hold, what is held stays."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
-from precompute.calibration.fit import Problem, fit, refit_held
+from precompute.calibration.fit import fit, refit_held
 from precompute.calibration.misfit import Loss
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import problem_of
 from tests.precompute.measured import TRUTH
-
-
-@cache
-def noisy() -> Problem:
-    return problem_of(TRUTH, Flaws(noise=0.02))
 
 
 def test_other_starts_leave_a_basin_that_is_not_the_least() -> None:
@@ -35,7 +28,7 @@ def test_a_doubtful_basin_earns_more_starts_than_were_asked() -> None:
 
 @pytest.mark.parametrize("loss", Loss)
 def test_holding_a_parameter_costs_and_costs_nothing_where_it_was(loss: Loss) -> None:
-    found = fit(noisy(), loss, 1, seed=0)
+    found = fit(problem_of(TRUTH, Flaws(noise=0.02)), loss, 1, seed=0)
     same, cost = refit_held(found, 2, found.coordinate)
     assert cost == pytest.approx(found.cost, rel=1e-4)
     assert same[2] == found.coordinate[2]

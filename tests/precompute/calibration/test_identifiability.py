@@ -10,7 +10,12 @@ from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration,
 from tests.precompute.measured import NAN, read_bar
 
 
-def test_sigma_next_to_0_is_said_to_change_nothing() -> None:
+def test_sigma_next_to_0_is_said_to_change_nothing_and_known_at_most() -> None:
+    """1.008e-5 1/s: less than a 200 000th of the damping. The interval holds it, and all that explains as well."""
+    stiffness, *_, sigma, _ = published_calibration().estimates
+    assert (stiffness.known, sigma.known) == (Known.WELL, Known.AT_MOST)
+    assert sigma.low <= DEVICE.bar.mass_damping_per_s <= sigma.high
+    assert 0.5 < sigma.high < 50
     (combination,) = open_combinations(published_calibration())
     assert combination.text == "bar.mass_damping alone: it hardly changes what was measured"
     assert combination.singular < 2

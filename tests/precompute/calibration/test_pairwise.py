@@ -6,7 +6,7 @@ import pytest
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.pairwise import fit_pairwise
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
-from tests.precompute.measured import read_bar
+from tests.precompute.measured import PAIRS_HZ, read_bar
 
 
 def test_without_noise_every_drive_gives_the_same() -> None:
@@ -28,12 +28,15 @@ def test_with_noise_the_average_explains_less_than_the_one_fit() -> None:
     assert pairwise.joint_typical == pytest.approx(0.0135, rel=0.3)  # of 2 % noise the median size
 
 
-@pytest.mark.parametrize("pairs_hz", [((150, 130),), tuple((100 + i, 150) for i in range(25))])
-def test_one_drive_or_very_many_have_no_such_way(pairs_hz: tuple[tuple[float, float], ...]) -> None:
-    found = calibrate(DEVICE, read_bar(DEVICE, {}, pairs_hz, points=4), ["actuator.full_scale"], starts=1)
-    assert fit_pairwise(DEVICE, found) is None
-
-
-def test_drives_with_no_more_readings_than_parameters_have_no_such_way() -> None:
-    found = calibrate(DEVICE, read_bar(DEVICE, {}, points=2), ["actuator.full_scale", "bar.density"], starts=1)
+@pytest.mark.parametrize(
+    ("pairs_hz", "points", "names"),
+    [
+        (((150, 130),), 4, ["actuator.full_scale"]),
+        (tuple((100 + i, 150) for i in range(25)), 4, ["actuator.full_scale"]),
+        (PAIRS_HZ[:3], 2, ["actuator.full_scale", "bar.density"]),
+    ],
+    ids=["one drive", "very many", "no more readings than parameters"],
+)
+def test_some_drives_have_no_such_way(pairs_hz: tuple[tuple[float, float], ...], points: int, names: list[str]) -> None:
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, pairs_hz, points=points), names, starts=1)
     assert fit_pairwise(DEVICE, found) is None

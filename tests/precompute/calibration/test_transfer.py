@@ -8,34 +8,21 @@ import pytest
 from engine.device import Device
 from precompute.calibration.device_text import text_with_transfers
 from precompute.calibration.transfer import GREATEST_ERROR, TransferError, find_transfers
-from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, Measurements
 from tests.engine.device.test_transfer import coupled, lag
+from tests.precompute.measured import NAN, read_bar
 from tests.precompute.model.test_transfers import BARE, DEVICE
 
 HZ = np.arange(62.0, 300.0, 14.0)
-PLACES_M = np.array([0.02, 0.09, 0.16, 0.21, 0.27])
 
 
 def readings_of(true: Device, noise: float = 0.0) -> Measurements:
-    """Responses of each actuator alone at all frequencies and places, with a sensor of 2 g."""
-    hz, actuator, place_m = (each.ravel() for each in np.meshgrid(HZ, [0, 1], PLACES_M, indexing="ij"))
-    driven = actuator[:, None] == np.arange(2)
-    rows = Measurements(
-        kind=Kind.RESPONSE,
-        position_m=place_m,
-        frequency_hz=np.where(driven, hz[:, None], np.nan),
-        amplitude=np.where(driven, 0.4j, 0.0),
-        sensor_mass_kg=np.full(len(hz), 2e-3),
-        finger_m=np.full(len(hz), np.nan),
-        acceleration=np.ones(len(hz), dtype=np.complex128),
-        is_simulated=True,
-    )
-    response = np.exp(MeasurementModel(true, rows, ()).predict(np.zeros(0)).log_acceleration)
-    random = np.random.default_rng(3)
-    size = noise * abs(response).mean()
-    noisy = response + size * (random.standard_normal(len(hz)) + 1j * random.standard_normal(len(hz)))
-    return replace(rows, acceleration=noisy)
+    """Responses of each actuator alone, at 40 % and ahead by a quarter turn, at all frequencies and five places."""
+    drives_hz = [drive for hz in HZ.tolist() for drive in ((hz, NAN), (NAN, hz))]
+    read = read_bar(true, {}, drives_hz, points=5, kind=Kind.RESPONSE)
+    random, size = np.random.default_rng(3), noise * abs(read.acceleration).mean()
+    flaw = size * (random.standard_normal(len(read)) + 1j * random.standard_normal(len(read)))
+    return replace(read, amplitude=0.4j * read.amplitude, acceleration=0.4j * (read.acceleration + flaw))
 
 
 def test_a_bar_that_is_known_shows_the_transfer_functions_of_its_actuators() -> None:

@@ -19,14 +19,9 @@ FRESH_SEED = 977
 _KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}
 
 
-def states(letters: str) -> tuple[ZoneState, ...]:
-    """One letter a zone: F felt, q quiet, - free."""
-    return tuple(_KINDS[letter] for letter in letters)
-
-
 def placed(device: Device, letters: str) -> Placement:
-    """Fingers in the middles of the zones."""
-    return Placement.in_zones(device, states(letters))
+    """Fingers in the middles of the zones, one letter a zone: F felt, q quiet, - free."""
+    return Placement.in_zones(device, tuple(_KINDS[letter] for letter in letters))
 
 
 @cache

@@ -22,17 +22,11 @@ def linear_plants(count: int, seed: int) -> tuple[Array, NDArray[np.float32], Ar
 def test_where_courses_are_linear_the_percentiles_of_the_few_are_those_of_the_many() -> None:
     few, course, peak = linear_plants(12, seed=1)
     many, _, all_peaks = linear_plants(400, seed=2)
-    found = ManyPlants(few, many).percentiles(course, peak, PERCENTS)
+    plants = ManyPlants(few, many)
+    found = plants.percentiles(course, peak, PERCENTS)
     assert found == pytest.approx(np.percentile(all_peaks, PERCENTS), rel=1e-4)
+    assert plants.percentiles(course, 1.1 * peak, PERCENTS) == pytest.approx(1.1 * found)  # peaks known better scale it
     assert found != pytest.approx(np.percentile(peak, PERCENTS), rel=0.02)
-
-
-def test_peaks_that_are_known_better_scale_what_is_found() -> None:
-    few, course, peak = linear_plants(12, seed=1)
-    many = ManyPlants(few, linear_plants(400, seed=2)[0])
-    assert many.percentiles(course, 1.1 * peak, PERCENTS) == pytest.approx(
-        1.1 * many.percentiles(course, peak, PERCENTS)
-    )
 
 
 def test_from_few_plants_for_their_parameters_they_are_the_plain_ones() -> None:

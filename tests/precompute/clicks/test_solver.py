@@ -13,25 +13,16 @@ any_case = pytest.mark.parametrize("letters", ["F--q-", "FqFq-", "F----", "qqFqq
 
 
 @any_case
-def test_displacements_are_within_full_scale_on_the_grid_of_the_wire(letters: str) -> None:
-    solver = solver_of("reference-a")
-    waveform = solver.solve(placed(solver.device, letters)).waveform
-    assert abs(waveform).max() <= solver.device.limits.amplitude
-    assert waveform * FULL_SCALE == pytest.approx(np.round(waveform * FULL_SCALE), abs=1e-9)
-    assert not waveform[:, [0, -1]].any() and waveform.shape[1] == round(CHEAP.length_s * SAMPLE_RATE_HZ) + 1
-
-
-@any_case
-def test_an_entry_is_the_click_with_its_figures(letters: str) -> None:
+def test_an_entry_is_the_click_on_the_grid_of_the_wire_at_rest_at_both_ends_with_its_figures(letters: str) -> None:
     solver = solver_of("reference-a")
     placement = placed(solver.device, letters)
     click, entry = solver.solve(placement), solver.solve_entry(placement)
-    np.testing.assert_array_equal(entry.samples.T, np.round(click.waveform * FULL_SCALE))
-    assert (entry.felt, entry.quiet, entry.fingers) == (
-        click.evaluation.felt,
-        click.evaluation.quiet,
-        click.evaluation.fingers,
-    )
+    steps, figures = click.waveform * FULL_SCALE, click.evaluation
+    assert abs(click.waveform).max() <= solver.device.limits.amplitude
+    assert steps == pytest.approx(np.round(steps), abs=1e-9) and not steps[:, [0, -1]].any()
+    assert steps.shape[1] == round(CHEAP.length_s * SAMPLE_RATE_HZ) + 1
+    np.testing.assert_array_equal(entry.samples.T, np.round(steps))
+    assert (entry.felt, entry.quiet, entry.fingers) == (figures.felt, figures.quiet, figures.fingers)
     assert entry.tolerance_m == solver.device.spread.finger_position_m
     assert entry.achieved and list(entry.exceeds_s) == [*solver.device.levels_db, np.inf]
 

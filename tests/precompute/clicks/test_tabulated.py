@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from engine.touch import Placement
 from engine.touch.placement import CLOSEST_M
 from engine.touch.places import Places
-from precompute.clicks.tabulated import _chunks, tabulate_clicks, tabulated_keys
+from precompute.clicks.tabulated import tabulate_clicks, tabulated_keys
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
 
@@ -56,11 +56,3 @@ def test_clicks_are_the_same_by_however_many_processes() -> None:
     for key, click in one.items():
         assert np.array_equal(click.weights, two[key].weights) and click.felt == two[key].felt
         assert click.tolerance_m == places.pitch_m / 2 + 1e-3
-
-
-def test_no_piece_of_the_work_parts_the_roles_of_a_pair() -> None:
-    keys = tabulated_keys(Places.every(LENGTH_M, 12e-3), 2)
-    chunks = _chunks(keys)
-    assert [key for chunk in chunks for key in chunk] == keys
-    places_of = [{tuple(code // 2 for code in key) for key in chunk} for chunk in chunks]
-    assert sum(map(len, places_of)) == len(set.union(*places_of))
