@@ -19,15 +19,16 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import SHIPPED
+from tests.precompute.devices import reference_text
 from tests.quick import first_quick
 
-TEXT = (SHIPPED / "reference-a.toml").read_text(encoding="utf-8")
-SMALL = (
-    TEXT.replace('step = "1 Hz"', 'step = "20 Hz"')
-    .replace("amplitude_steps = 5", "amplitude_steps = 2")
-    .replace("phase_steps = 36", "phase_steps = 12")
-    .replace("count = 5", "count = 3")
+SMALL = reference_text(
+    {
+        'step = "1 Hz"': 'step = "20 Hz"',
+        "amplitude_steps = 5": "amplitude_steps = 2",
+        "phase_steps = 36": "phase_steps = 12",
+        "count = 5": "count = 3",
+    }
 )
 THIRD = """
 [[actuator]]
@@ -45,7 +46,6 @@ DEVICES = {
     "three": Device.parse(ONE_LEVEL.replace("\n[zones]", f"{THIRD}\n[zones]"), "three"),
     "one": Device.parse(ONE_LEVEL[: ONE_LEVEL.rindex("[[actuator]]")] + ONE_LEVEL[ONE_LEVEL.index("[zones]") :], "one"),
 }
-GROUPS = {"responses", "sweep", "coherent_sweep", "best_rows"}
 
 
 @pytest.mark.parametrize(
@@ -64,13 +64,10 @@ GROUPS = {"responses", "sweep", "coherent_sweep", "best_rows"}
 def test_a_table_without_room_is_refused_before_it_is_begun(
     changes: dict[str, str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = TEXT
-    for before, after in changes.items():
-        text = text.replace(before, after)
     if "memory" in message:
         monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(total=1 << 60, free=1 << 60))
     with pytest.raises(TableError, match=message):
-        build_table(Device.parse(text, "great"), tmp_path / "great.nc")
+        build_table(Device.parse(reference_text(changes), "great"), tmp_path / "great.nc")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -87,20 +84,10 @@ def test_the_estimate_is_the_size_of_the_table(folder: Path, name: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def told() -> dict[str, list[tuple[str, float]]]:
-    """What the builds of the folder told of their progress."""
-    return {name: [] for name in DEVICES}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, told: dict[str, list[tuple[str, float]]]) -> Path:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tables")
     for name, device in DEVICES.items():
-
-        def progress(step: str, fraction: float, steps: list[tuple[str, float]] = told[name]) -> None:
-            steps.append((step, fraction))
-
-        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0, progress=progress)
+        build_table(device, folder / f"{name}.nc", created="2024-01-01", clicks_up_to=0)
     return folder
 
 
@@ -108,7 +95,7 @@ def opened(folder: Path, name: str) -> Table:
     return Table.open(folder / f"{name}.nc", device=DEVICES[name], code_fingerprint=code_fingerprint())
 
 
-@pytest.mark.parametrize("group", sorted(GROUPS))
+@pytest.mark.parametrize("group", ["responses", "sweep", "coherent_sweep", "best_rows"])
 def test_every_group_opens_in_xarray_with_units_and_labels(folder: Path, group: str) -> None:
     with xr.open_dataset(folder / "two.nc", group=group, engine="h5netcdf") as data:
         assert data.variables
@@ -182,9 +169,15 @@ def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None
 
 def contents(path: Path) -> dict[str, object]:
     """Bytes of every number array, lists of every text array, by name."""
+    found = dict[str, object]()
+
+    def keep(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[...].tolist() if item.dtype.kind == "O" else item[...].tobytes()
+
     with h5py.File(path) as file:
-        arrays = [array for group in GROUPS for array in file[group].values()]
-        return {a.name: a[...].tolist() if a.dtype.kind == "O" else a[...].tobytes() for a in arrays}
+        file.visititems(keep)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -194,9 +187,21 @@ def contents(path: Path) -> dict[str, object]:
         *(pytest.param(*case, marks=pytest.mark.long) for case in (("two", 1 << 30), ("three", 50_000))),
     ],
 )
-def test_the_memory_budget_does_not_change_a_byte(folder: Path, tmp_path: Path, name: str, budget: int) -> None:
-    build_table(DEVICES[name], tmp_path / "other.nc", created="2024-01-01", clicks_up_to=0, memory_budget_bytes=budget)
+def test_the_memory_budget_does_not_change_a_byte_and_progress_only_grows(
+    folder: Path, tmp_path: Path, name: str, budget: int
+) -> None:
+    told = list[tuple[str, float]]()
+    build_table(
+        DEVICES[name],
+        tmp_path / "other.nc",
+        created="2024-01-01",
+        clicks_up_to=0,
+        memory_budget_bytes=budget,
+        progress=lambda *step: told.append(step),
+    )
     assert contents(tmp_path / "other.nc") == contents(folder / f"{name}.nc")
+    fractions = [fraction for _, fraction in told]
+    assert fractions == sorted(fractions) and told[-1] == ("done", 1.0)
 
 
 def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None:
@@ -204,14 +209,6 @@ def test_a_bar_with_one_actuator_has_a_table_without_pairs(folder: Path) -> None
         assert table.drive_for(["I"]).achieved
         with pytest.raises(TableError, match="pair"):
             table.localized_factor(["I"])
-
-
-@pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("name", DEVICES)
-def test_progress_only_grows_and_ends_at_one(told: dict[str, list[tuple[str, float]]], name: str) -> None:
-    fractions = [fraction for _, fraction in told[name]]
-    assert fractions == sorted(fractions)
-    assert told[name][-1] == ("done", 1.0)
 
 
 class Stop:

@@ -51,26 +51,15 @@ def table(path: Path) -> Table:
     return Table.open(path)
 
 
-def same(one: ClickEntry, other: ClickEntry) -> bool:
-    return (
-        np.array_equal(one.samples, other.samples)
-        and (one.placement, one.felt, one.quiet, one.fingers)
-        == (other.placement, other.felt, other.quiet, other.fingers)
-        and one.exceeds_s == other.exceeds_s
-    )
-
-
-def test_every_placement_of_one_and_two_fingers_has_its_click(table: Table) -> None:
+def test_every_placement_of_one_and_two_fingers_has_its_click_and_the_table_says_how_it_was_made(table: Table) -> None:
     assert table.places == PLACES and len(table.clicks) == CLICKS
     keys = {table.clicks.key_of(row) for row in range(CLICKS)}
     assert keys == set(tabulated_keys(PLACES, 2)) and len(keys) == CLICKS
-
-
-def test_a_table_says_how_far_fingers_may_lie_from_their_places(table: Table) -> None:
     tolerance_m = PLACES.pitch_m / 2 + 1e-3
     assert table.attributes["click_pitch_m"] == PLACES.pitch_m
     assert table.attributes["click_tolerance_m"] == pytest.approx(tolerance_m)
     assert all(click.tolerance_m == pytest.approx(tolerance_m) for click in table.clicks)
+    assert table.attributes["click_modes"] == count_modes(DEVICE, lines_for(DEVICE, CHEAP.length_s))
 
 
 def test_a_click_s_figures_of_the_nominal_plant_agree_with_its_evaluation(table: Table) -> None:
@@ -138,10 +127,6 @@ def test_the_cost_is_of_what_was_solved_now(tmp_path: Path) -> None:
     assert again.clicks == again.processor_s["sweep"] == again.processor_s["clicks"] == 0
 
 
-def test_a_table_states_the_modes_of_its_clicks(table: Table) -> None:
-    assert table.attributes["click_modes"] == count_modes(DEVICE, lines_for(DEVICE, CHEAP.length_s))
-
-
 def build_early(path: Path, **options: object) -> tuple[int, list[list[ClickEntry]]]:
     """Build with an early table: how many clicks were solved, and those of each early table that was put in place."""
     early = list[list[ClickEntry]]()
@@ -162,7 +147,10 @@ def test_an_early_table_is_whole_has_the_clicks_of_one_finger_and_is_completed(t
     assert clicks == 4 + CLICKS
     assert len(early) == 4 and all(len(click.placement.position_m) == 1 for click in early)
     with Table.open(path, device=DEVICE) as whole:
-        assert all(same(one, other) for one, other in zip(whole.clicks, table.clicks, strict=True))
+        for one, other in zip(whole.clicks, table.clicks, strict=True):
+            assert np.array_equal(one.samples, other.samples)
+            for figure in ("placement", "felt", "quiet", "fingers", "exceeds_s"):
+                assert getattr(one, figure) == getattr(other, figure)
     with Table.open(previous_of(path)) as previous:
         assert previous.attributes["created"] == "before"  # the whole table only completes the early one
 
