@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from engine.device import Actuator, Device, Zone
-from engine.device.file import ROMAN
+from tests.quick import first_quick
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
 RANDOM = "random-20230247606"
@@ -117,12 +117,6 @@ def damped_as_assembly(device: Device) -> Device:
     return replace(with_bar(device, damping_of="assembly"), name=f"{device.name}, assembly damped")
 
 
-def bare(device: Device, elements: int | None = None) -> Device:
-    """The free bar: no actuators, no zones; in `elements` equal elements if asked."""
-    length_m = device.bar.largest_element_m if elements is None else device.bar.length_m / elements
-    return replace(with_bar(device, largest_element_m=length_m), actuators=(), zones=())
-
-
 def mirrored(device: Device) -> Device:
     """The device seen from behind: places x become length - x; actuators keep their order, zones turn round."""
     length_m = device.bar.length_m
@@ -136,12 +130,6 @@ def coarsely_swept(device: Device) -> Device:
     return replace(device, sweep=replace(device.sweep, step_hz=4.0))
 
 
-def with_zones(device: Device, count: int) -> Device:
-    """The device with so many equal zones."""
-    edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
-    return replace(device, zones=tuple(Zone(n, a, b) for n, a, b in zip(ROMAN, edges, edges[1:], strict=False)))
-
-
 def three_actuators() -> Device:
     """A random device: a band of its own for each actuator, less than full scale allowed, levels beyond its reach."""
     device = random_device(20230247606)
@@ -152,3 +140,9 @@ def three_actuators() -> Device:
         levels_db=(10.0, 25.0, 40.0),
         limits=replace(device.limits, amplitude=0.8),
     )
+
+
+any_device = on_each(every_device())
+
+BARS = {name: shipped(name) for name in ("reference-a", "reference-d", "reference-t")} | other_bars()
+any_bar = pytest.mark.parametrize("device", first_quick(BARS.values(), len(BARS) - 1), ids=BARS)

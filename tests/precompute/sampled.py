@@ -1,13 +1,10 @@
 """Sampled fingers for tests, and the default threshold curve apart from the device's."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from engine.device import Device, Finger
+from engine.device import Device
 from precompute.sampling.fingers import SAMPLES, SampledFingers
 
-Fingers = Sequence[tuple[float, Finger]]
 PLACES = 7
 """Places in a zone where a finger may lie."""
 THRESHOLD_DB = {
@@ -22,22 +19,6 @@ def threshold(frequency_hz: float) -> float:
     assert 40 <= frequency_hz <= 300
     level_db = np.interp(np.log(frequency_hz), np.log(list(THRESHOLD_DB)), list(THRESHOLD_DB.values()))
     return float(1e-6 * 10 ** (level_db / 20))
-
-
-def fingers_of(sampled: SampledFingers, case: int, zones: Sequence[int]) -> Fingers:
-    """The fingers of one case in these zones: position and finger."""
-    return [
-        (
-            float(sampled.position_m[zone, sampled.place[case, zone]]),
-            Finger(
-                mass_kg=float(sampled.mass_kg[case, zone]),
-                damping_n_s_per_m=float(sampled.damping_n_s_per_m[case, zone]),
-                stiffness_n_per_m=float(sampled.stiffness_n_per_m[case, zone]),
-                spread=1.0,
-            ),
-        )
-        for zone in zones
-    ]
 
 
 def sample_fingers(device: Device) -> SampledFingers:

@@ -2,13 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from engine.device import Device
 from precompute.measurements.csv import write_csv
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
-from precompute.measurements.types import lay_out
 from tests.precompute.devices import reference_text
+from tests.precompute.measured import read_bar
 
 _CHANGES = {
     'step = "1 Hz"': 'step = "40 Hz"',
@@ -34,9 +31,5 @@ def write_unit(folder: Path, text: str) -> Path:
 
 def write_measurements(folder: Path, true: str) -> None:
     """Measurements of the device that the text `true` describes, for a unit in `folder` that is described otherwise."""
-    described = Device.read(folder / "device.toml")
-    other = folder / "true.txt"
-    other.write_text(true, encoding="utf-8")
-    layout = lay_out(np.array([(150.0, 130.0), (150.0, 200.0), (150.0, 230.0)]), even_places(described, 22), 2e-3)
-    measured = simulate_measurements(Device.read(other), layout, Flaws(), 0)
-    (folder / "measurements.csv").write_text(write_csv(measured, described, "SIMULATED"), encoding="utf-8")
+    measured = write_csv(read_bar(Device.parse(true, "true"), {}), Device.read(folder / "device.toml"), "SIMULATED")
+    (folder / "measurements.csv").write_text(measured, encoding="utf-8")

@@ -48,20 +48,20 @@ def test_a_unit_far_from_the_others_stands_out_however_far(distance: float) -> N
     assert all(abs(outlier.deviation) > OUTLYING for outlier in found.outliers)
 
 
-def test_one_that_differs_from_many_that_are_alike_stands_out() -> None:
-    many = [*(outcome(f"u{i}", 18900.0) for i in range(20)), outcome("odd", 18901.0)]
-    assert [outlier.unit for outlier in summarise(units_of(many), many).outliers] == ["odd"]
-
-
-def test_rounding_is_no_spread() -> None:
-    many = [*(outcome(f"u{i}", 18900.0) for i in range(20)), outcome("rounded", 18900.0 * (1 + 1e-13))]
-    assert not summarise(units_of(many), many).outliers
-
-
-def test_of_few_none_stands_out() -> None:
-    many = [*(outcome(f"u{i}", 18900.0 + i) for i in range(FEWEST - 2)), outcome("odd", 1.0)]
-    assert not summarise(units_of(many), many).outliers
-    assert summarise(units_of(more := [*many, outcome("last", 18900.0)]), more).outliers
+@pytest.mark.parametrize(
+    ("others", "odd", "stand_out"),
+    [
+        ([18900.0] * 20, 18901.0, ["odd"]),
+        ([18900.0] * 20, 18900.0 * (1 + 1e-13), []),  # rounding
+        ([18900.0 + i for i in range(FEWEST - 2)], 1.0, []),
+        ([18900.0 + i for i in range(FEWEST - 1)], 1.0, ["odd"]),
+    ],
+)
+def test_one_that_differs_from_others_stands_out_if_they_are_enough(
+    others: list[float], odd: float, stand_out: list[str]
+) -> None:
+    many = [*(outcome(f"u{i}", value) for i, value in enumerate(others)), outcome("odd", odd)]
+    assert [outlier.unit for outlier in summarise(units_of(many), many).outliers] == stand_out
 
 
 def test_what_was_chosen_to_vary_does_not_stand_out() -> None:

@@ -4,18 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.signal
 
 from engine.device import Device
 from precompute.clicks.basis import lines_for
 from precompute.clicks.plants import SampledPlants
-from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import find_parameters
-from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
-from precompute.model.transfers import TransferFilter, decaying_sums, moved_bases
+from precompute.model.transfers import TransferFilter, moved_bases
 from precompute.model.transient import TransientPlant
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.plants import sample_scenarios
@@ -34,16 +30,6 @@ def with_transfers(device: Device = BARE) -> Device:
 
 
 DEVICE = with_transfers()
-
-
-def test_states_are_those_of_a_filter_of_one_pole() -> None:
-    random = np.random.default_rng(3)
-    for length in (1, 2, 1000):
-        forced, before = (random.normal(size=n) + 1j * random.normal(size=n) for n in (length, 1))
-        for grow in (np.exp(-1e-4 + 0.03j), np.exp(-40.0 + 2j), 1.0 + 0j):
-            filtered, _ = scipy.signal.lfilter([1.0], [1.0, -grow], forced, zi=grow * before)
-            found = decaying_sums(grow, forced, before[0])
-            assert found == pytest.approx(filtered, rel=1e-12, abs=1e-12 * abs(filtered).max())
 
 
 def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:
@@ -102,26 +88,3 @@ def test_rise_times_are_of_the_bases_as_they_move() -> None:
     undone = amplitude / moved_bases(DEVICE.actuators, hz, np.ones(2, dtype=np.complex128))
     assert compute_rise_time(models[1], hz, undone) == pytest.approx(compute_rise_time(models[0], hz, amplitude))
     assert compute_rise_time(models[1], hz, amplitude) != pytest.approx(compute_rise_time(models[0], hz, amplitude))
-
-
-def test_slopes_of_a_calibration_hold_with_transfer_functions() -> None:
-    rows = 6
-    measurements = Measurements(
-        kind=Kind.RESPONSE,
-        frequency_hz=np.tile(np.linspace(80, 280, rows)[:, None], (1, 2)),
-        amplitude=np.tile(np.array([[1.0, 0.5j]]), (rows, 1)),
-        position_m=np.linspace(0.02, 0.26, rows),
-        acceleration=np.ones(rows, dtype=np.complex128),
-        sensor_mass_kg=np.full(rows, 2e-3),
-        finger_m=np.full(rows, np.nan),
-        is_simulated=True,
-    )
-    names = ("actuator[1].stiffness", "actuator.full_scale", "actuator[2].damping", "bar.youngs_modulus")
-    parameters = find_parameters(DEVICE, names, {}, 2e-3)
-    model, values = MeasurementModel(DEVICE, measurements, parameters), np.array([p.start for p in parameters])
-    slopes = model.predict(values).by_parameter
-    for i, value in enumerate(values):
-        step = np.zeros(len(values))
-        step[i] = 1e-3 * value  # smaller ones drown the actuator's damper in rounding
-        ends = [model.predict(values + sign * step).log_acceleration for sign in (1, -1)]
-        assert slopes[:, i] == pytest.approx((ends[0] - ends[1]) / (2 * step[i]), rel=1e-3)

@@ -24,7 +24,7 @@ def touched_model(device: Device, positions_m: tuple[float, ...]) -> DenseModel:
 
 
 @pytest.mark.parametrize("name", DEVICES)
-def test_levels_are_those_of_a_dense_model(name: str) -> None:
+def test_levels_are_those_of_a_dense_model_and_their_spread_that_of_the_sampled_cases(name: str) -> None:
     device = DEVICES[name]
     figures = figures_of(device)
     drive = figures.drive
@@ -33,11 +33,6 @@ def test_levels_are_those_of_a_dense_model(name: str) -> None:
     assert figures.level_db == pytest.approx(level_db, abs=1e-3)
     assert figures.contrast_db == pytest.approx(level_db[0] - level_db[1:].max(), abs=1e-3)
     assert figures.level_db[0] == pytest.approx(drive.level_db[0], abs=0.05)
-
-
-@pytest.mark.parametrize("name", DEVICES)
-def test_the_spread_is_that_of_the_sampled_cases(name: str) -> None:
-    figures = figures_of(DEVICES[name])
     sampled_db, spread = figures.sampled_level_db, figures.spread
     assert sampled_db.shape == (SAMPLES, len(POSITIONS_M))
     assert spread.felt.low_db < spread.felt.middle_db < spread.felt.high_db

@@ -33,13 +33,6 @@ def test_no_sampled_drive_has_a_greater_factor(name: str) -> None:
         assert factor(name, BarDrive("", np.full(count, hz[0]), amplitude * phase), zones) <= coherent + 2e-3
 
 
-def test_different_frequencies_leave_one_actuator_and_one_frequency_takes_all() -> None:
-    different, one = find_untouched_optima(assemble(shipped("reference-a")), [0, 2, 4])
-    assert np.count_nonzero(different.amplitude) == 1
-    assert np.count_nonzero(one.amplitude) == 2
-    assert abs(one.amplitude).max() == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize(
     ("zones", "single", "coherent"),
     [([0, 2, 4], 0.955, 0.966), ([1], 0.385, 0.431), ([1, 3], 0.634, 0.731), ([3], 0.275, 0.328)],
@@ -47,6 +40,8 @@ def test_different_frequencies_leave_one_actuator_and_one_frequency_takes_all() 
 )
 def test_the_optima_of_reference_a_are_those_of_the_documents(zones: list[int], single: float, coherent: float) -> None:
     different, one = find_untouched_optima(assemble(shipped("reference-a")), zones)
+    assert [np.count_nonzero(drive.amplitude) for drive in (different, one)] == [1, 2]
+    assert abs(one.amplitude).max() == pytest.approx(1.0)
     assert factor("reference-a", different, zones) == pytest.approx(single, abs=0.002)
     assert factor("reference-a", one, zones) == pytest.approx(coherent, abs=0.002)
 

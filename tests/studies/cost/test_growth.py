@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from precompute.studies.resolution import with_equal_zones
 from tests.precompute.clicks.click_cases import CHEAP
-from tests.precompute.devices import shipped, with_zones
+from tests.precompute.devices import shipped
 from tests.studies.cost.click_workers import grid_of, measure_workers
 from tests.studies.cost.growth import draw, exponents_of, measure_clicks, time_clicks
 
-DEVICE = with_zones(shipped("reference-a"), 3)
+DEVICE = with_equal_zones(shipped("reference-a"), 3)
 COARSE = replace(DEVICE, sweep=replace(DEVICE.sweep, step_hz=8.0), levels_db=(20.0,))
 
 
