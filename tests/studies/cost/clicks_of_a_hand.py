@@ -1,8 +1,9 @@
 """How soon touches of a hand get their own click: the run's solver, an emulated board, real time. SIMULATED.
 
     python -m tests.studies.cost.clicks_of_a_hand reference-a.nc --fingers 5
+    python -m tests.studies.cost.clicks_of_a_hand reference-a.nc --recording hand.hid
 
-All fingers but one rest, and that one taps at random places, five times a second. Every finger
+Without a recording all fingers but one rest, and that one taps at random places, five times a second. Every finger
 that comes begins a click which it feels and the others do not. A touch counts from when its report was
 read until its click was written to the line; one that another touch, or its own lift, overtakes counts apart.
 """
@@ -21,7 +22,7 @@ from engine.table import Table
 from engine.touch import Placement
 from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, Report
+from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator.process import run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tactable.rig.rig import PTY_BIT_RATE_HZ
@@ -84,9 +85,11 @@ def measure(records: list[CommandRecord]) -> list[tuple[int, float | None]]:
 
 def main() -> None:
     """Print the shares and times by number of fingers, as JSON."""
-    asked = read_options(__doc__, table=Path, fingers=5)
+    asked = read_options(__doc__, table=Path, fingers=5, recording=Path())
     with Table.open(asked.table) as table:
-        found = measure(records_of(table, tapping_hand(table.device, asked.fingers)))
+        is_made = asked.recording == Path()
+        hand = tapping_hand(table.device, asked.fingers) if is_made else read_recording(asked.recording)
+        found = measure(records_of(table, hand))
         print(json.dumps(summary(found), indent=1))
 
 

@@ -3,9 +3,7 @@
 import json
 import socket
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.session import Session
 from firmware_link.protocol.messages import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard
-from tactable.audio.interfaces import find_interfaces, select_interface
+from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError
 from tactable.audio.output_process import Feeder
 from tactable.audio.port import BIT_RATE_HZ
