@@ -111,9 +111,9 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, s
     random = np.random.default_rng(seed)
     runs = [random_run(random, device, Drives.POSITIONS, None) for _ in range(25)]
     due = sum(len(run.clicks) for run in runs)
-    # What is left to the loop: clicks that the table has not, and fingers that move under rules on moves.
+    # What is left to the loop: clicks that the table has not, palms, and fingers that move under rules on moves.
     assert due > 40
-    assert 0.6 * due < sum(run.answered for run in runs)
+    assert 0.5 * due < sum(run.answered for run in runs)
 
 
 @pytest.mark.parametrize("drives", Drives)
