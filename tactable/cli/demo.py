@@ -20,6 +20,7 @@ from tactable.cli.options import (
     DrivesOf,
     EffectsPath,
     OptionError,
+    need_switch,
     read_drives_of,
     read_rules,
 )
@@ -65,6 +66,7 @@ def demo(
     The report compares what the table predicts with what the simulated bar does; exit status 3: they disagree. It
     takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
     """
+    need_switch("--control", control, control_socket=control_socket, control_port=control_port, control_osc=control_osc)
     device = find_device(device_name)
     remove_all_partials(cache_folder())
     is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))

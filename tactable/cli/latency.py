@@ -16,7 +16,7 @@ from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
 from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 from tactable.cli.console import ERRORS, OUT, remark, show
-from tactable.cli.options import AsJson, OptionalTable, OptionError
+from tactable.cli.options import AsJson, BitRate, OptionalTable, OptionError
 
 EXIT_WORSE = 4
 _MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/latency.py)
@@ -34,7 +34,7 @@ def latency(
         str,
         typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port."),
     ] = "sockets",
-    bit_rate_hz: Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of a port, bit/s.")] = PTY_BIT_RATE_HZ,
+    bit_rate_hz: BitRate = PTY_BIT_RATE_HZ,
     loads: Annotated[str, typer.Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
     real_time: Annotated[
         str, typer.Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")

@@ -97,10 +97,22 @@ PortName = Annotated[
         help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
     ),
 ]
-BitRate = Annotated[int, typer.Option("--bit-rate", min=1, help="Bit rate of the serial port, bit/s.")]
+_BIT_RATES = 9_600, 12_000_000
+"""The slowest carries some commands a second, and the fastest is USB's full speed."""
+BitRate = Annotated[
+    int,
+    typer.Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s."),
+]
 
 _FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks
 _Choice = TypeVar("_Choice", bound=Enum)
+
+
+def need_switch(switch: str, is_given: bool, **others: object) -> None:
+    """Refuse options that mean nothing without a switch. Raises OptionError; None stands for one that is not given."""
+    idle = [f"--{name.replace('_', '-')}" for name, value in others.items() if value is not None]
+    if idle and not is_given:
+        raise OptionError(f"{', '.join(idle)}: without {switch} there is nothing to set: give {switch} too")
 
 
 class OptionError(TactableError):

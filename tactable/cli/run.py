@@ -37,6 +37,7 @@ from tactable.cli.options import (
     EffectsPath,
     PortName,
     TableArgument,
+    need_switch,
     read_rules,
 )
 from tactable.cli.touch import machine_of
@@ -120,8 +121,8 @@ def run(
     watch: Watch = True,
     solve: Solve = True,
     page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
-    page_host: Annotated[str, typer.Option("--page-host", help="Bind the page to this address.")] = "127.0.0.1",
-    page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
+    page_host: Annotated[str | None, typer.Option(help="Bind the page to this address; default: this machine.")] = None,
+    page_port: Annotated[int | None, typer.Option(min=0, max=65_535, help="The page's port; 0: any.")] = None,
     control: Annotated[
         bool, typer.Option("--control", help="Let programs decide who feels what, by another process.")
     ] = False,
@@ -135,6 +136,8 @@ def run(
 
     Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
     """
+    need_switch("--page", page, page_host=page_host, page_port=page_port)
+    need_switch("--control", control, control_socket=control_socket, control_port=control_port, control_osc=control_osc)
     clock = SystemClock()
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
@@ -169,7 +172,8 @@ def run(
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
-            _note_all(stack.enter_context(page_of(_page(live, ring, table_path, page_host, page_port))))
+            shown = _page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0)
+            _note_all(stack.enter_context(page_of(shown)))
         _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, when_not_achieved)
         where = {"table": str(table_path), "device": table.device.name, "port": port.path}

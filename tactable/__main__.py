@@ -1,0 +1,5 @@
+"""The command as `python -m tactable`."""
+
+from tactable.cli.start import main
+
+main()
