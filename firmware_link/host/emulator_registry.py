@@ -73,7 +73,13 @@ class Announcement:
 def runtime_folder() -> Path:
     """Folder in which this user's emulators announce themselves."""
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    return Path(runtime) / "tactable" if runtime else Path(tempfile.gettempdir()) / f"tactable-{os.getuid()}"
+    if runtime:
+        return Path(runtime) / "tactable"
+    try:
+        shared = tempfile.gettempdir()
+    except FileNotFoundError:  # there is none that can be written: nothing is announced, and looking is no fault
+        shared = "/tmp"
+    return Path(shared) / f"tactable-{os.getuid()}"
 
 
 def own_link(process_id: int) -> Path:

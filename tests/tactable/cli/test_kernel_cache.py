@@ -30,6 +30,12 @@ def test_a_package_or_home_that_the_user_alone_can_write_or_names_is_left_to_num
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
 
 
+def test_a_machine_without_a_folder_to_write_in_is_told_and_ends_no_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(NOWHERE))
+    assert "kernels cannot be compiled" in (provide_kernel_cache(NOWHERE, NOWHERE) or "")
+    assert "NUMBA_CACHE_DIR" not in os.environ
+
+
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
 def test_a_folder_that_others_can_write_is_forgotten_in_one_line(tmp_path: Path, variable: str) -> None:
     os.environ[variable] = str(tmp_path)
