@@ -18,7 +18,11 @@ _SINGLE = {
     "peak acceleration": "m/s^2",
     "acceleration real": "m/s^2",
     "acceleration imaginary": "m/s^2",
+    "acceleration magnitude": "m/s^2",
+    "acceleration phase": "rad",
 }
+_PAIRS = ("real", "imaginary"), ("magnitude", "phase")
+"""The two ways in which columns may give complex accelerations."""
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
@@ -41,6 +45,8 @@ def unit_scale(text: str, unit: str) -> float:
         return _ANGLES[text]
     if unit == "" and text == "1":
         return 1.0
+    if unit == "m/s^2":  # as others write them; elsewhere g is a mass
+        text = "g_0" if text == "g" else text.replace("²", "^2").replace("s2", "s^2")
     return read_quantity(f"1 {text}", unit)
 
 
@@ -82,8 +88,10 @@ def assemble_measurements(
         raise MeasurementError(f"{source}: {place(int(row))}: {name}: is empty beside a frequency; give both or none")
     if kind is Kind.PEAK:
         acceleration = columns["peak acceleration"].astype(np.complex128)
-    else:
+    elif "acceleration real" in columns:
         acceleration = columns["acceleration real"] + 1j * columns["acceleration imaginary"]
+    else:
+        acceleration = columns["acceleration magnitude"] * np.exp(1j * columns["acceleration phase"])
     amplitude = np.nan_to_num(amplitude)
     return check_measurements(
         Measurements(
@@ -103,12 +111,13 @@ def assemble_measurements(
 
 
 def _kind(columns: Mapping[str, Array], source: str) -> Kind:
-    parts = ["acceleration real" in columns, "acceleration imaginary" in columns]
-    if "peak acceleration" in columns and not any(parts):
+    parts = [[f"acceleration {part}" in columns for part in pair] for pair in _PAIRS]
+    complete, begun = sum(map(all, parts)), sum(map(any, parts))
+    if "peak acceleration" in columns and not begun:
         return Kind.PEAK
-    if all(parts) and "peak acceleration" not in columns:
+    if complete == begun == 1 and "peak acceleration" not in columns:
         return Kind.RESPONSE
     raise MeasurementError(
-        f"{source}: expected either a column 'peak acceleration' or the two 'acceleration real' and "
-        "'acceleration imaginary'"
+        f"{source}: expected a column 'peak acceleration', or the two 'acceleration real' and 'acceleration "
+        "imaginary', or 'acceleration magnitude' and 'acceleration phase'"
     )

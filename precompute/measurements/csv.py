@@ -28,6 +28,8 @@ def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
     """
     text = text.removeprefix("\ufeff")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    if lines and lines[0][1].strip() == "sep=,":
+        del lines[0]  # what spreadsheets are told
     if not lines:
         raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
     if len(lines) > MOST_ROWS + 1:

@@ -8,8 +8,8 @@ import numpy as np
 import pyuff
 
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_quantity
-from precompute.measurements.columns import SIMULATED
+from engine.device.quantity import QuantityError
+from precompute.measurements.columns import SIMULATED, unit_scale
 from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
 
 # Numbers of datasets and of their fields, of the universal file format (SDRC; pyuff names them)
@@ -216,10 +216,10 @@ def _check_kind(part: Mapping[str, Any], where: str) -> None:
 
 def _unit(part: Mapping[str, Any], key: str, unit: str, unlabelled: float, where: str) -> float:
     """Factor from the values of an axis to a unit; `unlabelled` where the file does not name its own."""
-    text = str(part.get(key) or "").strip().strip("()").replace("²", "^2").replace("s2", "s^2")
+    text = str(part.get(key) or "").strip().strip("()")
     if text.upper() in ("", "NONE"):
         return unlabelled
     try:
-        return read_quantity(f"1 {'g_0' if text == 'g' else text}", unit)
+        return unit_scale(text, unit)
     except QuantityError as error:
         raise MeasurementError(f"{where}: {key}: {error}") from None

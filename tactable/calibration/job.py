@@ -86,6 +86,9 @@ class CalibrationJob:
         if doubt := adequacy.get("doubt"):
             doubts.append(doubt)
         doubts += implausible_changes(report["parameters"])
+        dampings = [each["value"] for each in report["parameters"] if each["name"].endswith("damping")]
+        if dampings and not any(dampings):
+            doubts.append("every damping is fitted as 0: phases of the wrong sign do that, as of exp(-j w t)")
         if self.is_strict:
             unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
             doubts += [f"{name} is not known within a factor of 2" for name in unsure]

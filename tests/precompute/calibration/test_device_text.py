@@ -48,3 +48,12 @@ def test_a_calibrated_file_can_be_calibrated_again() -> None:
     second = Device.parse(calibrated_text(found, PROVENANCE), "second.toml")
     assert second.uncertainty is not None
     assert [value.name for value in second.uncertainty.fitted] == ["actuator.full_scale"]
+
+
+def test_a_bar_that_is_fitted_without_any_damping_is_written_with_the_least_and_can_be_read() -> None:
+    names = ["actuator.damping", "bar.mass_damping", "bar.stiffness_damping"]
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, flaws=Flaws(0.01)), names, starts=1)
+    undamped = replace(found, estimates=tuple(replace(estimate, value=0.0) for estimate in found.estimates))
+    read = Device.parse(calibrated_text(undamped, PROVENANCE), "new.toml")
+    assert (read.bar.mass_damping_per_s, read.bar.stiffness_damping_s) == (0.0, 1e-9)
+    assert [actuator.damping_n_s_per_m for actuator in read.actuators] == [0.0, 0.0]

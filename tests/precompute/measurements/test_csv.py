@@ -74,6 +74,22 @@ def test_units_are_heeded_absent_columns_have_their_meaning_and_a_byte_order_mar
 
 
 @pytest.mark.parametrize(
+    ("header", "cells", "expected"),
+    [
+        ("peak acceleration (g)", "2", 2 * 9.80665),
+        ("peak acceleration (m/s2)", "2", 2.0),
+        ("peak acceleration (m/s²)", "2", 2.0),
+        ("acceleration magnitude (m/s²),acceleration phase (deg)", "2,90", 2j),
+        ("acceleration magnitude (g),acceleration phase (rad)", "1,0", 9.80665),
+    ],
+)
+@pytest.mark.parametrize("first", ["", "sep=,\n"])
+def test_accelerations_are_read_as_others_write_them(header: str, cells: str, expected: complex, first: str) -> None:
+    text = f"{first}position (mm),frequency left (Hz),{header}\n100,150,{cells}\n"
+    assert parse_csv(text, DEVICE, 0.0, "x.csv").acceleration == pytest.approx([expected])
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "x.csv: is empty"),
@@ -89,7 +105,7 @@ def test_units_are_heeded_absent_columns_have_their_meaning_and_a_byte_order_mar
         (HEADER.replace("position", "postion") + "\n1,1,1,2\n", "did you mean 'position'?"),
         (HEADER.replace("right", "left") + "\n1,1,1,2\n", "column 3: 'frequency left (Hz)': is there twice"),
         (HEADER.replace("position", "sensor mass").replace("mm", "g") + "\n1,1,1,2\n", "has no column 'position'"),
-        ("position (mm),frequency left (Hz)\n1,1\n", "expected either a column 'peak acceleration' or the two"),
+        ("position (mm),frequency left (Hz)\n1,1\n", "expected a column 'peak acceleration', or the two"),
         (HEADER + ",amplitude right (%)\n1,150,130,2,\n", "row 2: amplitude right: is empty beside a frequency"),
         (HEADER + ",phase left (Hz)\n1,1,1,2,3\n", "'Hz' is not an angle"),
         (HEADER.replace(",", ";") + "\n1,5;150;130;2,1\n", "by semicolons; write commas and decimal points: 'position"),
