@@ -13,7 +13,7 @@ def test_it_comes_to_what_it_is_kept_with(path: Path, tmp_path: Path) -> None:
     kept, found = read_notebook(path), run_notebook(path, tmp_path)
     (texts, numbers), (kept_texts, kept_numbers) = texts_of(found), texts_of(kept)
     assert texts == kept_texts
-    assert numbers == pytest.approx(kept_numbers, rel=1e-6)
+    assert numbers == pytest.approx(kept_numbers, rel=5e-3, abs=2e-3)
     assert pictures_of(found) == pictures_of(kept) >= 2
 
 
