@@ -65,7 +65,7 @@ _DRIVE, _ENERGY, _RIDGE = 1e-3, 0.1, 1e-3
 """Parts, by trace: of R in the least energy, of that in every later M, and of the unit matrix in the least energy.
 
 They keep M far from singular, whose rows are in single precision: another processor's rounding moves a waveform by
-0.1 %. With a hundredth of the energy it was 2 %, another level by up to 0.8 dB, and contrasts lower by 0.1 to 0.4 dB.
+0.1 %. With a hundredth of the energy it was 2 %, another level by up to 0.8 dB, and contrasts lower by up to 0.4 dB.
 """
 _NEGLIGIBLE = np.float32(1e-4)
 """Rows of a lower weight, relative to the greatest, are left out of M."""
