@@ -204,7 +204,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 
 def map_json(learnt: LearntAxis) -> dict[str, Any]:
-    """The learnt axis for JSON; a length is None where both the device file and the digitizer leave it out."""
+    """The learnt axis for JSON; a length is None if neither the device file nor the digitizer states it."""
     bar_mm = learnt.bar_mm
     return {
         "axis": learnt.axis,

@@ -265,6 +265,6 @@ class OscControl(asyncio.DatagramProtocol):
         return sender
 
     def forget(self, peer: Peer, sender: _Sender) -> None:
-        """What this peer sends from now on begins anew."""
+        """Drop a sender, so that its address begins a new program when it sends again."""
         if self._senders.get(peer) is sender:
             del self._senders[peer]

@@ -64,7 +64,7 @@ def check_ports(ports: Sequence[PortDescription], files: SystemFiles) -> list[Ch
 
 
 def check_cards(cards: Callable[[], Sequence[Interface]]) -> list[Check]:
-    """A check for each sound card with an output, or why there is none; a card is never needed."""
+    """A check for each sound card with an output; without one, a check that says why. No command needs a card."""
     try:
         found = [card for card in cards() if card.outputs]
     except AudioError as error:

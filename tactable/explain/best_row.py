@@ -36,7 +36,7 @@ class ExplainedRow:
 
 
 def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
-    """The row as plain values for JSON; an infinite level is None."""
+    """The row as plain values for JSON, which has no infinite level: None stands for it."""
     table, row, placement = explained.table, explained.row, explained.placement
     device, names = table.device, [zone.name for zone in table.device.zones]
     fingers = zip(

@@ -12,8 +12,8 @@ LONGEST_S = 120.0
 """The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
 LONGEST_WORD = 64  # of names; a row of a report stays a row
 
-_STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\.)*")|,(?=\s*[\]}])')
-"""Half of Apple's own samples have such a comma, which JSON has not."""
+_STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\[\s\S])*"?)|,(?=\s*[\]}])')
+"""A string, which need not end so that none is looked at twice, or a comma that half of Apple's own samples have."""
 _GREATEST = 1e300  # Python reads 1e999 as infinity; what is less can still be scaled and compared
 
 
