@@ -2,6 +2,7 @@
 
 import json
 import math
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -79,7 +80,7 @@ def export(
     hold_s = read_option("--hold", hold, "s")
     if hold_s > LONGEST_S:
         raise OptionError(f"--hold {hold!r}: expected at most {LONGEST_S:g} s")
-    document = encode_hjif(effect, full_level_db, round(1e3 * hold_s), place)
+    document = encode_hjif(effect, full_level_db, round(1e3 * hold_s), date.today().isoformat(), place)
     with replace_file(path) as made:
         made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     say(f"{path}: {effect.name}; amplitude 1 stands for {full_level_db:g} dB")

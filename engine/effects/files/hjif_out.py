@@ -1,7 +1,9 @@
 """An effect to MPEG's haptic interchange format: clicks as transients, steady drives as waves with steps of amplitude.
 
 Amplitude 1 stands for one level, and amplitudes are in proportion to what is felt: 6 dB less is half. What an effect
-does not say, a frequency and a place, comes from the caller.
+does not say, a frequency and a place, comes from the caller. The file is what the reader of MPEG's reference software
+takes (github.com/MPEGGroup/HapticReferenceSoftware, source/IOHaptics/src/IOJson.cpp at 73ffe9bb): every member that it
+asks for, the year of the standard as version, a date, and no type of curve on a band that has no curve.
 """
 
 import math
@@ -13,6 +15,9 @@ from engine.effects.files.conversion import CLICK_MS
 from engine.effects.rules import NS_PER_MS, Effect, Segment
 
 TICKS_PER_S = 1000
+VERSION = "2023"
+_LONGEST_MS = 32_000
+"""Of one wave: the position of a keyframe has 16 bits in the binary format, and some programs read them with a sign."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +31,12 @@ class BarPlace:
     """The frequency at which the place is moved most for the threshold."""
 
 
-def encode_hjif(effect: Effect, full_level_db: float, hold_ms: int, place: BarPlace | None = None) -> dict[str, Any]:
-    """The document (to be written as JSON); a held segment lasts `hold_ms`."""
+def encode_hjif(
+    effect: Effect, full_level_db: float, hold_ms: int, date: str, place: BarPlace | None = None
+) -> dict[str, Any]:
+    """The document (to be written as JSON); a held segment lasts `hold_ms`, `date` is of ISO 8601 (2026-01-31)."""
     lower, upper = (0, 1000) if place is None else (round(place.band_hz[0]), round(place.band_hz[1]))
-    limits = {"curve_type": "Unknown", "block_length": 0.0}
-    limits |= {"lower_frequency_limit": lower, "upper_frequency_limit": upper}
+    limits = {"lower_frequency_limit": lower, "upper_frequency_limit": upper}
     pitch = {} if place is None else {"frequency_modulation": round(place.best_hz)}
     clicks, waves = [], []
     for run in _runs(effect.envelope, hold_ms):
@@ -46,7 +52,8 @@ def encode_hjif(effect: Effect, full_level_db: float, hold_ms: int, place: BarPl
         if effects
     ]
     where = "a touch bar" if place is None else f"{place.device}, {1e3 * place.at_m:g} mm from the start of the bar"
-    channel = {"id": 0, "description": where, "gain": 1.0, "mixing_weight": 1.0, "body_part_mask": 0, "bands": bands}
+    channel = {"id": 0, "description": where, "gain": 1.0, "mixing_coefficient": 1.0, "body_part_mask": 0}
+    channel |= {"bands": bands} if place is None else {"bands": bands, "reference_device_id": 0}
     devices = [] if place is None else [_reference_device(place)]
     perception = {
         "id": 0,
@@ -57,13 +64,13 @@ def encode_hjif(effect: Effect, full_level_db: float, hold_ms: int, place: BarPl
         "perception_unit_exponent": 0,
         "reference_devices": devices,
         "effect_library": [],
-        "channels": [channel if place is None else channel | {"reference_device_id": 0}],
+        "channels": [channel],
     }
     return {
-        "version": "1",
+        "version": VERSION,
         "profile": "Main",
         "level": 1,
-        "date": "",
+        "date": date,
         "description": effect.name,
         "timescale": TICKS_PER_S,
         "avatars": [],
@@ -84,7 +91,12 @@ def _runs(segments: Sequence[Segment], hold_ms: int) -> Iterator[list[tuple[int,
         if segment.is_click:
             yield [(at_ms, segment, length_ms)]
         elif segment.level_db is not None:
-            run.append((at_ms, segment, length_ms))
+            for start_ms in range(at_ms, at_ms + length_ms, _LONGEST_MS):
+                part_ms = min(_LONGEST_MS, at_ms + length_ms - start_ms)
+                if run and start_ms + part_ms - run[0][0] > _LONGEST_MS:
+                    yield run
+                    run = []
+                run.append((start_ms, segment, part_ms))
         at_ms += length_ms
     if run:
         yield run

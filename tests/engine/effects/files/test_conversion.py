@@ -1,7 +1,9 @@
 """Laws of the conversion: clicks at their times, envelopes in steps, and a report for whatever cannot be kept."""
 
 import math
+import re
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from engine.effects import Effect, EffectError, Rule, Trigger
 from engine.effects.files.conversion import CLICK_MS, FULL_LEVEL_DB, Converted, Fate, convert
-from engine.effects.files.hjif_out import encode_hjif
+from engine.effects.files.hjif_out import BarPlace, encode_hjif
 from engine.effects.files.json_part import Part
 from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
@@ -146,13 +148,60 @@ def test_the_player_plays_the_clicks_and_drives_at_their_times() -> None:
 @pytest.mark.parametrize("name", [name for name in named_effects() if name != "buzz"])
 def test_a_named_effect_written_as_hjif_is_read_as_the_same_effect(name: str) -> None:
     effect = named_effects()[name]
-    document = encode_hjif(effect, 25.0, 1000)
+    document = encode_hjif(effect, 25.0, 1000, "2026-01-31")
     back = decode_effect_file(Part("written", "", document), "hjif", name, 25.0)
     assert spans(back.segments) == spans(effect.envelope)
     assert back.number(Fate.KEPT) == len(back.reports)
 
 
-def test_a_held_segment_is_written_with_its_length_and_full_scale_as_amplitude_1() -> None:
-    held = Effect("held", (Segment(None, math.inf),))
-    back = decode_effect_file(Part("written", "", encode_hjif(held, 30.0, 250)), "hjif", "held", 30.0)
-    assert spans(back.segments) == [(0, 250, 30.0, False)]
+@pytest.mark.parametrize("hold_ms", [250, 40_000, 120_000])
+def test_a_held_segment_is_written_with_its_length_and_full_scale_as_amplitude_1(hold_ms: int) -> None:
+    held = Effect("held", (Segment(60 * MS, 24.0), Segment(None, math.inf)))
+    document = encode_hjif(held, 30.0, hold_ms - 60, "2026-01-31")
+    back = decode_effect_file(Part("written", "", document), "hjif", "held", 30.0)
+    assert spans(back.segments) == [(0, 60, 24.0, False), (60, hold_ms, 30.0, False)]
+
+
+# What the reference reader asks for, by the member that holds it: MPEGGroup/HapticReferenceSoftware at 73ffe9bb,
+# source/IOHaptics/src/IOJson.cpp, load* and semanticConformanceCheck*. It gives up at the first that is missing.
+ASKED: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "": {"version": str, "profile": str, "level": int, "date": str, "description": str, "timescale": int}
+    | {"avatars": list, "perceptions": list, "syncs": list},
+    "perceptions": {"id": int, "avatar_id": int, "description": str, "perception_modality": str}
+    | {"effect_library": list, "channels": list},
+    "reference_devices": {"id": int, "name": str},
+    "channels": {"id": int, "description": str, "gain": (int, float), "mixing_coefficient": (int, float)}
+    | {"body_part_mask": int, "bands": list},
+    "bands": {"band_type": str, "lower_frequency_limit": int, "upper_frequency_limit": int, "effects": list},
+    "effects": {"effect_type": str, "position": int, "phase": (int, float), "base_signal": str, "keyframes": list},
+    "keyframes": {"relative_position": int, "amplitude_modulation": (int, float)},
+    "syncs": {"timestamp": int, "timescale": int},
+}
+
+
+@pytest.mark.parametrize("place", [None, BarPlace("bar", 0.04, (60.2, 299.6), 187.3)])
+@pytest.mark.parametrize("effect", [*named_effects().values(), Effect("long", (Segment(119_000 * MS, 9.0),))])
+def test_what_is_written_has_all_that_the_reference_reader_asks_for(effect: Effect, place: BarPlace | None) -> None:
+    document = encode_hjif(effect, 25.0, 1000, "2026-01-31", place)
+
+    def check(part: dict[str, Any], member: str) -> None:
+        for name, kind in ASKED[member].items():
+            assert isinstance(part[name], kind), (member, name)
+        for name, listed in part.items():
+            for each in listed if isinstance(listed, list) else ():
+                check(each, name)
+
+    check(document, "")
+    assert re.fullmatch(r"2\d{3}(-[1-9])?", document["version"]) and document["version"] >= "2023"
+    assert re.search(r"\d{4}-[01]\d-[0-3]\d", document["date"])
+    (perception,) = document["perceptions"]
+    (channel,) = perception["channels"]
+    assert ("reference_device_id" in channel) == bool(perception["reference_devices"]) == (place is not None)
+    for device in perception["reference_devices"]:
+        assert device["minimum_frequency"] <= device["resonance_frequency"] <= device["maximum_frequency"]
+    for band in channel["bands"]:
+        assert "curve_type" not in band and "block_length" not in band  # of curves, and of wavelets
+        assert band["lower_frequency_limit"] <= band["upper_frequency_limit"]
+        frames = [frame for each in band["effects"] for frame in each["keyframes"]]
+        assert all(0 <= frame["relative_position"] < 1 << 15 for frame in frames)
+        assert all(isinstance(frame.get("frequency_modulation", 0), int) for frame in frames)
