@@ -73,11 +73,16 @@ def _stable(name: str, cards: Path) -> str:
     return re.sub(r"(?<=\(hw:)\d+(?=,\d+\))", card_id, name)
 
 
-def select_interface(name: str, interfaces: tuple[Interface, ...], *, is_input: bool) -> Interface:
-    """The card of a direction with this name, or the only one whose name has it as a part. Raises AudioError."""
+def select_interface(
+    name: str, interfaces: tuple[Interface, ...], *, is_input: bool, is_exact: bool = False
+) -> Interface:
+    """The card of a direction with this name, or the only one whose name has it as a part, unless `is_exact`.
+
+    Raises AudioError.
+    """
     interfaces = tuple(each for each in interfaces if (each.inputs if is_input else each.outputs))
     exact = [each for each in interfaces if name == each.name]
-    matching = exact or [each for each in interfaces if name.casefold() in each.name.casefold()]
+    matching = exact if exact or is_exact else [each for each in interfaces if name.casefold() in each.name.casefold()]
     if len(matching) == 1:
         return matching[0]
     if not matching:

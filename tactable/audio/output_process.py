@@ -18,7 +18,7 @@ from typing import Any
 from base.child import Parent
 from tactable.audio.board import AudioBoard, CardPace, Samples, core_library
 from tactable.audio.names import AudioError, AudioOutput, parse_output
-from tactable.audio.streams import open_output
+from tactable.audio.streams import open_output, wait_while_called
 
 _READ_SIZE = 1 << 16
 _FADING_S = 1.0
@@ -30,8 +30,8 @@ class Feeder:
     def __init__(
         self, board: AudioBoard, output: AudioOutput, wire: socket.socket, monotonic_ns: Callable[[], int]
     ) -> None:
-        self.gaps = 0
-        """Blocks that came too late."""
+        self.blocks = self.gaps = 0
+        """Blocks that the card has asked for, and those that came too late."""
         self.is_silent = threading.Event()
         """Set once the host is gone and all is silent."""
         self._board, self._channels, self._wire = board, list(output.channels), wire
@@ -42,7 +42,7 @@ class Feeder:
     def feed(self, out: Samples, frames: int, ran_dry: bool) -> None:
         """Fill a block (sample, channel) of the card."""
         lost = self._pace.lost(self._monotonic_ns(), frames, ran_dry=ran_dry)
-        self.gaps += ran_dry
+        self.blocks, self.gaps = self.blocks + 1, self.gaps + ran_dry
         samples, said = self._board.render(self._receive(), frames, lost)
         out[:] = 0
         out[:, self._channels] = samples
@@ -76,14 +76,20 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
-    stream = open_output(output.name, max(output.channels) + 1, output.rate_hz, output.block, feeder.feed)
+    name, channels = arguments["card"] or output.name, max(output.channels) + 1
+    is_exact = arguments["card"] is not None
+    stream = open_output(name, channels, output.rate_hz, output.block, feeder.feed, is_exact=is_exact)
     try:
         stream.start()
     except Exception as error:
         raise AudioError(f"{output.name}: cannot be started: {error}") from error
-    parent.say({"latency_s": stream.latency_s, "block_s": output.block / output.rate_hz})
-    while parent.read() is not None:
-        pass
+    greeting = {"card": stream.name, "latency_s": stream.latency_s, "block_s": output.block / output.rate_hz}
+    parent.say(greeting)
+    try:
+        wait_while_called(parent.has_spoken, lambda: feeder.blocks, stream.name)
+    except AudioError:
+        wire.shutdown(socket.SHUT_RDWR)  # the loop hears of it at once, and PortAudio may never end
+        raise
     feeder.is_silent.wait(_FADING_S)
     stream.stop()
     if feeder.gaps:

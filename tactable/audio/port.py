@@ -1,10 +1,13 @@
 """A sound card behind the interface of a serial port, and the one function that opens a port of either kind."""
 
 import socket
+from collections.abc import Callable
+from typing import Self
 
 from base.child import START_TIMEOUT_S, Child, ChildError
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.serial_port import SerialPort
+from firmware_link.protocol.errors import LinkLostError
 from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder
 
@@ -14,22 +17,36 @@ _CHILD = "tactable.audio.output_process"
 
 
 class AudioPort(DescriptorPort):
-    """An open sound card. Any failure is a LinkLostError, as after an unplug. Raises AudioError."""
+    """A sound card, once it was greeted. Any failure is a LinkLostError, as after an unplug. Raises AudioError.
+
+    card: the whole name of the card, where the one that was open before is opened again.
+    """
 
     bit_rate_hz = BIT_RATE_HZ
 
-    def __init__(self, text: str) -> None:
-        output = parse_output(text)
-        self.path = f"sound card {output.name}" + (" (SIMULATED)" if output.is_simulated else "")
+    def __init__(self, text: str, card: str | None = None) -> None:
+        self._text, self._output, self.card = text, parse_output(text), card
         self._socket, theirs = socket.socketpair()
         with theirs:
-            arguments = {"port": text, "wire": theirs.fileno(), "cache": str(cache_folder())}
-            self._child = Child(_CHILD, arguments, name=self.path, descriptors=(theirs.fileno(),))
+            arguments = {"port": text, "card": card, "wire": theirs.fileno(), "cache": str(cache_folder())}
+            name = f"sound card {card or self._output.name}"
+            self._child = Child(_CHILD, arguments, name=name, descriptors=(theirs.fileno(),))
+        super().__init__(name, self._socket.fileno())
+
+    def has_answered(self) -> bool:
+        """Whether `greet` would not wait."""
+        return self._child.has_spoken()
+
+    def greet(self) -> Self:
+        """Wait until the card plays. Raises AudioError."""
+        output = self._output
         try:
             greeting = self._child.read(START_TIMEOUT_S)
         except ChildError as error:
             self.close()
             raise AudioError(str(error)) from error
+        self.card = greeting["card"]
+        self.path = f"sound card {self.card}" + (" (SIMULATED)" if output.is_simulated else "")
         self.latency_s: float = greeting["latency_s"]
         """Time from a block's callback to the converter, as the driver says."""
         self.notes = (
@@ -40,12 +57,41 @@ class AudioPort(DescriptorPort):
             "amplifier protects the actuators if the machine hangs (docs/safety.md)",
         )
         """What a user should know, one sentence each."""
-        super().__init__(self.path, self._socket.fileno())
+        return self
+
+    def another(self) -> "AudioPort":
+        """The same card, opened again and not yet greeted."""
+        return AudioPort(self._text, self.card)
+
+    def _gone(self, reason: object) -> LinkLostError:
+        self._child.kill()  # it has no card to fade, and PortAudio may never end
+        return super()._gone(reason)
 
     def close(self) -> None:
         """Fade, and end the process of the card; a second close does nothing."""
         self._socket.close()
         self._child.end()
+
+
+class CardReopening:
+    """Opens a card again. Each call returns at once or raises AudioError: a process takes a second to start."""
+
+    def __init__(self, start: Callable[[], AudioPort]) -> None:
+        self._start = start
+        self._started: AudioPort | None = None
+
+    def __call__(self) -> AudioPort:
+        """The card, where the process that an earlier call started says that it plays."""
+        port = self._started = self._started or self._start()
+        if not port.has_answered():
+            raise AudioError(f"{port.path} does not play yet")
+        self._started = None
+        return port.greet()
+
+    def close(self) -> None:
+        """End a process that was not waited for."""
+        if self._started is not None:
+            self._started.close()
 
 
 OpenPort = SerialPort | AudioPort
@@ -54,4 +100,4 @@ OpenPort = SerialPort | AudioPort
 
 def open_port(name: str, bit_rate_hz: int = 115_200) -> OpenPort:
     """The port of this name: a sound card for "audio:...", else a serial port. Raises LinkError."""
-    return AudioPort(name) if is_audio(name) else SerialPort(name, bit_rate_hz)
+    return AudioPort(name).greet() if is_audio(name) else SerialPort(name, bit_rate_hz)

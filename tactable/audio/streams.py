@@ -15,10 +15,13 @@ Samples = NDArray[np.float32]
 Callback = Callable[[Samples, int, bool], None]
 """Called with a block (sample, channel) to fill or to take, its number of samples, and whether some were lost."""
 _NS_PER_S = 1_000_000_000
+_LOOK_S, _MOST_IDLE = 0.1, 5
 
 
 class Stream(Protocol):
-    """A running stream of a card."""
+    """A running stream of a card; `name`: the card's, in full."""
+
+    name: str
 
     @property
     def latency_s(self) -> float:
@@ -31,11 +34,16 @@ class Stream(Protocol):
         """Play what was handed over, and call back no more."""
 
 
-def open_output(name: str, channels: int, rate_hz: int, block: int, callback: Callback) -> Stream:
-    """A stream that plays what `callback` fills in; a simulated one for that name. Raises AudioError."""
+def open_output(
+    name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_exact: bool = False
+) -> Stream:
+    """A stream that plays what `callback` fills in; a simulated one for that name. Raises AudioError.
+
+    is_exact: `name` is the whole name of the card.
+    """
     if name == SIMULATED:
         return SimulatedStream(channels, rate_hz, block, callback)
-    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=False)
+    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=False, is_exact=is_exact)
 
 
 def open_input(name: str, channels: int, rate_hz: int, block: int, callback: Callback) -> Stream:
@@ -43,14 +51,36 @@ def open_input(name: str, channels: int, rate_hz: int, block: int, callback: Cal
     return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=True)
 
 
+def wait_while_called(asked_to_end: Callable[[float], bool], blocks: Callable[[], int], name: str) -> None:
+    """Wait until `asked_to_end`, which takes a patience in seconds; `blocks`: how often the card has called back.
+
+    Raises AudioError where it calls back no more, which is all that PortAudio does after an unplug. A card asks every
+    20 ms at most; looks are counted and not time, since a process that was stopped has seen no card stop.
+    """
+    before, idle = -1, 0
+    while not asked_to_end(_LOOK_S):
+        now = blocks()
+        before, idle = now, idle + 1 if now == before else 0
+        if idle == _MOST_IDLE:
+            raise AudioError(f"{name} takes and gives no more samples, as after an unplug: plug it in again")
+
+
 class _PortAudioStream:
     """A stream in one direction, float32."""
 
     def __init__(
-        self, name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_input: bool
+        self,
+        name: str,
+        channels: int,
+        rate_hz: int,
+        block: int,
+        callback: Callback,
+        *,
+        is_input: bool,
+        is_exact: bool = False,
     ) -> None:
         module = load_portaudio()
-        card = select_interface(name, find_interfaces(module), is_input=is_input)
+        card = select_interface(name, find_interfaces(module), is_input=is_input, is_exact=is_exact)
         most = card.inputs if is_input else card.outputs
         if channels > most:
             what = "inputs" if is_input else "outputs"
@@ -98,6 +128,8 @@ class SimulatedStream:
 
     A block that comes later than that is a gap, as with a real card.
     """
+
+    name = SIMULATED
 
     def __init__(self, channels: int, rate_hz: int, block: int, callback: Callback) -> None:
         self._shape, self._block_ns, self._callback = (block, channels), block * _NS_PER_S // rate_hz, callback

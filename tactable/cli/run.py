@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +25,7 @@ from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.errors import LinkError
-from tactable.audio.port import OpenPort, open_port
+from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
@@ -147,7 +148,7 @@ def run(
         with _opened(machine_of(context), touch):
             pass  # a wrong name is told before kernels are compiled; what is touched meanwhile is not of the run
         port = open_port(port_name, bit_rate_hz)
-        reopening = stack.enter_context(closing(_reopening(port, port_name, bit_rate_hz, reconnect)))
+        reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
         options = LiveOptions(effects, when_not_achieved, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
@@ -204,10 +205,16 @@ def _effects(path: Path | None, device: Device, drives: str | None, *, with_othe
     return replace(effects, others=tuple(named_effects().values())) if with_others else effects
 
 
-def _reopening(port: OpenPort, name: str, bit_rate_hz: int, reconnect: bool) -> ReopeningPort[OpenPort]:
+@contextmanager
+def _reopening(port: OpenPort, name: str, bit_rate_hz: int, reconnect: bool) -> Iterator[ReopeningPort[OpenPort]]:
     """A port that can be opened again: by a name that stays where it is to be found again after an unplug."""
-    stable = stable_name_of(name) if reconnect else name
-    return ReopeningPort(_told(lambda: open_port(stable, bit_rate_hz)), port)
+    with ExitStack() as stack:
+        opens: Callable[[], OpenPort]
+        if isinstance(port, AudioPort):
+            opens = stack.enter_context(closing(CardReopening(port.another)))
+        else:
+            opens = partial(open_port, stable_name_of(name) if reconnect else name, bit_rate_hz)
+        yield stack.enter_context(closing(ReopeningPort(_told(opens), port)))
 
 
 def _note_all(lines: Iterable[str]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from base.child import Parent
 from tactable.audio.board import CardPace
 from tactable.audio.names import AudioError, AudioInput, parse_input
-from tactable.audio.streams import Samples, open_input
+from tactable.audio.streams import Samples, open_input, wait_while_called
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
 
@@ -37,12 +37,15 @@ class Taker:
         self._longest = round(_LONGEST_LOSS_S * source.rate_hz)
         self._unwritten = write_header(self.form)
         self._was_full = False
+        self.blocks = 0
+        """Blocks that have come."""
         os.set_blocking(pipe, False)
         with contextlib.suppress(OSError):  # a user may be allowed less
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
 
     def take_block(self, data: Samples, frames: int, overflowed: bool) -> None:
         """Take a block (sample, channel) of the card."""
+        self.blocks += 1
         lost = min(self._pace.lost(time.monotonic_ns(), frames, ran_dry=overflowed), self._longest)
         self._write()
         if self._unwritten:  # the measurement reads nothing: this block is lost
@@ -80,6 +83,5 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     except Exception as error:
         raise AudioError(f"{source.name}: cannot be started: {error}") from error
     parent.say({"latency_s": stream.latency_s})
-    while parent.read() is not None:
-        pass
+    wait_while_called(parent.has_spoken, lambda: taker.blocks, stream.name)
     stream.stop()

@@ -4,6 +4,8 @@ import json
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,19 +13,22 @@ import pytest
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
+from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.messages import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError
 from tactable.audio.output_process import Feeder
-from tactable.audio.port import BIT_RATE_HZ
+from tactable.audio.port import BIT_RATE_HZ, CardReopening
+from tactable.audio.simulated_card import SimulatedCard
+from tactable.audio.streams import wait_while_called
 from tactable.measure.audio_sensor import AudioSensor
 from tactable.measure.sensor import SensorError
-from tests.engine.loop.rig import DEVICE
+from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.tactable.audio.cards import OUTPUT, TEXT, core
 from tests.tactable.cli.in_process import run_here
-from tests.tools.virtual import VirtualClock
+from tests.tools.virtual import MS, VirtualClock, VirtualLine
 
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--for", "0.2 s")
 
@@ -68,6 +73,58 @@ def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets
         port.close()
         play_until(feeder.is_silent.is_set, lambda: None)
     assert not out.any() and feeder.gaps == 0
+
+
+class UnpluggedCard(SimulatedCard):
+    def hang_up(self, now_us: int) -> None:
+        self.run_until(now_us)
+        self.board.hang_up()
+
+
+class CardLine(VirtualLine):
+    """A simulated card in place of the board; the process that feeds it starts a second before it plays."""
+
+    def start(self, boot_id: int) -> SimulatedCard:
+        return UnpluggedCard(core(), OUTPUT, seed=boot_id)
+
+    def starting(self) -> Any:
+        due_ns, self.wakes_every_ns = self.time_ns + 1_000 * MS, MS
+
+        def greet() -> VirtualLine:
+            assert self.time_ns >= due_ns
+            return self.open()
+
+        return SimpleNamespace(path="card", has_answered=lambda: self.time_ns >= due_ns, greet=greet)
+
+
+def test_a_card_that_was_unplugged_is_waited_for_without_keeping_the_loop_and_plays_on() -> None:
+    line = CardLine(loses_power=True)
+    reopening = ReopeningPort(CardReopening(line.starting), cast("Any", line))
+    frames = [*held(0.0, 2.5, (1, 0.1)), *held(2.5, 8.0, (1, 0.3)), (8.0, report(lifted=[1]))]
+    rig = Rig(recording_of(*frames), line, reconnect=True, reopening=cast("Any", reopening))
+    line.cable_pulled_ns, line.cable_back_ns = rig.start_ns + 300 * MS, rig.start_ns + 2_500 * MS
+    rig.run()
+    counters = rig.loop.counters
+    assert (counters.losses, counters.reconnects, counters.reports) == (1, 1, len(frames))
+    assert [(opened_ns - rig.start_ns) // MS // 100 for opened_ns in line.openings_ns] == [19, 55]
+    drive = line.firmware.drive(0, line.device_us(), 48_000)
+    assert abs(drive[-48_000:]).max() > 0.1
+
+
+def test_a_card_that_calls_back_no_more_is_named_and_a_process_that_stood_still_is_not_blamed() -> None:
+    blocks = iter([1, 20, 40, 40, 40, 60, *[80] * 6])
+    with pytest.raises(AudioError, match=r"USB .*unplug"):
+        wait_while_called(lambda _: False, lambda: next(blocks), "USB")
+    assert not list(blocks)
+    wait_while_called(lambda _: True, lambda: 0, "USB")
+
+
+def test_a_card_is_opened_again_by_its_whole_name_alone() -> None:
+    """A part of the name may be that of another card, once the one that was meant is gone."""
+    cards = tuple(Interface(index, name, 2, 0, 48_000.0, 0.01) for index, name in enumerate(("USB A", "USB A 2")))
+    assert select_interface("USB A", cards, is_input=False, is_exact=True) is cards[0]
+    with pytest.raises(AudioError, match="'USB A'"):
+        select_interface("USB A", cards[1:], is_input=False, is_exact=True)
 
 
 def test_a_sensor_without_a_scale_is_refused_before_anything_starts() -> None:

@@ -164,7 +164,7 @@ def test_a_held_segment_is_written_with_its_length_and_full_scale_as_amplitude_1
 
 # What the reference reader asks for, by the member that holds it: MPEGGroup/HapticReferenceSoftware at 73ffe9bb,
 # source/IOHaptics/src/IOJson.cpp, load* and semanticConformanceCheck*. It gives up at the first that is missing.
-ASKED: dict[str, dict[str, type | tuple[type, ...]]] = {
+ASKED: dict[str, dict[str, Any]] = {
     "": {"version": str, "profile": str, "level": int, "date": str, "description": str, "timescale": int}
     | {"avatars": list, "perceptions": list, "syncs": list},
     "perceptions": {"id": int, "avatar_id": int, "description": str, "perception_modality": str}
