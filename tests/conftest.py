@@ -24,9 +24,8 @@ pytest_plugins = ("pytester", "tests.tools.guard", "tests.tools.verdict")
 os.environ.pop("COLUMNS", None)
 # Processes that tests start would compile all of Python's modules again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-# Laws are searched by Hypothesis with few examples; the long tests search with five times as many.
-settings.register_profile("quick", deadline=None, max_examples=20)
-settings.register_profile("long", deadline=None, max_examples=100)
+EXAMPLES, LONG_EXAMPLES = 20, 100
+"""Of Hypothesis for a law, and in the long tests: a check has the same ones each time, an order seed draws others."""
 
 ROOT = Path(__file__).parents[1]
 SLOWEST = (
@@ -50,7 +49,7 @@ ALLOWED_SKIPS = ("long run:", "no recordings:")
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--no-skips`: what is missing fails a test in place of skipping it; `--order-seed`: another order."""
     parser.addoption("--no-skips", action="store_true", help="a test that skips fails, such as for a missing program")
-    parser.addoption("--order-seed", type=int, help="run the files, and the tests of each, in a random order")
+    parser.addoption("--order-seed", type=int, help="run in a random order, with other examples of laws")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -60,7 +59,10 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.option.markexpr == "long":  # the tiers are disjoint: what needs the real machine is of no other
         config.option.markexpr = "long and not machine"
-    settings.load_profile("long" if config.option.markexpr.startswith("long") else "quick")
+    count = LONG_EXAMPLES if config.option.markexpr.startswith("long") else EXAMPLES
+    is_search = config.getoption("--order-seed") is not None
+    settings.register_profile("tier", deadline=None, max_examples=count, derandomize=not is_search)
+    settings.load_profile("tier")
     if hasattr(config, "workerinput"):
         _compile_kernels()
 

@@ -37,7 +37,7 @@ def evaluate(
 ) -> Evaluation:
     """Of fewer fingers the first ones; percentiles are the plain ones."""
     under, device = responses.under(range(len(is_felt))), shipped("reference-a")
-    none = np.empty((len(under.transfer) - 1, len(under.transfer)))  # so many parameters that nothing is fitted
+    none = np.zeros((len(under.transfer) - 1, len(under.transfer)))  # so many parameters that nothing is fitted
     placement = Placement(POSITION_M[: len(is_felt)], is_felt)
     factor = weighting(under.lines, device.threshold)
     return evaluate_waveform(waveform, under, placement, factor, levels_db, 0.05, ManyPlants(none, none))
