@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
-from scipy.stats import f as fisher
+from scipy.special import bdtr, fdtrc
 
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
@@ -78,7 +77,7 @@ def assess(calibration: Calibration) -> Adequacy:
         misfit=float(np.median(np.abs(calibration.log_residual))),
         neighbours=number,
         changes=changes,
-        chance=float(binom.cdf(changes, number, 0.5)) if number else 1.0,
+        chance=float(bdtr(changes, number, 0.5)) if number else 1.0,
         repeat_noise=noise,
         repeat_chance=chance,
     )
@@ -98,7 +97,7 @@ def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> 
         return None, None
     pure = float(((residual - mean) ** 2).sum()) / repeats
     lack = float((mean**2).sum()) / freedom
-    return float(np.sqrt(pure)), float(fisher.sf(lack / pure, freedom, repeats)) if pure > 0 else 0.0
+    return float(np.sqrt(pure)), float(fdtrc(freedom, repeats, lack / pure)) if pure > 0 else 0.0
 
 
 def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> dict[str, Any]:

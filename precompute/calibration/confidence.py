@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from precompute.calibration.fit import CAUCHY, SMALLEST_NOISE, Fit, refit_held
 from precompute.calibration.misfit import Loss
@@ -60,7 +60,7 @@ class Confidence:
     @property
     def quantile(self) -> float:
         """Two-sided quantile of Student's t at CONFIDENCE."""
-        return float(t.ppf((1 + CONFIDENCE) / 2, self.freedom))
+        return float(stdtrit(self.freedom, (1 + CONFIDENCE) / 2))
 
     @cached_property
     def covariance(self) -> Array:

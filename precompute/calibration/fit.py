@@ -1,7 +1,7 @@
 """Fit of the parameters to measurements: global screening, then a local minimisation of the chosen loss.
 
 The misfit has many local minima, because a resonance that is fitted to the wrong peak cannot move past the right one.
-So a fit starts from several places: the device's own values, and the most promising of 64 points of a Sobol sequence
+So a fit starts from several places: the device's own values, and the most promising of 64 points of a Latin hypercube
 within the bounds. Each is minimised with a soft loss at a coarse noise of 10 %, which sees far; while the median
 residual of the best stays above that noise its basin is doubtful, and up to four times as many places are tried.
 
@@ -21,10 +21,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import qmc
 
 from precompute.calibration.least_absolute import solve_least_absolute
 from precompute.calibration.misfit import Loss, Misfit, MisfitModel
+from precompute.sampling.plants import latin_hypercube
 
 Array = NDArray[np.float64]
 Rho = Callable[[Array], Array]
@@ -143,8 +143,8 @@ def refit_held(fit: Fit, index: int, first: Array) -> tuple[Array, float]:
 
 
 def _screen(problem: Problem, count: int, seed: int) -> list[Array]:
-    """The places of a Sobol sequence with the least misfit; dampings, whose bounds span decades, stay at the start."""
-    spread = qmc.Sobol(len(problem.start), seed=seed).random(_SCREENED)
+    """The places of a Latin hypercube with the least misfit; dampings, whose bounds span decades, stay at the start."""
+    spread = latin_hypercube(_SCREENED, len(problem.start), np.random.default_rng(seed))
     places = np.tile(problem.start, (_SCREENED, 1))
     for i, parameter in enumerate(problem.misfit.parameters):
         if not parameter.is_damping:

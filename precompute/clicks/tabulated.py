@@ -18,6 +18,8 @@ _ROLES = ((0, 1), (1, 0), (1, 1))
 """Whether each of two fingers feels; one of them does."""
 _TOGETHER = 12
 """Keys that a process solves in one piece, about: the roles of four pairs of places, which takes 0.1 s."""
+_PAYS = 20
+"""Pieces for which a further process is started: its imports take 1 s."""
 _ROUNDING_M = 1e-9
 
 
@@ -42,14 +44,14 @@ def tabulate_clicks(
 ) -> Iterator[ClickEntry]:
     """Table rows of the clicks with these keys, in any order.
 
-    This process is one of the `workers` that solve them. Neighbouring keys are solved by one process, since the roles
-    of one pair of places share their plants. The result does not depend on the number of processes. Raises WorkerError
-    if a process was killed.
+    This process is one of the `workers` that solve them, and the only one where there are few. Neighbouring keys are
+    solved by one process, since the roles of one pair of places share their plants. The result does not depend on the number
+    of processes. Raises WorkerError if a process was killed.
     """
     chunks = _chunks(keys)
     if not chunks:
         return
-    with WorkerPool(min(workers, len(chunks)) - 1) as pool:
+    with WorkerPool(min(workers - 1, len(chunks) // _PAYS)) as pool:
         yield from pool.solve(partial(_begin, device, options, places), chunks, include_self=True)
 
 
