@@ -45,8 +45,8 @@ def tabulate_clicks(
     """Table rows of the clicks with these keys, in any order.
 
     This process is one of the `workers` that solve them, and the only one where there are few. Neighbouring keys are
-    solved by one process, since the roles of one pair of places share their plants. The result does not depend on the number
-    of processes. Raises WorkerError if a process was killed.
+    solved by one process, since the roles of one pair of places share their plants. The result does not depend on the
+    number of processes. Raises WorkerError if a process was killed.
     """
     chunks = _chunks(keys)
     if not chunks:
