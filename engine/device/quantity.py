@@ -30,6 +30,8 @@ _UNITS = (
     "newton = 1000 * gram * meter / second ** 2 = N",
     "pascal = newton / meter ** 2 = Pa",
     "standard_gravity = 9.80665 * meter / second ** 2 = g_0",
+    "pound_force = 4.4482216152605 * newton = lbf",
+    "kilogram_force = 9.80665 * newton = kgf",
 )
 _NAMES = {
     "m": "a length",

@@ -12,6 +12,7 @@ from precompute.model.assembly import Plant, assemble
 MODEL = "model"
 MEASURED = "measured responses"
 _GROUP = "measured"
+_FORCES = ", the full scale of responses per newton"
 _ERRORS = {
     "between_frequencies_error": "bound on what is read between frequencies, of the greatest; ESTIMATE",
     "between_places_error": "the same between places along the bar; ESTIMATE",
@@ -29,7 +30,7 @@ def source_attributes(responses: MeasuredResponses | None) -> dict[str, str]:
         "source": MEASURED + simulated,
         "responses_file": responses.name,
         "responses_sha256": responses.sha256,
-        "modelled": "what fingers do to the bar, rise times and clicks; ESTIMATE",
+        "modelled": f"what fingers do to the bar, rise times and clicks{_FORCES * responses.is_per_newton}; ESTIMATE",
     }
 
 
@@ -63,6 +64,7 @@ def plant_of(table: Table) -> Plant:
         name=str(table.attributes["responses_file"]),
         sha256=str(table.attributes["responses_sha256"]),
         is_simulated="SIMULATED" in str(table.attributes["source"]),
+        is_per_newton=_FORCES in str(table.attributes["modelled"]),
     )
     return measured_plant(table.device, responses)
 

@@ -106,7 +106,8 @@ def calibrate(
 ) -> Calibration:
     """Fit `parameters` (names as in the device file; default: `default_names`) of `device` to `measurements`.
 
-    `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows determine nothing.
+    Responses per newton tell no full scale, so by default it is not fitted to them. `bounds` are SI. Raises
+    ParameterError for names and bounds, MeasurementError where the rows determine nothing.
 
     >>> device = Device.read("reference-a.toml")
     >>> found = calibrate(device, read_measurements("measured.csv", device))
@@ -114,12 +115,18 @@ def calibrate(
     >>> left.parameter.name, 20e3 < left.low < left.value < left.high < 21e3, left.known.value
     ('actuator[1].stiffness', True, 'known')
     """
-    names = default_names(device) if parameters is None else tuple(parameters)
+    names = names_told(device, measurements, default_names(device)) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, sensor_mass_of(measurements))
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
         confidence = compute_confidence(found)
         return _conclude(device, measurements, found, confidence, compute_intervals(found, confidence))
+
+
+def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
+    """The names without those of the usual parameters that the measurements do not tell: full scales, per newton."""
+    untold = [] if measurements.force_m is None else [n for n in default_names(device) if n.endswith("full_scale")]
+    return tuple(name for name in names if name not in untold)
 
 
 def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from precompute.calibration.adequacy import adequacy_report
-from precompute.calibration.calibrate import STARTS, Calibration, calibrate
+from precompute.calibration.calibrate import STARTS, Calibration, calibrate, names_told
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.pairwise import fit_pairwise
@@ -88,6 +88,7 @@ def fit_file(
     raw = path.read_bytes()
     with threadpool_limits(1, "blas"):
         measurements = read_measurements(path, device, sensor_mass_kg)
+        names = names_told(device, measurements, names)
         found = calibrate(device, measurements, names, loss, bounds=bounds, starts=starts, seed=seed)
         report = calibration_report(found, fit_pairwise(device, found) if compares else None)
         report["adequacy"] = adequacy_report(device, found, bounds)

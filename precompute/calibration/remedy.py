@@ -149,6 +149,7 @@ def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
     reach_m = _REACH * length_m
     last_m = max(
         [*places_m, float(np.nanmax(measurements.position_m)), float(np.nan_to_num(measurements.finger_m).max())]
+        + ([] if measurements.force_m is None else [float(measurements.force_m.max())])
     )
 
     def long(other_m: float) -> Device:

@@ -17,6 +17,7 @@ from precompute.calibration.pairwise import Pairwise
 Array = NDArray[np.float64]
 
 _CORRELATED = 0.9  # either error is then 2.3 times what it is with the other value known
+_UNTOLD = "- Full scale: responses per newton do not tell it. Every level rests on that of the device file: ESTIMATE."
 _LISTED = 12  # a page's worth; JSON has all
 
 
@@ -28,6 +29,7 @@ def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> d
         "simulated": measurements.is_simulated,
         "loss": calibration.loss.value,
         "kind": measurements.kind.value,
+        "per_newton": measurements.force_m is not None,
         "readings": len(measurements),
         "noise": calibration.noise,
         "median_misfit": float(np.median(np.abs(calibration.log_residual))),
@@ -172,6 +174,7 @@ def _parameters_markdown(parameters: Sequence[dict[str, Any]]) -> str:
 def open_text(report: dict[str, Any]) -> str:
     """Combinations that the data leave open and the drives that would tell them apart, line by line."""
     lines = [f"- {combination['text']}." for combination in report["open"]]
+    lines += [_UNTOLD] if report.get("per_newton") else []
     units = {p["name"]: p for p in report["parameters"]}
     for advice in report["advice"]:
         parameter = units[advice["parameter"]]

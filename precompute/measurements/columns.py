@@ -7,23 +7,25 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
-from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
+from precompute.measurements.response_unit import QUANTITIES, read_response_unit, to_acceleration
+from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements, nearest_actuator
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
+_PARTS = "real", "imaginary", "magnitude", "phase"
 _SINGLE = {
     "position": "m",
     "sensor mass": "kg",
     "finger position": "m",
+    "force position": "m",
+    "frequency": "Hz",
     "peak acceleration": "m/s^2",
-    "acceleration real": "m/s^2",
-    "acceleration imaginary": "m/s^2",
-    "acceleration magnitude": "m/s^2",
-    "acceleration phase": "rad",
+} | {
+    f"{quantity} {part}": "rad" if part == "phase" else unit for quantity, unit in QUANTITIES.items() for part in _PARTS
 }
-_PAIRS = ("real", "imaginary"), ("magnitude", "phase")
-"""The two ways in which columns may give complex accelerations."""
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
+_MOTIONS = "acceleration", "velocity", "displacement"
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180}
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
 """Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
@@ -45,9 +47,23 @@ def unit_scale(text: str, unit: str) -> float:
         return _ANGLES[text]
     if unit == "" and text == "1":
         return 1.0
-    if unit == "m/s^2":  # as others write them; elsewhere g is a mass
-        text = "g_0" if text == "g" else text.replace("²", "^2").replace("s2", "s^2")
+    if unit == "m/s^2" and (found := read_response_unit(text)).quantity == "acceleration":
+        return found.scale  # as others write them; elsewhere g is a mass
     return read_quantity(f"1 {text}", unit)
+
+
+def read_column(name: str, text: str, unit: str) -> tuple[str, float]:
+    """The name of a column of which `unit` is the SI unit, and the factor to SI from its own unit `text`.
+
+    A response per newton is named after its unit: the acceleration in m/N is a receptance. Raises QuantityError.
+    """
+    quantity, _, part = name.partition(" ")
+    if quantity not in QUANTITIES or unit == "rad":
+        return name, unit_scale(text, unit)
+    found = read_response_unit(text)
+    if found.quantity != quantity and not (found.is_per_newton and quantity in _MOTIONS):
+        raise QuantityError(f"{text!r} is the unit of {found.quantity}; expected {unit}")
+    return f"{found.quantity} {part}", found.scale
 
 
 def may_be_empty(name: str) -> bool:
@@ -68,7 +84,7 @@ def assemble_measurements(
 
     Raises MeasurementError for a missing column and for impossible rows.
     """
-    kind = _kind(columns, source)
+    quantity, reading = _reading(columns, source)
     if "position" not in columns:
         raise MeasurementError(
             f"{source}: has no column 'position'; it says where the sensor was, such as position (mm)"
@@ -78,6 +94,8 @@ def assemble_measurements(
     frequency, amplitude, phase = (
         np.stack([columns.get(f"{key} {a.name}", empty) for a in device.actuators], axis=1) for key in _PER_ACTUATOR
     )
+    if {"frequency", "force position"} <= columns.keys() and np.isnan(frequency).all():
+        frequency[np.arange(rows), nearest_actuator(device, columns["force position"])] = columns["frequency"]
     for i, actuator in enumerate(device.actuators):
         if f"amplitude {actuator.name}" not in columns:
             amplitude[:, i] = np.where(np.isnan(frequency[:, i]), 0.0, 1.0)
@@ -86,23 +104,21 @@ def assemble_measurements(
         row, which = np.argwhere(halved)[0]
         name = f"amplitude {device.actuators[which].name}"
         raise MeasurementError(f"{source}: {place(int(row))}: {name}: is empty beside a frequency; give both or none")
-    if kind is Kind.PEAK:
-        acceleration = columns["peak acceleration"].astype(np.complex128)
-    elif "acceleration real" in columns:
-        acceleration = columns["acceleration real"] + 1j * columns["acceleration imaginary"]
-    else:
-        acceleration = columns["acceleration magnitude"] * np.exp(1j * columns["acceleration phase"])
-    amplitude = np.nan_to_num(amplitude)
+    frequency = np.where(np.nan_to_num(amplitude) > 0, frequency, np.nan)
+    amplitude = np.nan_to_num(amplitude) * np.exp(1j * np.nan_to_num(phase))
+    order = 0 if quantity is None else list(QUANTITIES).index(quantity) % len(_MOTIONS)
+    force_m = _force_places(columns, device, quantity, amplitude, source)
     return check_measurements(
         Measurements(
-            kind=kind,
+            kind=Kind.PEAK if quantity is None else Kind.RESPONSE,
             position_m=columns["position"],
-            frequency_hz=np.where(amplitude > 0, frequency, np.nan),
-            amplitude=amplitude * np.exp(1j * np.nan_to_num(phase)),
+            frequency_hz=frequency,
+            amplitude=amplitude,
             sensor_mass_kg=columns.get("sensor mass", np.full(rows, sensor_mass_kg)),
             finger_m=columns.get("finger position", empty),
-            acceleration=acceleration,
+            acceleration=to_acceleration(reading, order, np.nan_to_num(frequency).max(axis=1)),
             is_simulated=is_simulated,
+            force_m=force_m,
         ),
         device,
         source,
@@ -110,14 +126,42 @@ def assemble_measurements(
     )
 
 
-def _kind(columns: Mapping[str, Array], source: str) -> Kind:
-    parts = [[f"acceleration {part}" in columns for part in pair] for pair in _PAIRS]
-    complete, begun = sum(map(all, parts)), sum(map(any, parts))
-    if "peak acceleration" in columns and not begun:
-        return Kind.PEAK
-    if complete == begun == 1 and "peak acceleration" not in columns:
-        return Kind.RESPONSE
+def _force_places(
+    columns: Mapping[str, Array], device: Device, quantity: str | None, amplitude: Complex, source: str
+) -> Array | None:
+    """Place (row,) of the force of responses per newton: its own column, or the actuator whose frequency is given."""
+    own = sorted(columns.keys() & {"force position", "frequency"})
+    named = [f"frequency {actuator.name}" for actuator in device.actuators]
+    if quantity is None or quantity in _MOTIONS:
+        if own:
+            text = f"belongs to responses per newton, such as (m/s^2/N); of full scale is '{named[0]}'"
+            raise MeasurementError(f"{source}: {own[0]!r}: {text}")
+        return None
+    is_twice = "frequency" in own and bool(columns.keys() & set(named))
+    if is_twice or np.isin(amplitude, (0, 1), invert=True).any() or (np.count_nonzero(amplitude, axis=1) != 1).any():
+        raise MeasurementError(
+            f"{source}: {quantity}: a response per newton has one force in each row, without amplitude and phase: "
+            "one frequency, of the actuator where the force was, or 'frequency (Hz)' with 'force position (mm)'"
+        )
+    base_m = np.array([actuator.position_m for actuator in device.actuators])
+    at_actuator: Array = base_m[amplitude.real.argmax(axis=1)]
+    return columns.get("force position", at_actuator)
+
+
+def _reading(columns: Mapping[str, Array], source: str) -> tuple[str | None, Complex]:
+    """The quantity of a response, None for peaks; and the readings (row,)."""
+    is_peak = "peak acceleration" in columns
+    given = [(part, quantity) for quantity in QUANTITIES for part in _PARTS if f"{quantity} {part}" in columns]
+    if is_peak and not given:
+        return None, columns["peak acceleration"].astype(np.complex128)
+    found = dict(given)
+    value = {part: columns[f"{quantity} {part}"] for part, quantity in given}
+    if len(given) == 2 and not is_peak:
+        if found.keys() == {"magnitude", "phase"}:
+            return found["magnitude"], value["magnitude"] * np.exp(1j * value["phase"])
+        if found.keys() == {"real", "imaginary"} and found["real"] == found["imaginary"]:
+            return found["real"], value["real"] + 1j * value["imaginary"]
     raise MeasurementError(
         f"{source}: expected a column 'peak acceleration', or the two 'acceleration real' and 'acceleration "
-        "imaginary', or 'acceleration magnitude' and 'acceleration phase'"
+        "imaginary' of one unit, or 'acceleration magnitude' and 'acceleration phase'"
     )

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError
-from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, read_column
 from precompute.measurements.csv_form import wrong_form
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
 MOST_ROWS = 100_000
 """Twice the rows of every frequency at every place, which is the most that a build reads."""
-_HEADER = re.compile(r"(.+?) ?\(([^()]*)\)")
+_HEADER = re.compile(r"(.+?) ?\(((?:[^()]|\([^()]*\))*)\)(/\w+)?")
 
 
 def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> Measurements:
@@ -74,7 +74,7 @@ def _read_title(title: str, device: Device, source: str, index: int) -> tuple[st
     where = f"{source}: column {index + 1}: {title!r}"
     if match is None:
         raise MeasurementError(f"{where}: has no unit; expected a header such as position (mm)")
-    name, unit = match[1].strip(), match[2].strip()
+    name, unit = match[1].strip(), match[2].strip() if match[3] is None else f"({match[2]}){match[3]}"
     if name not in known:
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
@@ -82,7 +82,7 @@ def _read_title(title: str, device: Device, source: str, index: int) -> tuple[st
     if name.endswith("position") and unit == "%":
         return name, device.bar.length_m / 100
     try:
-        return name, unit_scale(unit, known[name])
+        return read_column(name, unit, known[name])
     except QuantityError as error:
         raise MeasurementError(f"{where}: {error}") from None
 

@@ -35,6 +35,8 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
 def write_measurements(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
     """Write measurements in the format that the ending names; `comment` names their source. Raises MeasurementError."""
     ending = check_ending(path)
+    if measurements.force_m is not None:
+        raise MeasurementError(f"{path}: responses per newton are read, not written; keep the file that they came from")
     with replace_file(path) as partial:
         if ending == ".csv":
             partial.write_text(write_csv(measurements, device, comment), encoding="utf-8")

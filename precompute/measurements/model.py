@@ -76,8 +76,12 @@ class MeasurementModel:
         if self._has_finger.any():
             finger_m = np.where(self._has_finger, measurements.finger_m, measurements.position_m)
             attached_m = np.stack([measurements.position_m, finger_m], axis=1)
+        attached = attached_m.shape[1]
+        if measurements.force_m is not None:
+            attached_m = np.column_stack([attached_m, measurements.force_m])
         self._place_m, place = np.unique(attached_m, return_inverse=True)
-        self._place: Index = place.reshape(len(attached_m), -1)
+        places: Index = place.reshape(len(attached_m), -1)
+        self._place, self._forced = places[:, :attached], None if measurements.force_m is None else places[:, -1]
         self._sensor_mass_kg = measurements.sensor_mass_kg
         self._tones = _split_tones(measurements)
 
@@ -119,7 +123,10 @@ class MeasurementModel:
         place, frequency = self._place[tones.row[chosen]], tones.frequency[chosen] - first
         columns = solve_response(plant, tones.frequency_hz[first : first + _CHUNK], self._place_m).displacement_m
         omega = 2 * np.pi * tones.frequency_hz[tones.frequency[chosen]]
-        bare = np.einsum("ta,tad->td", tones.drive[chosen], columns[frequency, :actuators])
+        if self._forced is None:
+            bare = np.einsum("ta,tad->td", tones.drive[chosen], columns[frequency, :actuators])
+        else:
+            bare = columns[frequency, actuators + self._forced[tones.row[chosen]]]  # of 1 N
         points = columns[frequency[:, None], actuators + place]
         sampler = plant.sampler(self._place_m)
         weight, dof = sampler.weight[place], 2 * sampler.element[place][..., None] + np.arange(4)
@@ -156,6 +163,8 @@ class MeasurementModel:
         device, tones = plant.device, self._tones
         jw = 1j * loaded.omega
         drive, transfers = tones.drive[chosen], transfers_at(device.actuators, jw)
+        if self._forced is not None:
+            drive = np.zeros_like(drive)  # the bases of the actuators are still
         if transfers is not None:
             drive = drive * transfers
         at, field = loaded.adjoint[:, plant.actuator_dof], loaded.field[:, plant.actuator_dof]

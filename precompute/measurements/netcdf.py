@@ -1,7 +1,6 @@
 """NetCDF files of measurements (tables/MEASUREMENTS.md), as measurements and back; netcdf_content.py opens them."""
 
 import io
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +8,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError
-from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, unit_scale
+from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, read_column
 from precompute.measurements.netcdf_content import Content, Variable, read_content
 from precompute.measurements.types import Kind, MeasurementError, Measurements
-
-_UDUNITS_FACTOR = re.compile(r"([A-Za-zµ%]+)(-?\d)?")
 
 
 def read_netcdf(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
@@ -46,7 +43,10 @@ def measurements_of(content: Content, path: Path, device: Device, sensor_mass_kg
                 raise MeasurementError(
                     f"{path}: {variable.name}: unknown variable; over 'measurement' are known {listed}"
                 )
-            columns[column] = _read_column(variable._replace(values=values), column, known[column], path)
+            name, read = _read_column(variable._replace(values=values), column, known[column], path)
+            if name in columns:
+                raise MeasurementError(f"{path}: {variable.name}: holds a {name.split()[0]}, which is there twice")
+            columns[name] = read
     return assemble_measurements(
         columns, device, sensor_mass_kg, str(path), lambda row: f"measurement {row}", is_simulated=content.is_simulated
     )
@@ -85,14 +85,14 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     path.write_bytes(memory.getvalue())
 
 
-def _read_column(variable: Variable, column: str, unit: str, path: Path) -> NDArray[np.float64]:
+def _read_column(variable: Variable, column: str, unit: str, path: Path) -> tuple[str, NDArray[np.float64]]:
     name, _, written, values = variable
     if values.dtype.kind == "c":
         raise MeasurementError(f"{path}: {name}: has complex values; write real and imaginary part apart")
     if written is None:
         raise MeasurementError(f"{path}: {name}: has no attribute 'units'; expected such as {unit or '1'!r}")
     try:
-        scale = unit_scale(_from_udunits(written), unit)
+        found, scale = read_column(column, written, unit)
         out = scale * np.asarray(values, dtype=np.float64)
     except (QuantityError, TypeError, ValueError) as error:
         raise MeasurementError(f"{path}: {name}: {error}") from None
@@ -100,12 +100,4 @@ def _read_column(variable: Variable, column: str, unit: str, path: Path) -> NDAr
     if bad.any():
         where = int(np.argmax(bad))
         raise MeasurementError(f"{path}: measurement {where}: {name}: {out[where]}: expected a finite number")
-    return out
-
-
-def _from_udunits(text: str) -> str:
-    """Convert the UDUNITS notation 'm s-2' to 'm*s^-2'; text without spaces stays as it is."""
-    factors = text.split()
-    if len(factors) < 2 or not all(_UDUNITS_FACTOR.fullmatch(factor) for factor in factors):
-        return text
-    return "*".join(_UDUNITS_FACTOR.sub(lambda m: m[1] + (f"^{m[2]}" if m[2] else ""), factor) for factor in factors)
+    return found, out

@@ -28,6 +28,8 @@ MOST_M_S2 = 1e6
 """Limit of a reading: what is said to be more than 100 000 times gravity has another unit."""
 MOST_KG = 1.0
 """Limit of the mass of a sensor."""
+AT_ACTUATOR = 0.01
+"""Of the bar: how far a place may be from the actuator that it stands for."""
 
 
 class Kind(Enum):
@@ -44,6 +46,9 @@ class Measurements:
     position_m (row,): of the sensor, from the bar's start. frequency_hz (row, actuator): NaN where the actuator is
     still. amplitude (row, actuator): complex, fractions of full scale. sensor_mass_kg (row,): mass of the sensor.
     finger_m (row,): position of a finger on the bar, NaN for none. acceleration (row,): m/s^2; a peak is real.
+
+    force_m (row,): place of the force where the rows are responses per newton, None where actuators moved. Then the
+    acceleration is that under 1 N, the actuators are still, and the frequency stands at the one next to the force.
     """
 
     kind: Kind
@@ -55,6 +60,7 @@ class Measurements:
     acceleration: Complex
     is_simulated: bool
     """Whether the file marks the readings as SIMULATED."""
+    force_m: Array | None = None
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -70,8 +76,12 @@ class Measurements:
 
     @property
     def drive_of_row(self) -> NDArray[np.int64]:
-        """Shape (row,): number of each row's drive (frequencies and amplitudes), in the order of first appearance."""
-        parts = (np.nan_to_num(self.frequency_hz), self.amplitude.real, self.amplitude.imag)
+        """Shape (row,): number of each row's drive (frequencies and amplitudes), in the order of first appearance.
+
+        A force at another place is another drive.
+        """
+        parts = [np.nan_to_num(self.frequency_hz), self.amplitude.real, self.amplitude.imag]
+        parts += [] if self.force_m is None else [self.force_m[:, None]]
         _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
@@ -85,6 +95,8 @@ class Measurements:
 
     def drive_text(self, row: int) -> str:
         """The drive of a row in words, such as "150 Hz and 130 Hz" or "150 Hz at 60 % and still"."""
+        if self.force_m is not None:
+            return f"{np.nanmax(self.frequency_hz[row]):g} Hz, 1 N at {1e3 * self.force_m[row]:.4g} mm"
         return " and ".join(
             "still" if amplitude == 0 else f"{hz:g} Hz" + ("" if amplitude == 1 else f" at {100 * amplitude:.3g} %")
             for hz, amplitude in zip(self.frequency_hz[row], np.abs(self.amplitude[row]), strict=True)
@@ -123,10 +135,12 @@ def check_measurements(
     hz, amplitude, read = measurements.frequency_hz, np.abs(measurements.amplitude), measurements.acceleration
     size = read.real if measurements.kind is Kind.PEAK else np.abs(read)
     mass_kg = measurements.sensor_mass_kg
+    force_m = np.full(len(hz), np.nan) if measurements.force_m is None else measurements.force_m
     on_the_bar = f"expected 0 to {1e3 * length_m:g} mm, the bar's length"
     rules = (
         ("position", 1e3 * measurements.position_m, "mm", _outside(measurements.position_m, length_m), on_the_bar),
         ("finger position", 1e3 * measurements.finger_m, "mm", _outside(measurements.finger_m, length_m), on_the_bar),
+        ("force position", 1e3 * force_m, "mm", _outside(force_m, length_m), on_the_bar),
         ("frequency", hz, "Hz", ((amplitude > 0) & ~((hz > 0) & np.isfinite(hz))), "expected more than 0 Hz"),
         ("amplitude", 100 * amplitude, "%", ~(amplitude <= 1 + 1e-9), "expected at most 100 % of full scale"),
         ("amplitude", 100 * amplitude, "%", np.all(amplitude == 0, axis=1), "no actuator moves; leave the row out"),
@@ -150,6 +164,18 @@ def check_measurements(
             text = measurements.drive_text(row)
             raise MeasurementError(f"{source}: {place(row)}: frequency: {text}: a complex response has one frequency")
     return measurements
+
+
+def nearest_actuator(device: Device, position_m: Array) -> NDArray[np.int64]:
+    """Index (place,) of the actuator that is nearest to each position (place,) in metres."""
+    base_m = np.array([actuator.position_m for actuator in device.actuators])
+    nearest: NDArray[np.int64] = np.abs(position_m[:, None] - base_m).argmin(axis=1)
+    return nearest
+
+
+def text_of_places(device: Device) -> str:
+    """The actuators and their places in words, such as "left 45 mm, right 273 mm"."""
+    return ", ".join(f"{actuator.name} {1e3 * actuator.position_m:g} mm" for actuator in device.actuators)
 
 
 def _outside(position_m: Array, length_m: float) -> NDArray[np.bool_]:

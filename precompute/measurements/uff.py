@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyuff
@@ -10,27 +10,36 @@ import pyuff
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, unit_scale
-from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements
+from precompute.measurements.response_unit import ResponseUnit, read_response_unit, to_acceleration
+from precompute.measurements.types import (
+    AT_ACTUATOR,
+    Kind,
+    MeasurementError,
+    Measurements,
+    check_measurements,
+    nearest_actuator,
+    text_of_places,
+)
 
 # Numbers of datasets and of their fields, of the universal file format (SDRC; pyuff names them)
 _NODES = (15, 2411)
 _RESPONSES, _UNITS = 58, 164  # datasets
 _FREQUENCY_RESPONSE = 4
-_FREQUENCY, _ACCELERATION = 18, 12  # specific data types of an axis
+_FREQUENCY, _ACCELERATION, _FORCE, _UNTOLD = 18, 12, 13, (0, 1)  # specific data types of an axis
+_ORDERS = {_ACCELERATION: 0, 11: 1, 8: 2}
+"""By the type of the ordinate, how many derivatives lead to the acceleration: from a velocity 1, a displacement 2."""
 _SI_UNITS = 1
 _COMPLEX = (5, 6)  # ordinate data types, of single and double precision
-_DENOMINATORS = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "excitation force"}
+_DENOMINATORS = {8: "displacement", 11: "velocity", 12: "acceleration"}
 _ACROSS, _UNSAID = 3, 0  # directions of a response: +z or -z, and a file that says none
 _LONGEST_LINE = 80  # of an ID line of dataset 58
-_NEAR = 0.01  # of the bar: how far a node may be from the actuator that it stands for
 
 
 def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
-    """Read a row from every line of every response: the acceleration for one actuator alone at full scale.
+    """Read a row from every line of every response: the acceleration for one actuator at full scale, or for 1 N.
 
-    The x of a node is its place along the bar; the reference node lies at an actuator. What a file declares is read, or
-    refused by its name: a response per newton, of magnitudes alone or along the bar is none at full scale. Raises
-    MeasurementError.
+    The x of a node is its place along the bar. The reference node is the place of the force, or lies at an actuator.
+    What a file declares is read, or refused by its name. Raises MeasurementError.
     """
     try:
         sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
@@ -39,19 +48,26 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
         while cause.__context__ is not None:  # pyuff says "Error when reading data-set(s)." in place of the cause
             cause = cause.__context__
         raise MeasurementError(f"{path}: cannot be read as a universal file: {cause}") from error
-    unit_m = next((_unit_m(part, path) for part in sets if part["type"] == _UNITS), 1.0)
+    units = next((part for part in sets if part["type"] == _UNITS), None)
+    unit_m, unit_n = (1.0 if units is None else _unit_of(units, key, path) for key in ("length", "force"))
     place_m = {number: unit_m * place for number, place in _read_nodes(sets, path).items()}
     responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
     if not responses:
         raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses")
     rows = [
-        _read_response(part, place_m, unit_m, device, f"{path}: dataset {number} (58)") for number, part in responses
+        _read_response(part, place_m, (unit_m, unit_n), device, f"{path}: dataset {number} (58)")
+        for number, part in responses
     ]
-    numbers = np.concatenate([np.full(len(hz), n) for (n, _), (_, _, hz, _) in zip(responses, rows, strict=True)])
-    position_m = np.concatenate([np.full(len(hz), place) for place, _, hz, _ in rows])
-    actuator = np.concatenate([np.full(len(hz), which) for _, which, hz, _ in rows])
-    driven = actuator[:, None] == np.arange(len(device.actuators))
-    frequency_hz = np.concatenate([hz for _, _, hz, _ in rows])
+    if len(kinds := {row.is_per_newton: number for (number, _), row in zip(responses, rows, strict=True)}) > 1:
+        text = (
+            f"dataset {kinds[True]} (58) is per newton, dataset {kinds[False]} of full scale; put them into two files"
+        )
+        raise MeasurementError(f"{path}: {text}")
+    counts = [len(row.frequency_hz) for row in rows]
+    numbers = np.repeat([number for number, _ in responses], counts)
+    position_m, reference_m = (np.repeat(x, counts) for x in zip(*(row[:2] for row in rows), strict=True))
+    driven = nearest_actuator(device, reference_m)[:, None] == np.arange(len(device.actuators))
+    frequency_hz = np.concatenate([row.frequency_hz for row in rows])
     return check_measurements(
         Measurements(
             kind=Kind.RESPONSE,
@@ -60,8 +76,9 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
             amplitude=driven.astype(np.complex128),
             sensor_mass_kg=np.full(len(position_m), sensor_mass_kg),
             finger_m=np.full(len(position_m), np.nan),
-            acceleration=np.concatenate([value for *_, value in rows]),
+            acceleration=np.concatenate([row.acceleration for row in rows]),
             is_simulated=any(SIMULATED in str(part.get("id1")) for _, part in responses),
+            force_m=reference_m if rows[0].is_per_newton else None,
         ),
         device,
         str(path),
@@ -146,11 +163,11 @@ def _listed(sets: Any) -> list[Mapping[str, Any]]:
     return [sets] if isinstance(sets, dict) else list(sets)
 
 
-def _unit_m(part: Mapping[str, Any], path: Path) -> float:
-    """The file's unit of length in metres: its factor leads from SI to what is written."""
-    factor = float(part["length"])
+def _unit_of(part: Mapping[str, Any], key: str, path: Path) -> float:
+    """The file's unit of length or force in SI: its factor leads from SI to what is written."""
+    factor = float(part[key])
     if not 0 < factor < np.inf:
-        raise MeasurementError(f"{path}: dataset 164: factor of length {factor:g}: expected more than 0, 1 for metres")
+        raise MeasurementError(f"{path}: dataset 164: factor of {key} {factor:g}: expected more than 0, 1 for SI")
     return 1 / factor
 
 
@@ -166,14 +183,23 @@ def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path) -> dict[int, floa
     return places
 
 
+class _Row(NamedTuple):
+    """A response: places of sensor and reference in metres, frequencies in Hz (line,), m/s^2 or m/s^2/N (line,)."""
+
+    position_m: float
+    reference_m: float
+    frequency_hz: Any
+    acceleration: Any
+    is_per_newton: bool
+
+
 def _read_response(
-    part: Mapping[str, Any], place_m: Mapping[int, float], unit_m: float, device: Device, where: str
-) -> tuple[float, int, Any, Any]:
-    """Place in metres, index of the actuator, frequencies in Hz and accelerations in m/s^2."""
+    part: Mapping[str, Any], place_m: Mapping[int, float], units: tuple[float, float], device: Device, where: str
+) -> _Row:
+    """The response of a dataset 58; `units` of length and force are those of the file, in SI."""
     expected = (
         ("func_type", _FREQUENCY_RESPONSE, "a frequency response, 4"),
         ("abscissa_spec_data_type", _FREQUENCY, "a frequency, 18"),
-        ("ordinate_spec_data_type", _ACCELERATION, "an acceleration, 12"),
     )
     for key, wanted, text in expected:
         if int(part.get(key) or 0) != wanted:
@@ -182,42 +208,77 @@ def _read_response(
     for key in ("rsp_node", "ref_node"):
         if int(part[key]) not in place_m:
             raise MeasurementError(f"{where}: {key}: node {part[key]} has no place; give it in a dataset 15 or 2411")
-    scale = _unit(part, "ordinate_axis_units_lab", "m/s^2", unit_m, where)
+    unit = _response_unit(part, units, where)
+    scale = unit.scale
     for key in ("rsp_dir", "ref_dir"):
         scale *= -1.0 if int(part.get(key) or _UNSAID) == -_ACROSS else 1.0
     base_m = place_m[int(part["ref_node"])]
-    distance_m = [abs(actuator.position_m - base_m) for actuator in device.actuators]
-    nearest = int(np.argmin(distance_m))
-    if distance_m[nearest] > _NEAR * device.bar.length_m:
-        there = ", ".join(f"{a.name} {1e3 * a.position_m:g} mm" for a in device.actuators)
-        raise MeasurementError(f"{where}: ref_node: {1e3 * base_m:g} mm: is where no actuator is; they are {there}")
+    off_m = min(abs(actuator.position_m - base_m) for actuator in device.actuators)
+    if not unit.is_per_newton and off_m > AT_ACTUATOR * device.bar.length_m:
+        text = f"{1e3 * base_m:g} mm: is where no actuator is; they are {text_of_places(device)}"
+        raise MeasurementError(f"{where}: ref_node: {text}")
     count = int(part["num_pts"])  # the last line may be filled up with zeros
     hz = _unit(part, "abscissa_axis_units_lab", "Hz", 1.0, where) * np.asarray(part["x"], dtype=np.float64)[:count]
     value = scale * np.asarray(part["data"], dtype=np.complex128)[:count]
     if not len(hz) == len(value) == count:
         raise MeasurementError(f"{where}: num_pts: {count}: the dataset has {min(len(hz), len(value))} values")
-    return place_m[int(part["rsp_node"])], nearest, hz[hz > 0], value[hz > 0]
+    acceleration = to_acceleration(value, unit.order, hz)
+    return _Row(place_m[int(part["rsp_node"])], base_m, hz[hz > 0], acceleration[hz > 0], unit.is_per_newton)
 
 
 def _check_kind(part: Mapping[str, Any], where: str) -> None:
-    """Refuse what is no complex response, across the bar, to an actuator at full scale."""
+    """Refuse what is no complex response across the bar."""
     if int(part["ord_data_type"]) not in _COMPLEX:
         text = "a response is complex, 5 or 6; magnitudes alone have no phase"
         raise MeasurementError(f"{where}: ord_data_type: {part['ord_data_type']}: {text}")
-    if (per := int(part.get("orddenom_spec_data_type") or 0)) != 0:
-        kind = _DENOMINATORS.get(per, "another quantity")
-        text = f"the response is per {kind}; expected 0, the response to the actuator at full scale"
-        raise MeasurementError(f"{where}: orddenom_spec_data_type: {per}: {text}")
     for key in ("rsp_dir", "ref_dir"):
         if abs(direction := int(part.get(key) or _UNSAID)) not in (_ACROSS, _UNSAID):
             text = "expected 3 or -3, across the bar (z), where bending is"
             raise MeasurementError(f"{where}: {key}: {direction}: {text}")
 
 
+def _response_unit(part: Mapping[str, Any], units: tuple[float, float], where: str) -> ResponseUnit:
+    """What the ordinate is by its type, by that of its denominator and by both labels, which must agree.
+
+    The label of the ordinate may be that of the whole, m/s^2/N, or that above the stroke, with N in the denominator's.
+    """
+    unit_m, unit_n = units
+    kind, per = (int(part.get(f"{axis}_spec_data_type") or 0) for axis in ("ordinate", "orddenom"))
+    if kind not in _ORDERS and kind not in _UNTOLD:
+        text = "expected an acceleration, 12, a velocity, 11, or a displacement, 8"
+        raise MeasurementError(f"{where}: ordinate_spec_data_type: {kind}: {text}")
+    if per not in (_FORCE, *_UNTOLD):
+        text = f"the response is per {_DENOMINATORS.get(per, 'another quantity')}; expected 0, the response to the "
+        text += "actuator at full scale, or 13, per excitation force; multiply it by what full scale is"
+        raise MeasurementError(f"{where}: orddenom_spec_data_type: {per}: {text}")
+    label, below = _label(part, "ordinate"), _label(part, "orddenom")
+    if not label and kind in _UNTOLD:
+        text = "says no quantity, nor does ordinate_axis_units_lab; expected an acceleration, 12"
+        raise MeasurementError(f"{where}: ordinate_spec_data_type: {kind}: {text}")
+    try:
+        unit = read_response_unit(label) if label else ResponseUnit(unit_m, _ORDERS[kind], is_per_newton=False)
+    except QuantityError as error:
+        raise MeasurementError(f"{where}: ordinate_axis_units_lab: {error}") from None
+    if _ORDERS.get(kind, unit.order) != unit.order:
+        text = f"{label!r} is the unit of {unit.quantity}, and ordinate_spec_data_type is {kind}; correct one of them"
+        raise MeasurementError(f"{where}: ordinate_axis_units_lab: {text}")
+    force_n = _unit(part, "orddenom_axis_units_lab", "N", unit_n, where)
+    says_force = per == _FORCE or below or int(part.get("ordinate_force_unit_exp") or 0) == -1
+    if unit.is_per_newton or not says_force:
+        return unit
+    return unit._replace(scale=unit.scale / force_n, is_per_newton=True)
+
+
+def _label(part: Mapping[str, Any], axis: str) -> str:
+    """The unit that an axis names; empty where it names none."""
+    text = str(part.get(f"{axis}_axis_units_lab") or "").strip()
+    return "" if text.upper() == "NONE" else text
+
+
 def _unit(part: Mapping[str, Any], key: str, unit: str, unlabelled: float, where: str) -> float:
     """Factor from the values of an axis to a unit; `unlabelled` where the file does not name its own."""
-    text = str(part.get(key) or "").strip().strip("()")
-    if text.upper() in ("", "NONE"):
+    text = _label(part, key.removesuffix("_axis_units_lab")).strip("()")
+    if not text:
         return unlabelled
     try:
         return unit_scale(text, unit)

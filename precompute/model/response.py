@@ -1,12 +1,15 @@
 """Unit responses of the plant: one banded complex solve a frequency, a column for each actuator or touched point."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device import Actuator
 from precompute.model.assembly import Plant
 from precompute.model.band_solver import solve_banded
+from precompute.model.transfers import transfers_at
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,15 @@ def peak_along(
     field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(position_m))
     peak: NDArray[np.float64] = abs(field).sum(axis=0)
     return peak
+
+
+def blocked_force(actuators: Sequence[Actuator], frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """F_i = (k_i + j omega c_i) alpha_i H_i: force (frequency, actuator), N, of full scale on a bar that is held."""
+    jw = 2j * np.pi * frequency_hz
+    force = [(a.stiffness_n_per_m + jw * a.damping_n_s_per_m) * a.full_scale_m for a in actuators]
+    transfers = transfers_at(actuators, jw)
+    out: NDArray[np.complex128] = np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
+    return out
 
 
 def solve_response(

@@ -25,6 +25,7 @@ from tactable.cli.options import (
     TableArgument,
     ThresholdCurve,
     Workers,
+    need_switch,
     read_option,
     read_pitch,
     with_threshold,
@@ -52,6 +53,13 @@ def build(
         Path | None,
         typer.Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md)."),
     ] = None,
+    force_of_actuators: Annotated[
+        bool,
+        typer.Option(
+            "--force-of-actuators",
+            help="FILE is per newton, of forces where the actuators are: scale it by each one's force at full scale.",
+        ),
+    ] = False,
     sensor_mass: SensorMass = "0 g",
     memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
     watch: Annotated[
@@ -65,6 +73,7 @@ def build(
     clicks of this device, a table with those of one finger comes first, after seconds: a run may play it at once, and
     solves the others.
     """
+    need_switch("--responses", responses is not None, force_of_actuators=force_of_actuators or None)
     wanted = WantedTable(
         output=output,
         clicks_up_to=clicks_up_to,
@@ -72,6 +81,7 @@ def build(
         workers=workers,
         reuses=reuse,
         responses=responses,
+        scales_forces=force_of_actuators,
         sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
         memory_mib=memory_mib,
         as_json=as_json,
@@ -93,6 +103,7 @@ class WantedTable:
     workers: int | None
     reuses: bool
     responses: Path | None
+    scales_forces: bool
     sensor_mass_kg: float
     memory_mib: int
     as_json: bool
@@ -106,7 +117,10 @@ class WantedTable:
         from precompute.parallel.pool import available_cores
 
         path = self.output or Path(f"{device.name}.nc")
-        responses = None if self.responses is None else read_responses(self.responses, device, self.sensor_mass_kg)
+        responses = None
+        if self.responses is not None:
+            scales = self.scales_forces
+            responses = read_responses(self.responses, device, self.sensor_mass_kg, scales_forces=scales)
         # Clicks are computed by the model in time: with measured responses only where they are asked for.
         fingers = 0 if responses else MOST_TABULATED
         with shown_progress(self.as_json) as show:
@@ -164,6 +178,7 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
             "click_pitch_m": table.places.pitch_m,
             "bytes": path.stat().st_size,
             "source": str(table.attributes["source"]),
+            "modelled": str(table.attributes.get("modelled", "")),
             "processor_s": cost.processor_s,
             "clicks_solved": cost.clicks,
             "estimates": len(device.estimated_values),
@@ -200,9 +215,10 @@ def _doubts_text(summary: Mapping[str, Any]) -> str:
         for key in ("model_disagreement", "between_frequencies_error", "between_places_error")
     )
     clicks = "there are no clicks" if summary["clicks"] == 0 else "clicks are the model's too"
+    force = " Levels rest on the full scale of the device file." if "full scale" in summary["modelled"] else ""
     return (
         f"ESTIMATE: the fingers' effect and rise times are the model's, which is {model} off the measured responses; "
-        f"{clicks}. Interpolation errs by up to {hz} between frequencies and {places} between places"
+        f"{clicks}.{force} Interpolation errs by up to {hz} between frequencies and {places} between places"
     )
 
 

@@ -58,6 +58,7 @@ def reading_along(device: Device, measurements: Measurements, row: int) -> tuple
         lay_out(measurements.frequency_hz[row : row + 1], place_m, float(measurements.sensor_mass_kg[row])),
         amplitude=np.repeat(measurements.amplitude[row : row + 1], PLACES, axis=0),
         finger_m=np.full(PLACES, measurements.finger_m[row]),
+        force_m=None if measurements.force_m is None else np.full(PLACES, measurements.force_m[row]),
     )
     return place_m, _predicted(device, along)
 
@@ -72,6 +73,8 @@ def find_nodes(position_m: style.Array, level: style.Array) -> style.Array:
 
 def drive_text(device: Device, measurements: Measurements, row: int) -> str:
     """Drive of a row in words, such as "left 150 Hz, right 130 Hz at 60 %"."""
+    if measurements.force_m is not None:
+        return measurements.drive_text(row)
     parts = []
     for i, actuator in enumerate(device.actuators):
         size = abs(measurements.amplitude[row, i])

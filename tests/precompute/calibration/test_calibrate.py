@@ -1,17 +1,22 @@
 """What a calibration must show: known bars found again, honest intervals, wrong readings survived, gaps admitted."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import pyuff
 
 from precompute.calibration.calibrate import Calibration, Known, calibrate
 from precompute.calibration.misfit import Loss
-from precompute.measurements.parameters import ParameterError, paper_names
+from precompute.measurements import read_measurements
+from precompute.measurements.parameters import ParameterError, paper_names, with_changes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
+from precompute.measurements.uff import write_uff
 from tests.precompute.calibration.calibrations import DEVICE
 from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
+from tests.precompute.measurements.test_responses import per_newton
 
 PAPERS_SIX = paper_names(DEVICE)
 
@@ -47,6 +52,22 @@ def test_a_tenth_of_the_readings_may_be_wrong_by_3(loss: Loss) -> None:
     found = calibrate(DEVICE, flawed, PAPERS_SIX, loss, starts=2)
     assert max(relative_errors(found, TRUTH).values()) < 1e-5
     assert (found.is_wrong == (np.abs(flawed.acceleration / flawless.acceleration - 1) > 0.5)).all()
+
+
+def test_responses_per_newton_give_the_bar_but_no_full_scale(tmp_path: Path) -> None:
+    truth = {name: value for name, value in TRUTH.items() if "full_scale" not in name} | {"bar.youngs_modulus": 67e9}
+    csv, uff = tmp_path / "bar.csv", tmp_path / "bar.uff"
+    csv.write_text(per_newton(with_changes(DEVICE, truth), np.arange(70.0, 300.0, 25.0), 4), encoding="utf-8")
+    read = read_measurements(csv, DEVICE)
+    write_uff(uff, replace(read, force_m=None), DEVICE, "")
+    sets = pyuff.UFF(str(uff)).read_sets()
+    pyuff.UFF(str(uff)).write_sets([each | {"orddenom_spec_data_type": 13} for each in sets], mode="overwrite")
+    for each in (read, read_measurements(uff, DEVICE)):
+        found = calibrate(DEVICE, each, starts=1)
+        assert max(relative_errors(found, truth).values()) < 1e-3
+        assert [a.full_scale_m for a in found.device.actuators] == [a.full_scale_m for a in DEVICE.actuators]
+    with pytest.raises(MeasurementError, match=r"actuator\.full_scale: changes none of these readings"):
+        calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
 
 
 def test_only_what_is_named_is_fitted_within_its_bounds() -> None:

@@ -15,6 +15,7 @@ from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
+PER_NEWTON = "position (mm),frequency left (Hz),receptance magnitude (m/N),receptance phase (deg)"
 HEADER = "position (mm),frequency left (Hz),frequency right (Hz),peak acceleration (m/s^2)"
 
 
@@ -89,10 +90,55 @@ def test_accelerations_are_read_as_others_write_them(header: str, cells: str, ex
     assert parse_csv(text, DEVICE, 0.0, "x.csv").acceleration == pytest.approx([expected])
 
 
+W = 300 * np.pi
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("acceleration real (m/s^2/N),acceleration imaginary (m/s²/N)", 2 + 3j),
+        ("accelerance real ((m/s^2)/N),accelerance imaginary (m/s^2)/N", 2 + 3j),
+        ("acceleration magnitude (g/kN),acceleration phase (rad)", 2 * 9.80665e-3 * np.exp(3j)),
+        ("acceleration real (m/(N·s²)),acceleration imaginary (1/kg)", 2 + 3j),
+        ("mobility real (m/s/N),mobility imaginary ((mm/s)/mN)", 1j * W * (2 + 3j)),
+        ("acceleration real ((m/s)/N),velocity imaginary (m s-1 N-1)", 1j * W * (2 + 3j)),
+        ("receptance real (µm/N),displacement imaginary (µm/N)", -(W**2) * 1e-6 * (2 + 3j)),
+        ("displacement magnitude (in/lbf),displacement phase (rad)", -(W**2) * 2 * 0.0254 / 4.4482216 * np.exp(3j)),
+        ("mobility magnitude (M/(S*LBF)),mobility phase (rad)", 1j * W * 2 / 4.4482216 * np.exp(3j)),
+        ("mobility real (m/Ns),acceleration imaginary (m/(Ns))", 1j * W * (2 + 3j)),
+        ("accelerance real (m/Ns²),accelerance imaginary (m/s**2/N)", 2 + 3j),
+        ("velocity real (m/s),velocity imaginary (m/s)", 1j * W * (2 + 3j)),
+    ],
+)
+def test_responses_are_accelerations_whatever_their_unit(header: str, expected: complex) -> None:
+    text = f"position (mm),frequency right (Hz),{header}\n100,150,2,3\n"
+    found = parse_csv(text, DEVICE, 0.0, "x.csv")
+    assert found.acceleration == pytest.approx([expected])
+    assert found.kind is Kind.RESPONSE and found.amplitude.tolist() == [[0, 1]]
+    if "velocity real" in header:
+        assert found.force_m is None
+    else:
+        assert found.force_m == pytest.approx([DEVICE.actuators[1].position_m])
+
+
+def test_a_force_may_be_anywhere() -> None:
+    header = "position (mm),force position (%),frequency (Hz),receptance magnitude (m/N),receptance phase (deg)"
+    found = parse_csv(f"{header}\n100,50,150,1,0\n100,90,150,1,0\n", DEVICE, 0.0, "x.csv")
+    assert found.force_m == pytest.approx(np.array([0.5, 0.9]) * DEVICE.bar.length_m)
+    assert found.drive_of_row.tolist() == [0, 1] and found.drive_text(0) == "150 Hz, 1 N at 139.7 mm"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "x.csv: is empty"),
+        (PER_NEWTON + ",amplitude left (%)\n1,150,2,0,50\n", "a response per newton has one force in each row"),
+        (PER_NEWTON + ",frequency right (Hz)\n1,150,2,0,150\n", "a response per newton has one force in each row"),
+        (HEADER + ",force position (mm)\n1,150,130,2,50\n", "'force position': belongs to responses per newton"),
+        (PER_NEWTON.replace("frequency left", "frequency") + "\n1,150,2,0\n", "'frequency (Hz)' with 'force position"),
+        (PER_NEWTON + ",receptance imaginary (m/N)\n1,150,2,0,3\n", "expected a column 'peak acceleration', or the"),
+        (PER_NEWTON.replace("m/N", "N/m") + "\n1,150,2,0\n", "is no unit of a response"),
+        (PER_NEWTON.replace("m/N", "m/s") + "\n1,150,2,0\n", "'m/s' is the unit of velocity; expected m/N"),
         (HEADER + "\n", "has no measurement"),
         (HEADER + "\n1,150,130,2\n1,150,130,two\n", "row 3, column 'peak acceleration (m/s^2)': 'two'"),
         (HEADER + '\n"1,5",150,130,2\n', "row 2, column 'position (mm)': '1,5': expected a finite number"),

@@ -11,6 +11,7 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
+from precompute.model.response import blocked_force
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_bar
 from tests.precompute.measured import NAN
@@ -58,15 +59,49 @@ def test_readings_are_those_of_the_dense_model_with_sensor_and_finger_assembled(
             assert found[row] == pytest.approx(dense_reading(device, rows, row), rel=1e-7)
 
 
+def forced(device: Device, force_m: float) -> Measurements:
+    """Responses per newton to a force at a place, with a heavy sensor at seven places."""
+    hz = np.array([[150.0], [201.0], [66.0]]) + np.where(np.arange(len(device.actuators)) == 0, 0, NAN)
+    rows = rows_of(device, hz, Kind.RESPONSE)
+    return replace(rows, force_m=np.full(len(rows), force_m))
+
+
+@any_device
+def test_responses_per_newton_are_those_of_the_dense_model_to_one_newton(device: Device) -> None:
+    rows = forced(device, 0.61 * device.bar.length_m)
+    found = np.exp(MeasurementModel(device, rows, ()).predict(np.zeros(0)).log_acceleration)
+    for row in range(0, len(rows), 5):
+        place_m, finger_m = float(rows.position_m[row]), float(rows.finger_m[row])
+        attached = [(place_m, Finger(2e-3, 0.0, 0.0, 1.0))]
+        model = DenseModel(device, attached + ([] if np.isnan(finger_m) else [(finger_m, device.finger)]))
+        omega, ends = 2 * np.pi * rows.frequency_hz[row, 0], model.rows([place_m, 0.61 * device.bar.length_m])
+        stiffness = model.K + 1j * omega * model.C - omega**2 * model.M
+        assert found[row] == pytest.approx(-(omega**2) * ends[0] @ np.linalg.solve(stiffness, ends[1]), rel=1e-7)
+
+
+@on_each({device.name: device for device in [*DEVICES, with_transfers(DEVICE)]})
+def test_a_force_at_an_actuator_times_its_blocked_force_is_full_scale(device: Device) -> None:
+    for index, actuator in enumerate(device.actuators):
+        hz = np.where(np.arange(len(device.actuators)) == index, np.array([[150.0], [201.0], [66.0]]), NAN)
+        rows = rows_of(device, hz, Kind.RESPONSE)
+        per_newton = replace(rows, force_m=np.full(len(rows), actuator.position_m))
+        full, force = (MeasurementModel(device, m, ()).predict(np.zeros(0)) for m in (rows, per_newton))
+        found = np.exp(full.log_acceleration - force.log_acceleration)
+        assert found == pytest.approx(blocked_force(device.actuators, rows.frequency_hz[:, index])[:, index], rel=1e-9)
+
+
 @pytest.mark.parametrize("device", [DEVICE, ASSEMBLY, with_transfers(DEVICE)], ids=["bar", "assembly", "transfers"])
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", [*Kind, "per newton"])
 @pytest.mark.parametrize("name", known_names(DEVICE))
-def test_derivatives_are_those_of_differences(name: str, kind: Kind, device: Device) -> None:
+def test_derivatives_are_those_of_differences(name: str, kind: Kind | str, device: Device) -> None:
     drives_hz = np.array([[150, 130], [200, 200], [60, NAN]] if kind is Kind.PEAK else [[150, NAN], [200, 200]])
-    rows = rows_of(device, drives_hz, kind)
+    rows = rows_of(device, drives_hz, kind) if isinstance(kind, Kind) else forced(device, 0.17)
     parameters = find_parameters(device, [name], {}, 2e-3)
     model, value = MeasurementModel(device, rows, parameters), parameters[0].start
     found = model.predict(np.array([value])).by_parameter[:, 0]
+    if kind == "per newton" and name.endswith("full_scale"):
+        assert not found.any()
+        return
     step = 1e-4 / np.abs(found).max()  # changes no reading by more: beyond rounding, before anything bends
     above, below = (model.predict(np.array([value + s])).log_acceleration for s in (step, -step))
     numeric = (above - below) / (2 * step)

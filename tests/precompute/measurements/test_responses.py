@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.build import build_table
-from precompute.builder.measured_responses import interpolation_errors_of, plant_of
+from precompute.builder.measured_responses import interpolation_errors_of, plant_of, source_attributes
 from precompute.measurements import CalibrationError
 from precompute.measurements.csv import write_csv
 from precompute.measurements.plant import MeasuredPlant, estimate_errors, measured_plant
@@ -136,6 +136,43 @@ def test_what_is_missing_or_unfit_is_refused_by_name(tmp_path: Path, change: obj
         read_responses(path, COARSE)
     for part in (str(path), *parts):
         assert part in str(error.value)
+
+
+def per_newton(device: Device, hz: Array, places: int, *, is_roving: bool = False) -> str:
+    """A CSV text of receptances to forces at the actuators, or of sensors there while a hammer roves."""
+    text = "position (mm),force position (mm),frequency (Hz),receptance real (m/N),receptance imaginary (m/N)\n"
+    base_m, place_m = np.array([a.position_m for a in device.actuators]), even_places(device, places)
+    columns = solve_response(assemble(device), hz, base_m)
+    g = columns.acceleration(place_m)[:, len(base_m) :] / -((2 * np.pi * hz)[:, None, None] ** 2)
+    for (f, a, p), value in np.ndenumerate(g):
+        ends = (base_m[a], place_m[p]) if is_roving else (place_m[p], base_m[a])
+        text += f"{1e3 * ends[0]:.12g},{1e3 * ends[1]:.12g},{hz[f]},{value.real:.12g},{value.imag:.12g}\n"
+    return text
+
+
+@pytest.mark.parametrize("is_roving", [False, True])
+def test_forces_at_the_actuators_make_responses_at_full_scale(tmp_path: Path, is_roving: bool) -> None:
+    path, hz = tmp_path / "bar.csv", np.arange(60.0, 301.0, 60.0)
+    path.write_text(per_newton(COARSE, hz, 6, is_roving=is_roving), encoding="utf-8")
+    found = read_responses(path, COARSE, scales_forces=True)
+    expected = solve_response(assemble(COARSE), hz).acceleration(even_places(COARSE, 6))
+    assert abs(found.acceleration - expected).max() < 1e-9 * abs(expected).max()
+    assert found.is_per_newton and "full scale" in source_attributes(found)["modelled"]
+
+
+def test_forces_are_scaled_only_where_asked_for_and_where_actuators_are(tmp_path: Path) -> None:
+    path, hz = tmp_path / "bar.csv", np.array([60.0, 300.0])
+    text = per_newton(COARSE, hz, 6)
+    elsewhere = text.replace(f",{1e3 * COARSE.actuators[0].position_m:.12g},", ",100,")
+    at_full_scale = write_csv(rows(COARSE, hz, 6), COARSE, "")
+    for written, scales, part in (
+        (text, False, "--force-of-actuators"),
+        (at_full_scale, True, "leave --force-of-actuators out"),
+        (elsewhere, True, "force at 100 mm: is where no actuator is"),
+    ):
+        path.write_text(written, encoding="utf-8")
+        with pytest.raises(CalibrationError, match=part):
+            read_responses(path, COARSE, scales_forces=scales)
 
 
 @pytest.fixture(scope="module")

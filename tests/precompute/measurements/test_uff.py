@@ -73,6 +73,47 @@ def test_every_line_of_every_response_is_a_row_whatever_its_unit(tmp_path: Path)
     assert found.sensor_mass_kg.tolist() == [2e-3] * 6
 
 
+FORCE: dict[str, Any] = {"orddenom_spec_data_type": 13}
+OMEGA = 2 * np.pi * HZ[1:]
+
+
+@pytest.mark.parametrize(
+    ("changes", "factor"),
+    [
+        (FORCE, 1.0),
+        (FORCE | {"orddenom_axis_units_lab": "kN"}, 1e-3),
+        (FORCE | {"orddenom_axis_units_lab": "N", "ordinate_axis_units_lab": "g/N"}, 9.80665),
+        ({"ordinate_axis_units_lab": "(m/s^2)/N", "ref_dir": -3}, -1.0),
+        ({"orddenom_axis_units_lab": "lbf"}, 1 / 4.4482216),
+        ({"ordinate_force_unit_exp": -1}, 1.0),
+        (FORCE | {"ordinate_spec_data_type": 11, "ordinate_axis_units_lab": "mm/s"}, 1e-3j * OMEGA),
+        (FORCE | {"ordinate_spec_data_type": 8, "ordinate_axis_units_lab": "µm/N"}, -1e-6 * OMEGA**2),
+        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": "mm/N"}, -1e-3 * OMEGA**2),
+    ],
+)
+@pytest.mark.parametrize("reference", [8, 2])
+def test_responses_to_a_force_anywhere_are_accelerations_per_newton(
+    reference: int, changes: dict[str, Any], factor: complex, tmp_path: Path
+) -> None:
+    found = read_uff(written(tmp_path, nodes(), response(1, reference, **changes)), DEVICE, 0.0)
+    assert found.force_m == pytest.approx([PLACE_M[reference]] * 3, rel=1e-4)
+    assert found.acceleration == pytest.approx(factor * np.array([1 + 2j, 3 - 1j, -2 + 0.5j]), rel=1e-4)
+
+
+@pytest.mark.parametrize(("kind", "order"), [(8, 2), (11, 1), (12, 0)])
+def test_unlabelled_responses_per_force_are_in_the_units_of_the_file(kind: int, order: int, tmp_path: Path) -> None:
+    inches = dict(units(7, 39.37008)) | {"force": 0.2248089}
+    places, none = nodes(), {"ordinate_axis_units_lab": "NONE", "ordinate_spec_data_type": kind}
+    places["x"] = 39.37008 * np.asarray(places["x"])
+    for changes, force_n in ((FORCE, 4.448222), ({}, 1.0)):
+        path = written(tmp_path, inches, places, response(1, 8, **none, **changes))
+        found = read_uff(path, DEVICE, 0.0)
+        path.unlink()
+        assert (found.force_m is None) == (changes == {})
+        wanted = (1j * OMEGA) ** order * np.array([1 + 2j, 3 - 1j, -2 + 0.5j]) / 39.37008 / force_n
+        assert found.acceleration == pytest.approx(wanted, rel=1e-4)
+
+
 def units(code: int, per_metre: float) -> dict[str, Any]:
     """Dataset 164, whose factor leads from metres to the file's unit."""
     others = {"temp_mode": 1, "force": 1.0, "temp": 1.0, "temp_offset": 0.0}
@@ -123,13 +164,23 @@ def test_a_last_line_that_is_filled_up_is_no_value(tmp_path: Path) -> None:
     [
         ([nodes()], "has no dataset 58"),
         ([nodes(), response(1, 8, func_type=1)], "dataset 2 (58): func_type: 1: expected a frequency response, 4"),
-        ([nodes(), response(1, 8, ordinate_spec_data_type=8)], "ordinate_spec_data_type: 8: expected an acceleration"),
+        (
+            [nodes(), response(1, 8, ordinate_spec_data_type=13)],
+            "ordinate_spec_data_type: 13: expected an acceleration",
+        ),
+        ([nodes(), response(1, 8, ordinate_spec_data_type=8)], "'m/s2' is the unit of acceleration, and ordinate_spec"),
+        ([nodes(), response(1, 8, ordinate_spec_data_type=0, ordinate_axis_units_lab="NONE")], "says no quantity"),
+        ([nodes(), response(1, 8), response(2, 8, **FORCE)], "dataset 3 (58) is per newton, dataset 2 of full"),
+        ([nodes(), response(1, 8, orddenom_axis_units_lab="V")], "orddenom_axis_units_lab: "),
+        ([nodes(), response(1, 8, orddenom_spec_data_type=12)], "orddenom_spec_data_type: 12: the response is per acc"),
         ([nodes(), response(1, 8, abscissa_spec_data_type=17)], "abscissa_spec_data_type: 17: expected a frequency"),
         ([nodes(), response(5, 8)], "rsp_node: node 5 has no place"),
         ([nodes(), response(1, 2)], "ref_node: 130 mm: is where no actuator is; they are left 44.704 mm"),
-        ([nodes(), response(1, 8, ordinate_axis_units_lab="N")], "ordinate_axis_units_lab: '1 N' is a force"),
+        (
+            [nodes(), response(1, 8, ordinate_axis_units_lab="N")],
+            "ordinate_axis_units_lab: 'N' is no unit of a response",
+        ),
         ([units(9, 0.0), nodes(), response(1, 8)], "dataset 164: factor of length 0"),
-        ([nodes(), response(1, 8, orddenom_spec_data_type=13)], "orddenom_spec_data_type: 13: the response is per exc"),
         ([nodes(), response(1, 8, orddenom_spec_data_type=8)], "orddenom_spec_data_type: 8: the response is per displ"),
         ([nodes(), response(1, 8, rsp_dir=1)], "dataset 2 (58): rsp_dir: 1: expected 3 or -3, across the bar"),
         ([nodes(), response(1, 8, ref_dir=-2)], "ref_dir: -2: expected 3 or -3"),

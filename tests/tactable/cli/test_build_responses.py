@@ -7,7 +7,7 @@ import numpy as np
 from engine.table import Table
 from precompute.measurements.csv import write_csv
 from tests.precompute.fleet.small_fleet import small_text
-from tests.precompute.measurements.test_responses import COARSE, rows
+from tests.precompute.measurements.test_responses import COARSE, per_newton, rows
 from tests.tactable.cli.in_process import run_here, summary_of
 
 
@@ -27,3 +27,7 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(tmp_path: Path) -> Non
     assert summary["estimates"] == len(COARSE.estimated_values)
     assert summary["model_disagreement"]["left"] < 1e-5
     assert summary_of(tmp_path, *words, "--clicks-up-to", "0")["source"] == "model"
+    (tmp_path / "bar.csv").write_text(per_newton(COARSE, np.arange(60.0, 301.0, 5.0), 22), encoding="utf-8")
+    scaled = run_here(tmp_path, *words, "--responses", "bar.csv", "--force-of-actuators")
+    assert "Levels rest on the full scale of the device file" in scaled.stdout
+    assert "--responses" in run_here(tmp_path, *words, "--force-of-actuators").stderr
