@@ -116,6 +116,7 @@ class ClosedForm:
             energy = self._quiet_energy(formed[:, quiet]) + _DRIVE * energy
         energy = energy + _RIDGE / len(energy) * np.eye(len(energy))
         aims.choose(energy)
+        # Chosen once, for the click that the summed energy makes: every choice costs rows.
         rows = self._drive
         if quiet:
             hardest = self._hardest(pool.transfer[1:OF_ROWS, quiet], aims.closed_form(energy))
@@ -130,6 +131,7 @@ class ClosedForm:
         # Only the rows of plants change, so the drive's limit stays where it is.
         rows[len(self._drive) :] *= np.float32(np.clip(change, _LEAST_CHANGE, _MOST_CHANGE))
         weight = self._reweighted(rows, weight, energy, aims, _AGAIN)
+        # Whichever limit binds: a click that is scaled keeps its shape, so nothing is solved again.
         return weight / max(self._drive_share(weight), self._quiet_peak(under, weight, many) / limit)
 
     def _from_best_instant(self, rows: Single, energy: Array, aims: "_Aims") -> Array:
@@ -145,11 +147,11 @@ class ClosedForm:
         value = rows @ weight.astype(np.float32)
         change, scaled = np.empty_like(value), np.empty_like(rows)
         for exponent in exponents:
-            least = aims.follow(weight)
+            least = aims.follow(weight)  # the weakest felt peak is 1 throughout, and the greatest row is what shrinks
             weight, value = weight / least, value / np.float32(least)
             kept = _scale_rows(rows, value, exponent, _EVERY if exponent <= _THINNED else 1, scaled)
             form = (scaled[:kept].T @ scaled[:kept]).astype(np.float64)
-            form += _ENERGY * np.trace(form) * energy
+            form += _ENERGY * np.trace(form) * energy  # fewer rows than tones may count
             step = aims.closed_form(form) - weight
             np.matmul(rows, step.astype(np.float32), out=change)
             part = float(_STEPS[_best_step(value, change, exponent, _STEPS)])
@@ -161,7 +163,7 @@ class ClosedForm:
         every = transfer.reshape(-1, *transfer.shape[2:])
         out = np.empty((len(self._spectrum),) * 2)
         for i, mine in enumerate(self._own):
-            for j, others in enumerate(self._own[: i + 1]):
+            for j, others in enumerate(self._own[: i + 1]):  # the form is symmetric
                 product = _sum_of_products(every, i, j) * self._line_weight
                 one = np.ascontiguousarray(self._spectrum[mine] * product)
                 block = one.view(np.float32) @ np.ascontiguousarray(self._spectrum[others]).view(np.float32).T
@@ -187,6 +189,7 @@ class ClosedForm:
 
         under (plant, finger, actuator, line), the fingers each with as many plants.
         """
+        # At half the rate: a rank needs no exact peaks.
         drive = np.stack([weight[mine].astype(np.float32) @ self._spectrum[mine] for mine in self._own])
         course = self._sparse.period(combine(under.reshape(-1, *under.shape[2:]), drive))[:, : self._row_steps]
         peak = np.abs(course * self._sparse.growth[: self._row_steps]).max(axis=1).reshape(under.shape[:2])
@@ -274,6 +277,7 @@ def _least_together(columns: Array, index: Integers, instant: Integers) -> tuple
     least = np.inf
     for _ in range(_TURNS):
         for f in range(fingers):
+            # With the others held, the least energy as finger f varies is a block inverse (Schur complement).
             others = [k for k in range(fingers) if k != f]
             held = np.stack([likely[k][:, chosen[k]] for k in others], axis=1)
             inverse = np.linalg.inv(held.T @ held)
@@ -324,7 +328,7 @@ def _scale_rows(rows: Single, value: Single, exponent: int, every: int, out: Sin
     kept = 0
     for i in range(0, len(value), every):
         root = np.sqrt(abs(value[i]) / greatest)
-        power = 1
+        power = 1  # squared until it is the exponent: `**` would take most of the time
         while power < exponent:
             root *= root
             power *= 2
@@ -341,7 +345,7 @@ def _best_step(value: Single, change: Single, exponent: int, steps: Single) -> i
     greatest = np.float32(0.0)
     for i in range(len(value)):
         greatest = max(greatest, abs(value[i]))
-    scale = np.float32(1.0) / greatest
+    scale = np.float32(1.0) / greatest  # powers up to 66 stay within single precision
     weight = np.empty_like(value)
     best, least = 0, np.float32(np.inf)
     for n in range(len(steps)):

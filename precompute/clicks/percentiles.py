@@ -49,6 +49,7 @@ class ManyPlants:
         coefficients = self._solve @ flat[:, np.abs(flat).max(axis=0) > _HIGH * lowest]
         fitted, expected = (_greatest(each @ coefficients) for each in (self._few, self._many))
         plain, own, found = (percentiles(each, percents) for each in (peak, fitted, expected))
+        # The fit's own percentile of the few tells by how much it misses; the same factor mends that of the many.
         return found * plain / own
 
 

@@ -179,6 +179,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
         basis = compute_basis(plant, modes + _STATIC_MODES)
         drive = basis.shape[plant.actuator_dof]
         own = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in base.actuators])
+        # In the base's modes the whole is diagonal; the bar alone is what the springs and masses of actuators leave.
         bar_stiffness = np.diag(basis.square_omega) - (drive.T * own[:, 0]) @ drive
         bar_mass = np.eye(len(basis.square_omega)) - (drive.T * own[:, 1]) @ drive
         nodal = np.empty((len(members), *basis.shape.shape), np.float32)
@@ -187,6 +188,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
             added = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in device.actuators])
             stiffness = _bending_n_m2(device) / _bending_n_m2(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
             mass = _mass_kg_per_m(device) / _mass_kg_per_m(base) * bar_mass + (drive.T * added[:, 1]) @ drive
+            # Bending and mass scale the bar; its modes with other actuators are combinations of those of the base.
             square, vector = scipy.linalg.eigh(stiffness, mass, check_finite=False, driver="gvd")
             square_omega[index] = np.maximum(square, 0.0)
             np.matmul(basis.shape, vector, out=nodal[row], casting="same_kind")
@@ -256,11 +258,13 @@ def _fill_transfer(
                     weight[_pair(p, q, places), m] = shape[i, p, m] * shape[i, q, m]
                 weight[_pair(p, q, places), moving] = static
         _fill_sums(weight, pole[i].reshape((modes, 2 * count)), g.reshape((pairs, 2 * count)))
+        # One place after another, by the rank-one update: the dampers of the mounts first, then the fingers.
         for j in range(places):
             stiffness, damping, mass = attached[i, j]
             _attach(g, j, actuators, real, imag, stiffness, damping, mass, column, space)
         for f in range(fingers):
             for n in range(actuators):
+                # Force of a base that moves by 1: spring and damper, then what makes it weighted acceleration.
                 spring, rate = force[i, n]
                 own = g[_pair(n, actuators + f, places)]
                 for k in range(count):
@@ -279,6 +283,7 @@ def _fill_sums(weight: Single, pole: Single, out: Single) -> None:
     last = len(pole) - 1
     out[:] = np.float32(0.0)
     for p in range(0, len(out), 2):
+        # Each line of the poles is read for two pairs at once: memory is what this waits for.
         sums, others = out[p], out[p + 1]
         for m in range(0, len(pole), 4):
             one, two, three, four = pole[m], pole[min(m + 1, last)], pole[min(m + 2, last)], pole[min(m + 3, last)]

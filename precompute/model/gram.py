@@ -45,7 +45,7 @@ def _fill_gram(field, omega, integral, zone_of, out):  # type: ignore[no-untyped
         for e in range(integral.shape[0]):
             z = zone_of[e]
             for b in range(actuators):
-                for i in range(4):
+                for i in range(4):  # Hermite's four: deflection and slope at either end
                     weighted = 0j
                     for j in range(4):
                         weighted += integral[e, i, j] * field[f, b, 2 * e + j]
