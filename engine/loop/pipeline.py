@@ -54,9 +54,13 @@ def open_pipeline(
     renderer: Renderer,
     stamp_ns: Callable[[], int] = _no_stamp,
     click_length_ns: int = DEFAULT_CLICK_NS,
+    report_id: int | None = None,
 ) -> "Pipeline":
-    """The pipeline of a digitizer on a bar with these rules; raises DescriptorError and DigitizerError."""
-    digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id)
+    """The pipeline of a digitizer on a bar with these rules; raises DescriptorError and DigitizerError.
+
+    It follows the touch surface with the report `report_id`; None: the one that reports.
+    """
+    digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id, report_id)
     player = EffectPlayer(effects, click_length_ns)
     return Pipeline(digitizer, device, player, renderer, stamp_ns)
 
@@ -89,7 +93,8 @@ class Pipeline:
     ) -> None:
         self.digitizer, self.device, self.player = digitizer, device, player
         self.answerer = Answerer(renderer)
-        self.tracker = FingerTracker(device, digitizer.surface)
+        digitizer.on_surface = self._follow_surface
+        self._follow_surface()
         player.change_bar((), device.bar.length_m)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
@@ -185,6 +190,10 @@ class Pipeline:
         self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
         self.answerer.change_renderer(rendering.renderer, self.wanted)
         self._note_due()
+
+    def _follow_surface(self) -> None:
+        """Track the contacts of the surface that is decoded from now on; the one before had none."""
+        self.tracker = FingerTracker(self.device, self.digitizer.surface)
 
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""

@@ -15,6 +15,7 @@ _MAXIMUM_FIELD_BITS = 32
 # HID Usage Tables, page in the upper 16 bits: 0x01 Generic Desktop, 0x0D Digitizers, 0xFF00 of Microsoft
 _DIGITIZER_PAGE = 0x000D_0000
 _X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051  # page, then usage
+_TOUCH, _TRANSDUCER_INDEX = 0x000D_0033, 0x000D_0038
 _CONTACT_USAGES = {
     _X: "x",
     _Y: "y",
@@ -23,10 +24,12 @@ _CONTACT_USAGES = {
     0x000D_0032: "in_range",
     0x000D_0047: "confidence",
 }
+# Apple's touch bars say so; many others send Touch beside Tip Switch, where it is something else.
+_STAND_INS = {_TOUCH: _TIP, _TRANSDUCER_INDEX: _CONTACT_ID}
 _DEVICE_MODE, _CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0052, 0x000D_0054, 0x000D_0055, 0x000D_0056
 _CERTIFICATION_BLOB = 0xFF00_00C5  # of Windows touch devices; it marks the kernel's class Win8
 _REQUIRED_USAGES = (_X, _Y, _TIP, _CONTACT_ID, _CONTACT_COUNT)
-_INPUT_USAGES = (*_CONTACT_USAGES, _CONTACT_COUNT, _SCAN_TIME)
+_INPUT_USAGES = (*_CONTACT_USAGES, *_STAND_INS, _CONTACT_COUNT, _SCAN_TIME)
 _FEATURE_USAGES = (_DEVICE_MODE, _CONTACT_COUNT_MAXIMUM, _CERTIFICATION_BLOB)
 
 
@@ -69,7 +72,7 @@ class Surface:
     """One touch application of an interface: its input reports and the features that govern it.
 
     `is_win8`: it has contact IDs and the certification blob. `is_stylus`: its contacts are pens. A feature is the
-    application's own, else any of the interface: Device Mode is mostly declared apart.
+    application's own, else any of the interface; Device Mode, mostly declared apart, is never another surface's.
     """
 
     kind: SurfaceKind
@@ -80,6 +83,20 @@ class Surface:
     contact_count_maximum: Field | None
     device_mode: Field | None
     certification_blob: Field | None
+
+    @property
+    def report_id(self) -> int:
+        """The report that brings its contacts, by which it is chosen; 0 where the interface has no report IDs."""
+        return next(report.report_id for report in self.reports if report.contacts)
+
+    @property
+    def label(self) -> str:
+        """What it is, in words."""
+        return self.kind.name.lower().replace("_", " ") + " for pens" * self.is_stylus
+
+    def name(self, vendor_id: int, product_id: int) -> str:
+        """The name that chooses it, such as 17ef:6161#38: vendor, product and report ID in hex."""
+        return f"{vendor_id:04x}:{product_id:04x}#{self.report_id:02x}"
 
     @property
     def contacts(self) -> tuple[ContactLayout, ...]:
@@ -117,21 +134,35 @@ class Surface:
         return self.contacts[0].contact_id is not None
 
 
-def read_surfaces(descriptor: bytes) -> tuple[Surface, ...]:
+def read_surfaces(descriptor: bytes, refused: list[DescriptorError] | None = None) -> tuple[Surface, ...]:
     """Touch surfaces of an interface, in descriptor order; empty when it is not a touch device.
 
     A surface has contacts with tip, X and Y in an application Touch Screen, Touch Pad or Multiple Point Digitizer.
-    Raises `DescriptorError` when the bytes break the grammar or a touch field cannot be decoded.
+    One with a touch field that cannot be decoded is left out, and the reason added to `refused`. Raises
+    `DescriptorError` when the bytes break the grammar, or no surface can be decoded.
     """
     declared = read_declarations(descriptor, _INPUT_USAGES, _FEATURE_USAGES, constant_usage=_CONTACT_ID)
-    touch = (application for application in declared.applications if application.usage in _APPLICATIONS)
-    surfaces = (_build_surface(application, declared) for application in touch)
-    return tuple(surface for surface in surfaces if surface is not None)
+    surfaces, refused = list[Surface](), [] if refused is None else refused
+    for application in declared.applications:
+        try:
+            surface = _build_surface(application, declared) if application.usage in _APPLICATIONS else None
+        except DescriptorError as error:
+            refused.append(error)
+            continue
+        if surface is not None:
+            surfaces.append(surface)
+    if refused and not surfaces:
+        raise refused[0]
+    return tuple(surfaces)
 
 
 def _build_surface(application: Application, declared: Declarations) -> Surface | None:
     """The surface of an application, `None` when it holds no contact."""
-    uses = [use for report_uses in application.inputs.values() for use in report_uses if _is_readable(use, declared)]
+    all_uses = [use for report_uses in application.inputs.values() for use in report_uses]
+    given = {use.usage for use in all_uses}
+    stand_ins = {usage: meant for usage, meant in _STAND_INS.items() if meant not in given}
+    named = [use._replace(usage=stand_ins.get(use.usage, use.usage)) for use in all_uses]
+    uses = [use for use in named if use.usage not in _STAND_INS and _is_readable(use, declared)]
     fingers = [use for use in uses if not use.is_stylus]
     is_stylus = not any(use.usage == _X for use in fingers)
     reports = _build_reports(uses if is_stylus else fingers, declared)
@@ -145,7 +176,7 @@ def _build_surface(application: Application, declared: Declarations) -> Surface 
         uses_report_ids=declared.uses_report_ids,
         reports=tuple(report for report in reports if report.contacts or report.contact_count is not None),
         contact_count_maximum=_feature(_CONTACT_COUNT_MAXIMUM, application, declared),
-        device_mode=_feature(_DEVICE_MODE, application, declared),
+        device_mode=_device_mode(application, declared),
         certification_blob=blob,
     )
 
@@ -213,6 +244,15 @@ def _is_readable(use: FieldUse, declared: Declarations) -> bool:
 def _field(use: FieldUse, declared: Declarations) -> Field:
     """The field counted from the report's first byte."""
     return replace(use.field, bit=use.field.bit + 8) if declared.uses_report_ids else use.field
+
+
+def _device_mode(application: Application, declared: Declarations) -> Field | None:
+    """The mode switch of an application: its own; else the first one apart after it, or any apart; never another's."""
+    surfaces = [each for each in declared.applications if each.usage in _APPLICATIONS]
+    others = {use for each in surfaces if each is not application for use in each.features}
+    end = max((use.offset for uses in application.inputs.values() for use in uses), default=0)
+    apart = sorted((use for use in declared.features if use not in others), key=lambda use: use.offset < end)
+    return _feature(_DEVICE_MODE, application, replace(declared, features=apart))
 
 
 def _feature(usage: int, application: Application, declared: Declarations) -> Field | None:

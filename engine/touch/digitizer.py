@@ -13,16 +13,21 @@ slots after it could not be told apart.
 
 Nothing here raises or waits: broken reports are counted (`DigitizerCounters`), and time is an argument. The reports are
 decoded by shifts and masks that are prepared once for each report (`ReportPlan`).
+
+An interface may have several surfaces, such as a touch screen and a touch pad; its mode, which the kernel sets, says
+which one reports. Unless one was chosen, the best is decoded until another one reports; the first that brings a contact
+stays. So a panel is heard whatever its mode is, and a touch on another surface never takes a finger's place.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from base.errors import TactableError
-from engine.touch.descriptor import Surface, SurfaceKind, read_surfaces
-from engine.touch.quirks import Key, QuirkClass, quirks_for, vendor_with_own_driver
+from engine.touch.descriptor import DescriptorError, Surface
+from engine.touch.quirks import Key, QuirkClass, quirks_for
 from engine.touch.report_plan import ReportPlan, build_plan, read
 
 # Frames of live digitizers come every 2..26 ms. A report of a frame that comes later than this belongs to another one.
@@ -46,7 +51,8 @@ _ID = AGAIN - 1
 _from_bytes, _new = int.from_bytes, tuple.__new__
 
 _CONTACT_NUMBER = Key.SLOT_IS_CONTACT_NUMBER  # looked up once: the member of an enum costs 50 ns
-_KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKind.TOUCH_PAD)
+# Reports that are not of the surface, after which a notice is given: 3 s of the slowest panel, 26 ms a report.
+FOREIGN_NOTICED = 100
 
 
 class DigitizerError(TactableError):
@@ -150,17 +156,34 @@ class _Waiting:
 
 
 class Digitizer:
-    """The frame assembler of one surface.
+    """The frame assembler of one surface of an interface: of the first, until another one of `surfaces` reports.
 
     Not thread-safe. `decode_report` and `expire` never raise. Times are nanoseconds of one monotonic clock.
     """
 
-    def __init__(self, surface: Surface, vendor_id: int = 0, product_id: int = 0) -> None:
+    def __init__(
+        self, surfaces: Sequence[Surface], vendor_id: int = 0, product_id: int = 0, *, is_chosen: bool = False
+    ) -> None:
+        self.surfaces, self.is_chosen = surfaces, is_chosen
+        self.refused: Sequence[DescriptorError] = ()
+        """Why other touch surfaces of the interface cannot be decoded."""
+        self.counters = DigitizerCounters()
+        self.foreign_ids: set[int] = set()
+        """Report IDs that came and are not of the surface."""
+        self.on_surface: Callable[[], None] = _do_nothing
+        """Called when another surface is decoded from now on."""
+        self.on_foreign: Callable[[str], None] = _do_nothing
+        """Called with a notice once, when many reports have come and none of the surface."""
+        self._number = (vendor_id, product_id)
+        self._decode_surface(surfaces[0])
+
+    def _decode_surface(self, surface: Surface) -> None:
+        """Decode the reports of a surface from now on."""
+        vendor_id, product_id = self._number
         contacts = sum(len(report.contacts) for report in surface.reports)
         has_count = any(report.contact_count is not None for report in surface.reports)
         self.surface = surface
         self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
-        self.counters = DigitizerCounters()
         self.maximum_contacts = _maximum_contacts(surface, self.quirks)
         # Reports of our own making (sources/own_reports.py) have no numbers.
         tells_palms = surface.is_win8 or not (vendor_id or product_id)
@@ -187,8 +210,7 @@ class Digitizer:
         report_id = report[0] if self.uses_report_ids and report else 0
         plan = self.plans.get(report_id)
         if plan is None:
-            self.counters.foreign_reports += 1
-            return None
+            return self._decode_foreign(report_id, report, now_ns)
         if len(report) < plan.needed_bytes:
             self.counters.short_reports += 1
             return None
@@ -212,6 +234,33 @@ class Digitizer:
         frame.ticks = ticks
         self._take_contacts(plan, report)
         return None if frame.received < frame.expected else self._complete_frame(plan, ticks, now_ns)
+
+    @property
+    def foreign_notice(self) -> str | None:
+        """Which reports come in place of the surface's, and what to do; None where it reports, or nothing does."""
+        if not self.foreign_ids or self.counters.frames:
+            return None
+        ids = ", ".join(f"{report_id:02x}" for report_id in sorted(self.foreign_ids))
+        named = [f"{surface.name(*self._number)} ({surface.label})" for surface in self.surfaces]
+        return (
+            f"only reports {ids} come, and none of {named[self.surfaces.index(self.surface)]}, which is decoded; use "
+            f"the surface whose report comes: {', '.join(named)}; where it is none, the device is in another mode"
+        )
+
+    def _decode_foreign(self, report_id: int, report: bytes, now_ns: int) -> TouchFrame | None:
+        """Take a report that is not of the surface: of another one, to which it may turn, or of none."""
+        has_contact = any(slot.memory[1] for plan in self.plans.values() for slot in plan.slots)
+        for surface in () if self.is_chosen or has_contact else self.surfaces:
+            is_pen = surface.is_stylus and not self.surface.is_stylus
+            if not is_pen and any(layout.report_id == report_id for layout in surface.reports):
+                self._decode_surface(surface)
+                self.on_surface()
+                return self.decode_report(report, now_ns)
+        self.counters.foreign_reports += 1
+        self.foreign_ids.add(report_id)
+        if self.counters.foreign_reports == FOREIGN_NOTICED and (notice := self.foreign_notice):
+            self.on_foreign(notice)
+        return None
 
     def expire(self, now_ns: int) -> TouchFrame | None:
         """Watchdog: an empty frame where contacts were down and 120 ms brought no further frame, else `None`."""
@@ -335,24 +384,8 @@ class Digitizer:
         return _new(TouchFrame, (now_ns, contacts, scan_time_ns))
 
 
-def open_digitizer(descriptor: bytes, vendor_id: int = 0, product_id: int = 0) -> Digitizer:
-    """The digitizer of the best surface of an interface: fingers before a stylus, a touch screen before a touch pad.
-
-    Raises `DescriptorError` when the descriptor is broken, `DigitizerError` when it holds no touch surface.
-    """
-    vendor = vendor_with_own_driver(vendor_id)
-    if vendor is not None:
-        raise DigitizerError(f"{vendor} device {vendor_id:04x}:{product_id:04x}: driven by its own driver, not by ours")
-    surfaces = read_surfaces(descriptor)
-    if not surfaces:
-        raise DigitizerError(f"device {vendor_id:04x}:{product_id:04x} has no touch screen or touch pad")
-    return Digitizer(min(surfaces, key=_rank), vendor_id, product_id)
-
-
-def _rank(surface: Surface) -> tuple[bool, int, bool, int]:
-    """Sort key of a surface; the smallest is the best."""
-    preference = _KIND_PREFERENCE.index(surface.kind)
-    return surface.is_stylus, preference, not surface.has_contact_ids, -surface.contacts_per_report
+def _do_nothing(*_: object) -> None:
+    pass
 
 
 def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:

@@ -58,6 +58,7 @@ DUAL_IN_RANGE_CONTACT_ID = QuirkClass(Validity.IN_RANGE, Key.SLOT_IS_CONTACT_ID,
 WIN8 = QuirkClass(count_is_accurate=True, ignores_duplicates=True, hovers=True, frame_may_be_empty=True)
 WIN8_UNSEEN_MEANS_UP = replace(WIN8, validity=Validity.TIP, unseen_means_up=True)
 EGALAX = QuirkClass(Validity.IN_RANGE, Key.SLOT_IS_CONTACT_ID)
+APPLE_TOUCH_BAR = QuirkClass(key=Key.SLOT_IS_CONTACT_ID_MINUS_ONE, hovers=True, maximum_contacts=11)
 EGALAX_SERIAL = QuirkClass(key=Key.SLOT_IS_CONTACT_ID)
 FLATFROG = replace(UNSEEN_MEANS_UP, maximum_contacts=40)
 GENERAL_TOUCH = QuirkClass(Validity.TIP, Key.SLOT_IS_CONTACT_ID, unseen_means_up=True)
@@ -76,6 +77,7 @@ _WIN8 = (True,)
 # (class, certifications it holds for, {vendor: products}). Facts of Linux 6.1, drivers/hid/hid-multitouch.c:
 # its table tells devices with the certification blob from those without, and so does this one.
 _FAMILIES: tuple[tuple[QuirkClass, tuple[bool, ...], dict[int, tuple[int, ...]]], ...] = (
+    (APPLE_TOUCH_BAR, _PLAIN, {0x05AC: (0x8302,)}),  # of Linux 6.17
     (THREE_M, _PLAIN, {0x0596: (0x0500, 0x0502, 0x0506)}),
     (SERIAL, _PLAIN, {0x03EB: (0x2118, 0x211C), 0x03FC: (0x05D8,), 0x10C4: (0x81B9,)}),
     (

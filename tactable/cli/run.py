@@ -18,6 +18,7 @@ from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.render import WhenNotAchieved
 from engine.table import Table
+from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
@@ -44,7 +45,7 @@ from tactable.cli.options import (
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
-from tactable.digitizers.record import opened, stop_at_signal
+from tactable.digitizers.record import open_live, opened, recording_named, stop_at_signal
 from tactable.doctor.touch import Machine
 from tactable.page.attach import PageOf, page_of
 from tactable.run.click_process import ClickProcess
@@ -145,8 +146,9 @@ def run(
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
         effects = _effects(effects_path, table.device, drives, with_others=control)
         realtime = real_time_steps(steps)
-        with _opened(machine_of(context), touch):
-            pass  # a wrong name is told before kernels are compiled; what is touched meanwhile is not of the run
+        with _opened(machine_of(context), touch) as (source, _):
+            # What is wrong is told before kernels are compiled; what is touched meanwhile is not of the run.
+            open_live(machine_of(context), source)
         port = open_port(port_name, bit_rate_hz)
         reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
@@ -191,10 +193,13 @@ def _play(
     as_json: bool,
 ) -> None:
     """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values."""
-    start_ns = clock.now_ns()
+    start_ns, digitizer = clock.now_ns(), live.digitizer
+    digitizer.on_foreign = note
     try:
         live.run(Deadline(stop, clock, start_ns + seconds * _NS_PER_S))
     finally:
+        if digitizer.foreign_notice and digitizer.counters.foreign_reports < FOREIGN_NOTICED:
+            note(digitizer.foreign_notice)  # too few came for it to be given before
         summary = where | run_json(live, source, clock.now_ns() - start_ns)
         show(summary, as_json, lambda _, summary: _print_summary(summary))
 
@@ -246,9 +251,10 @@ def real_time_steps(text: str) -> tuple[Step, ...]:
 @contextmanager
 def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
     """A source and the number of its bus: a recording where there is a plain file of that name, else a digitizer."""
-    if Path(name).is_file():
-        recording = read_recording(Path(name))
-        yield Playback(recording), recording.bus
+    recorded = recording_named(name)
+    if recorded is not None:
+        recording = read_recording(recorded[0])
+        yield Playback(recording, report_id=recorded[1]), recording.bus
         return
     with opened(machine, name) as found:
         yield found

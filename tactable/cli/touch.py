@@ -64,16 +64,20 @@ def record(
 
 
 def replay(
-    recording_path: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording in hid-recorder format.")],
+    recording_name: Annotated[
+        str, typer.Argument(metavar="RECORDING", help="A recording in hid-recorder format; FILE#38 of one surface.")
+    ],
     frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Decode a recording as the engine does, all at once."""
     from engine.touch import open_digitizer
     from engine.touch.sources.recording import read_recording
+    from tactable.digitizers.record import recording_named
 
-    recording = read_recording(recording_path)
-    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    path, report_id = recording_named(recording_name) or (Path(recording_name), None)
+    recording = read_recording(path)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id, report_id)
     completed = 0
     for report in recording.reports:
         frame = digitizer.decode_report(report.data, round(report.time_s * 1e9))
@@ -91,13 +95,16 @@ def replay(
                 for c in contacts
             )
             say(f"{report.index:6d} {report.time_s:10.4f} s  {shown or 'nothing'}")
+    if digitizer.foreign_notice:
+        note(digitizer.foreign_notice)
     if frames:
         return
-    kind, count = digitizer.surface.kind.name, len(recording.reports)
+    surface, count = digitizer.surface, len(recording.reports)
     if as_json:
-        print_json({"name": recording.name, "kind": kind, "reports": count, "touch_frames": completed})
+        which = {"kind": surface.kind.name, "surface": surface.name(recording.vendor_id, recording.product_id)}
+        print_json({"name": recording.name, **which, "reports": count, "touch_frames": completed})
     else:
-        say(f"{recording.name}: {kind.lower().replace('_', ' ')}, {count} reports, {completed} touch frames")
+        say(f"{recording.name}: {surface.label}, {count} reports, {completed} touch frames")
 
 
 def doctor(
@@ -164,15 +171,15 @@ def map_axis(
 
     Draw from the bar's start to its end. What is printed is the [digitizer] table of the device file.
     """
-    from tactable.digitizers.record import learn_from_recording, learn_live
+    from tactable.digitizers.record import learn_from_recording, learn_live, recording_named
 
     bar_mm = None if device_name is None else 1e3 * find_device(device_name).bar.length_m
-    path = Path(name)
-    if path.is_file():
-        learnt = learn_from_recording(path, bar_mm)
+    recorded = recording_named(name)
+    if recorded is not None:
+        learnt = learn_from_recording(recorded[0], bar_mm, recorded[1])
     else:
         ERRORS.print("draw one finger along the bar, from its start to its end; Ctrl-C ends")
-        learnt = learn_live(machine_of(context), name, bar_mm)
+        learnt = learn_live(machine_of(context), name, bar_mm, note)
     if as_json:
         print_json(map_json(learnt))
     else:

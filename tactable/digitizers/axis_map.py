@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from engine.touch import DigitizerError, TouchFrame
+from engine.touch import Digitizer, DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
 
 # The centre of a finger cannot reach the edge of the bar: nearer than half a fingertip counts as at the edge.
@@ -61,20 +61,21 @@ def _strokes_of(frames: Iterable[TouchFrame]) -> Iterator[Stroke]:
         yield Stroke(*zip(*path, strict=True))
 
 
-def find_stroke(surface: Surface, frames: Iterable[TouchFrame], *, is_live: bool = False) -> Stroke:
-    """The longest stroke, or of a live digitizer the first one that is long enough.
+def find_stroke(digitizer: Digitizer, frames: Iterable[TouchFrame], *, is_live: bool = False) -> Stroke:
+    """The longest stroke in the digitizer's frames, or of a live one the first that is long enough.
 
     Raises `DigitizerError` where nothing was touched.
     """
     longest, greatest = None, -1.0
     for stroke in _strokes_of(frames):
-        travel = max(_travel(surface, stroke))
+        travel = max(_travel(digitizer.surface, stroke))
         if travel > greatest:
             longest, greatest = stroke, travel
         if is_live and greatest >= _SHORTEST_STROKE:
             break
     if longest is None:
-        raise DigitizerError("nothing was touched: draw one finger from the bar's start to its end")
+        reason = digitizer.foreign_notice or "draw one finger from the bar's start to its end"
+        raise DigitizerError(f"nothing was touched: {reason}")
     return longest
 
 

@@ -1,5 +1,7 @@
 """Lists the digitizers, serial ports and sound cards of this machine, as rows for people and for JSON."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digitizer
@@ -8,7 +10,7 @@ from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_dig
 from engine.touch.sources.recording import read_recording
 from tactable.audio.names import PREFIX, AudioError
 from tactable.audio.names import SIMULATED as SIMULATED_CARD
-from tactable.doctor.touch import Machine, find_problem, open_found
+from tactable.doctor.touch import Machine, open_found
 from tactable.shipped import DEMO_RECORDING
 
 SIMULATED = "simulated"
@@ -58,19 +60,28 @@ def _card_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
 def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
     try:
         system = machine.hid()
-        return [_hid_row(system, device) for device in find_digitizers(system)]
+        return [row for device in find_digitizers(system) for row in _rows_of(system, device, problems)]
     except DigitizerError as error:
         problems.append(str(error))
         return []
 
 
-def _hid_row(system: HidSystem, device: HidDigitizer) -> dict[str, Any]:
-    try:
-        digitizer = open_found(system, device)
-    except (DescriptorError, DigitizerError):
-        digitizer = None
-    row = _row(device.name, device.path, device.stable_id, "hidraw", find_problem(system, device), digitizer)
-    return {**row, "vendor_product": device.number, "serial_number": device.serial_number or None}
+def _rows_of(system: HidSystem, device: HidDigitizer, problems: list[str]) -> Iterator[dict[str, Any]]:
+    """A row for the device, or for each of its touch surfaces where it has several."""
+    digitizer, problem = open_found(system, device)
+    if digitizer is not None:
+        refused = digitizer.refused if device.report_id is None else ()
+        problems += [f"{device.path}: one of its touch surfaces cannot be decoded: {error}" for error in refused]
+        if device.report_id is None and len(digitizer.surfaces) > 1:
+            for each in digitizer.surfaces:
+                yield from _rows_of(system, replace(device, report_id=each.report_id), problems)
+            return
+    surface = None if digitizer is None else digitizer.surface.name(device.vendor_id, device.product_id)
+    name, stable_id = device.name, device.stable_id
+    if digitizer is not None and device.report_id is not None:
+        name, stable_id = f"{name} ({digitizer.surface.label}, {surface})", f"{stable_id}#{device.report_id:02x}"
+    known = {"vendor_product": device.number, "serial_number": device.serial_number or None, "surface": surface}
+    yield _row(name, device.path, stable_id, "hidraw", problem, digitizer) | known
 
 
 def _evdev_rows(machine: Machine) -> list[dict[str, Any]]:

@@ -3,16 +3,17 @@
 import math
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
 from engine.loop import Clock, StopRequest, SystemClock
-from engine.touch import Digitizer, TouchFrame, open_digitizer
+from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev
-from engine.touch.sources.hidraw import open_hidraw
+from engine.touch.sources.hid_discovery import split_surface, undecodable
+from engine.touch.sources.hidraw import HidrawSource, open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from tactable.digitizers.axis_map import LearntAxis, find_stroke, learn_axis
@@ -37,6 +38,24 @@ def opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
     else:
         with closing(open_hidraw(machine.hid(), name, reconnect=False)) as hidraw:
             yield hidraw, hidraw.device.bus
+
+
+def open_live(machine: Machine, source: Source) -> Digitizer:
+    """The digitizer of a source. Raises `DigitizerError`, which names what works instead, and `DescriptorError`."""
+    try:
+        return open_digitizer(source.descriptor, source.vendor_id, source.product_id, source.report_id)
+    except (DescriptorError, DigitizerError) as error:
+        if not isinstance(source, HidrawSource):
+            raise
+        raise undecodable(machine.hid(), source.device, error) from error
+
+
+def recording_named(name: str) -> tuple[Path, int | None] | None:
+    """The recording of a path, and the report ID of a touch surface behind a `#`; None where there is no such file."""
+    path = name.rpartition("#")[0]
+    if Path(name).is_file():
+        return Path(name), None
+    return (Path(path), split_surface(name)[1]) if path and Path(path).is_file() else None
 
 
 def wait_for_reports(source: Source, clock: Clock, stop: StopRequest) -> Iterator[bytes | None]:
@@ -67,19 +86,21 @@ def record_source(source: Source, bus: int, clock: Clock, stop: StopRequest, sec
     return Recording(source.name, bus, source.vendor_id, source.product_id, source.descriptor, tuple(reports))
 
 
-def learn_from_recording(path: Path, bar_mm: float | None) -> LearntAxis:
-    """Learn how the digitizer lies on the bar from the longest stroke in a recording."""
+def learn_from_recording(path: Path, bar_mm: float | None, report_id: int | None = None) -> LearntAxis:
+    """Learn how the digitizer, or its surface with that report, lies on the bar from the longest stroke."""
     recording = read_recording(path)
-    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
-    return learn_axis(digitizer.surface, find_stroke(digitizer.surface, _recorded_frames(digitizer, recording)), bar_mm)
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id, report_id)
+    stroke = find_stroke(digitizer, _recorded_frames(digitizer, recording))
+    return learn_axis(digitizer.surface, stroke, bar_mm)
 
 
-def learn_live(machine: Machine, name: str, bar_mm: float | None) -> LearntAxis:
-    """Learn how the digitizer lies on the bar from a stroke that is drawn now."""
+def learn_live(machine: Machine, name: str, bar_mm: float | None, on_foreign: Callable[[str], None]) -> LearntAxis:
+    """Learn how the digitizer lies on the bar from a stroke that is drawn now; `on_foreign` as `Digitizer` has it."""
     with opened(machine, name) as (source, _), stop_at_signal() as stop:
-        digitizer = open_digitizer(source.descriptor, source.vendor_id, source.product_id)
-        frames = _live_frames(source, digitizer, SystemClock(), stop)
-        return learn_axis(digitizer.surface, find_stroke(digitizer.surface, frames, is_live=True), bar_mm)
+        digitizer = open_live(machine, source)
+        digitizer.on_foreign = on_foreign
+        stroke = find_stroke(digitizer, _live_frames(source, digitizer, SystemClock(), stop), is_live=True)
+        return learn_axis(digitizer.surface, stroke, bar_mm)
 
 
 def _recorded_frames(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFrame]:

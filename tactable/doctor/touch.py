@@ -11,11 +11,13 @@ from engine.touch.sources.hid_discovery import (
     HidDigitizer,
     HidSystem,
     find_digitizers,
+    find_event_node,
     load_hid_system,
     parse_number,
     refusal,
     select_digitizer,
     udev_rule,
+    undecodable,
 )
 from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
@@ -35,20 +37,16 @@ class Machine:
     cards: Callable[[], Sequence[Interface]] = find_interfaces
 
 
-def open_found(system: HidSystem, device: HidDigitizer) -> Digitizer:
-    """The digitizer of a found device, from its descriptor. Raises `DigitizerError`, `DescriptorError`."""
-    return open_digitizer(read_descriptor(system, device), device.vendor_id, device.product_id)
-
-
-def find_problem(system: HidSystem, device: HidDigitizer) -> str | None:
-    """Why a digitizer cannot be used, None where it can."""
+def open_found(system: HidSystem, device: HidDigitizer) -> tuple[Digitizer | None, str | None]:
+    """The digitizer of a found device, from its descriptor, and why it cannot be used; None where it can."""
     try:
-        open_found(system, device)
+        descriptor = read_descriptor(system, device)
+        digitizer = open_digitizer(descriptor, device.vendor_id, device.product_id, device.report_id)
     except (DescriptorError, DigitizerError) as error:
-        return str(error)
+        return None, str(undecodable(system, device, error))
     if system.has_nodes and not os.access(device.path, os.R_OK):
-        return str(refusal(system, device, PermissionError()))
-    return None
+        return digitizer, str(refusal(system, device, PermissionError()))
+    return digitizer, None
 
 
 def examine(machine: Machine) -> list[Check]:
@@ -74,14 +72,15 @@ def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[
         return [Check("digitizer", "none found", "plug one in; without one, `tactable demo` needs no hardware")]
     checks = []
     for device in found:
-        problem = find_problem(system, device)
+        _, problem = open_found(system, device)
         what = f"digitizer {device.path}"
         if problem is None:
             checks.append(Check(what, f"{device.name or device.number}: readable"))
         elif system.has_nodes and not os.access(device.path, os.R_OK):
             checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
         else:
-            checks.append(Check(what, problem, "use another digitizer, or a page's pointer events"))
+            node = find_event_node(system, device) or "another digitizer, or a page's pointer events"
+            checks.append(Check(what, problem, f"use {node}"))
     return checks
 
 

@@ -109,7 +109,8 @@ class Live:
         self._session = FastSession(self.link, port, clock.now_ns)
         self.fast_counters = self._session.fast_counters
         click_ns = rendering.click_length_ns
-        pipeline = open_pipeline(source, table.device, effects, self.renderer, clock.now_ns, click_ns)
+        rules = effects, self.renderer, clock.now_ns, click_ns
+        pipeline = open_pipeline(source, table.device, *rules, source.report_id)
         self._pipeline = pipeline
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)

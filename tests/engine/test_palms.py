@@ -5,8 +5,7 @@ import pytest
 from engine.effects import EffectPlayer, Effects, Rule, Trigger
 from engine.effects.control import ControlStep, Outcome, Role, TriggeredEffect
 from engine.effects.rules import burst, click
-from engine.touch import Touch
-from engine.touch.digitizer import open_digitizer
+from engine.touch import Touch, open_digitizer
 from engine.touch.finger_tracker import FingerTracker
 from tests.engine.loop.rig import DEVICE
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger

@@ -63,7 +63,7 @@ class FastSource:
 
     def __init__(self, source: PacketSource, session: FastSession) -> None:
         self.name, self.descriptor = source.name, source.descriptor
-        self.vendor_id, self.product_id = source.vendor_id, source.product_id
+        self.vendor_id, self.product_id, self.report_id = source.vendor_id, source.product_id, source.report_id
         self.fileno, self.next_time_ns, self.clock_time_ns = source.fileno, source.next_time_ns, source.clock_time_ns
         self.taken: Answer | None = None
         """The answer whose packet `read` gives next."""
@@ -132,6 +132,7 @@ class FastPath:
         self._moment = Moment(pipeline.digitizer, effects, source.packet_head, timer)
         self._moment.refit(pipeline, rendering.fast_table)
         self._rendering, self._effects = pipeline.rendering, pipeline.player.effects
+        self._surface = pipeline.digitizer.surface
         self._fast_table = rendering.fast_table
         self._answered: tuple[int, Answer] | None = None  # the report that was taken last, by its index
 
@@ -142,7 +143,8 @@ class FastPath:
         if packets is None:
             return self._clock.wait(until_ns, readable, writable)
         pipeline, touch = self._pipeline, self.source.fileno()
-        if pipeline.rendering is not self._rendering or pipeline.player.effects is not self._effects:
+        is_fit = pipeline.rendering is self._rendering and pipeline.player.effects is self._effects
+        if not is_fit or pipeline.digitizer.surface is not self._surface:
             self._refit()
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
         now_ns = self.now_ns()
@@ -156,12 +158,12 @@ class FastPath:
         return [each for each, is_readable in zip(descriptors, fast.readable, strict=False) if is_readable]
 
     def _refit(self) -> None:
-        """Answer by another table, or by the rules of a program."""
+        """Answer by another table, by the rules of a program, or on another surface."""
         rendering = self._pipeline.rendering
         if rendering is not self._rendering:
             self._rendering = rendering
             self._fast_table = rendering.fast_table if isinstance(rendering, FastRendering) else None
-        self._effects = self._pipeline.player.effects
+        self._effects, self._surface = self._pipeline.player.effects, self._pipeline.digitizer.surface
         self._moment.refit(self._pipeline, self._fast_table)
 
     def _run(self, until_ns: int) -> None:

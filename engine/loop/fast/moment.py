@@ -59,10 +59,15 @@ class Moment:
     def refit(self, pipeline: Pipeline, table: FastTable | None) -> None:
         """Answer with the commands of this table from now on, on the pipeline's zones and by its player's rules.
 
-        Only wait where there is no table, or where rules of a program do not fit: too many, or of other levels.
+        Only wait where there is no table, where another surface does not fit that is decoded now, or where rules of a
+        program do not: too many, or of other levels.
         """
         rules = _rules_of(pipeline.player.effects)
         self._table = self._held = None
+        try:  # it may decode another surface now
+            _set_digitizer(self.fast, pipeline.digitizer, self.fast.packet_head)
+        except FastPathError:
+            return
         if table is None or len(rules) > CONSTANTS["MOST_RULES"]:
             return
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}

@@ -31,6 +31,10 @@ class Source(Described, Protocol):
         """The device's name for itself, "" where it has none."""
 
     @property
+    def report_id(self) -> int | None:
+        """Report of the touch surface that was chosen; None: the one that reports is meant."""
+
+    @property
     def ended(self) -> bool:
         """Whether no further report will come: all are read, or the device is gone."""
 
@@ -59,7 +63,9 @@ class Source(Described, Protocol):
 
 
 class OnClock:
-    """The time axis of a source that has none of its own: the clock's."""
+    """The time axis of a source that has none of its own: the clock's. It has one touch surface."""
+
+    report_id: int | None = None
 
     def source_time_ns(self, now_ns: int) -> int:
         """The clock's time."""

@@ -28,6 +28,8 @@ _SYN_REPORT, _SYN_DROPPED = 0, 3  # of type EV_SYN
 _SLOT, _X, _Y, _TOOL_TYPE, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
 _SLOT_CODES = (_X, _Y, _TRACKING_ID, _DISTANCE, _TOOL_TYPE)
 _OPTIONAL = (_DISTANCE, _TOOL_TYPE)
+SLOT_AXES = frozenset((_SLOT, _X, _Y, _TRACKING_ID))
+"""Codes of the absolute axes of a node that reports contacts in slots, protocol B."""
 _PALM = 2  # MT_TOOL_PALM
 _NOBODY = -1
 
@@ -128,7 +130,7 @@ def find_evdev_digitizers(evdev: EvdevModule, links: Path = Path("/dev/input")) 
 
 
 def _has_slots(node: InputNode) -> bool:
-    return {_SLOT, _X, _Y, _TRACKING_ID} <= _axis_codes(node)
+    return _axis_codes(node) >= SLOT_AXES
 
 
 def _axis_codes(node: InputNode) -> set[int]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+from base.errors import TactableError
 from engine.touch.descriptor import SurfaceKind
 from engine.touch.digitizer import DigitizerError
+from engine.touch.sources.evdev import SLOT_AXES
 
 RULE_FILE = "/etc/udev/rules.d/70-tactable.rules"  # before 73-seat-late.rules, which acts on the tag
 
@@ -96,7 +99,8 @@ def load_hid_system(import_module: Callable[[str], object] = importlib.import_mo
 class HidDigitizer:
     """One HID interface with a touch collection; empty where the device or the system does not say.
 
-    `bus` is the kernel's number; `port` is where it is plugged in, the same after a replug.
+    `bus` is the kernel's number; `port` is where it is plugged in, the same after a replug. `report_id` is that of the
+    touch surface that was chosen; None: the one that reports is meant.
     """
 
     path: str
@@ -107,6 +111,7 @@ class HidDigitizer:
     bus: int = 0
     interface_number: int = -1
     port: str = ""
+    report_id: int | None = None
 
     @property
     def number(self) -> str:
@@ -166,16 +171,33 @@ def _kernel_bus(kernel: dict[str, str]) -> int:
 def select_digitizer(name: str, found: Sequence[HidDigitizer]) -> HidDigitizer:
     """The one digitizer called `name`: its path, stable id, serial number or vendor:product.
 
+    With `#` and a report ID in hex behind it, such as 17ef:6161#38, the touch surface with that report is chosen.
     Raises `DigitizerError` when none or several are called so.
     """
-    matches = [d for d in found if name in (d.path, d.stable_id, d.serial_number)]
-    matches = matches or [d for d in found if d.number == name.lower()]
+    named, report_id = name, None
+    if not any(name in (d.path, d.stable_id, d.serial_number) for d in found):
+        named, report_id = split_surface(name)
+    matches = [d for d in found if named in (d.path, d.stable_id, d.serial_number)]
+    matches = matches or [d for d in found if d.number == named.lower()]
     if len(matches) == 1:
-        return matches[0]
+        return replace(matches[0], report_id=report_id)
     if matches:
         raise DigitizerError(f"{name!r} is {len(matches)} digitizers; choose one: {', '.join(d.path for d in matches)}")
     known = ", ".join(f"{d.stable_id} ({d.path})" for d in found) or "none"
     raise DigitizerError(f"no digitizer {name!r}: plug it in, or choose one that `tactable list` shows; found: {known}")
+
+
+def split_surface(name: str) -> tuple[str, int | None]:
+    """The name of a digitizer or recording, and the report ID of a surface behind it in hex; None where there is none.
+
+    Raises `DigitizerError` where what follows the `#` is no report ID.
+    """
+    named, mark, digits = name.rpartition("#")
+    if not mark:
+        return name, None
+    if not re.fullmatch("[0-9A-Fa-f]{1,2}", digits):
+        raise DigitizerError(f"{name!r}: {digits!r} is no report ID; write two hex digits, as `tactable list` does")
+    return named, int(digits, 16)
 
 
 def parse_number(text: str) -> tuple[int, int] | None:
@@ -199,3 +221,24 @@ def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> Digitize
             f"{udev_rule(device.vendor_id, device.product_id)}"
         )
     return DigitizerError(f"cannot read {what}: {reason}; plug it in again, and end other programs that use it")
+
+
+def find_event_node(system: HidSystem, device: HidDigitizer) -> str | None:
+    """The input node to which the kernel's driver of the device sends contacts in slots; None where there is none."""
+    inputs = system.sysfs / Path(device.path).name / "device" / "input"
+    for node in sorted(inputs.glob("input*/event*")) if system.has_nodes else ():
+        try:
+            words = (node.parent / "capabilities" / "abs").read_text(encoding="ascii").split()
+        except OSError:
+            continue  # unplugged meanwhile
+        # The kernel writes a bit for each axis as words of an unsigned long in hex, the highest word first.
+        bits = sum(int(word, 16) << 8 * struct.calcsize("l") * place for place, word in enumerate(reversed(words)))
+        if all(bits >> axis & 1 for axis in SLOT_AXES):
+            return f"/dev/input/{node.name}"
+    return None
+
+
+def undecodable(system: HidSystem, device: HidDigitizer, error: TactableError) -> DigitizerError:
+    """Why the reports of a device cannot be decoded, with the node from which its touches can be read all the same."""
+    node = find_event_node(system, device)
+    return DigitizerError(f"{error}; {device.path} is {node} there: choose that" if node else str(error))

@@ -7,12 +7,13 @@ import fcntl
 import os
 import select
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
-from engine.touch.descriptor import DescriptorError, Field, Surface, SurfaceKind, read_surfaces
+from engine.touch.choice import open_digitizer
+from engine.touch.descriptor import DescriptorError, Field, Surface, SurfaceKind
 from engine.touch.digitizer import RELEASE_AFTER_NS, DigitizerError
 from engine.touch.sources.hid_discovery import (
     HidDigitizer,
@@ -66,6 +67,8 @@ class HidrawSource:
         self.counters = HidrawCounters()
         self.problem: DigitizerError | None = None
         """Why the device is not there; None while it is."""
+        self.name, self.report_id = device.name, device.report_id
+        self.vendor_id, self.product_id = device.vendor_id, device.product_id
         self.report_index = -1
         self.report_time_ns = 0
         self._finder = _Finder(system, device)
@@ -87,21 +90,6 @@ class HidrawSource:
     def device(self) -> HidDigitizer:
         """The device, with the path that it had when it was opened last."""
         return self._finder.device
-
-    @property
-    def name(self) -> str:
-        """The device's name for itself."""
-        return self.device.name
-
-    @property
-    def vendor_id(self) -> int:
-        """Vendor number."""
-        return self.device.vendor_id
-
-    @property
-    def product_id(self) -> int:
-        """Product number."""
-        return self.device.product_id
 
     @property
     def state(self) -> Connection:
@@ -246,6 +234,7 @@ class _Finder:
         nearest = min(filter(matches, find_digitizers(self.system)), key=difference, default=None)
         if nearest is None:
             raise DigitizerError(f"{mine.name or mine.number} is unplugged: plug it in again")
+        nearest = replace(nearest, report_id=mine.report_id)
         channel = _open_channel(self.system, nearest, counters)
         if channel.descriptor != descriptor:
             channel.close()
@@ -255,7 +244,7 @@ class _Finder:
 
 
 def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> HidrawSource:
-    """Open the digitizer of a path, stable id, serial number or vendor:product. Raises `DigitizerError`."""
+    """Open the digitizer, or touch surface, of a name as `select_digitizer` takes it. Raises `DigitizerError`."""
     return HidrawSource(system, select_digitizer(name, find_digitizers(system)), reconnect=reconnect)
 
 
@@ -301,7 +290,7 @@ def _open_channel(
     except OSError as error:
         raise refusal(system, device, error) from error
     if set_mode:
-        counters.failed_features += handle.set_mode()
+        counters.failed_features += handle.set_mode(device)
     return handle
 
 
@@ -367,18 +356,19 @@ class _Handle:
     def close(self) -> None:
         self._handle.close()
 
-    def set_mode(self) -> int:
-        """Read what Windows reads, then switch each surface from mouse to touch; the number of failures.
+    def set_mode(self, device: HidDigitizer) -> int:
+        """Read what Windows reads, then switch the surface from mouse to touch; the number of failures.
 
-        Certified devices stay silent until Contact Count Maximum and the blob are read.
+        Certified devices stay silent until Contact Count Maximum and the blob are read. Without a choice it is the best
+        surface: surfaces may share a switch, and the mode that is set last says which one reports.
         """
         try:
-            surfaces = read_surfaces(self.descriptor)
-        except DescriptorError:
-            return 0
-        fields = [field for s in surfaces for field in (s.contact_count_maximum, s.certification_blob) if field]
+            surface = open_digitizer(self.descriptor, device.vendor_id, device.product_id, device.report_id).surface
+        except (DescriptorError, DigitizerError):
+            return 0  # whoever decodes the reports says so
+        fields = [field for field in (surface.contact_count_maximum, surface.certification_blob) if field]
         failures = sum(not self._read_feature(field) for field in fields)
-        return failures + sum(not self._send_mode(surface) for surface in surfaces if surface.device_mode is not None)
+        return failures + (surface.device_mode is not None and not self._send_mode(surface, surface.device_mode))
 
     def _read_feature(self, field: Field) -> bytes:
         try:
@@ -386,9 +376,7 @@ class _Handle:
         except OSError:
             return b""
 
-    def _send_mode(self, surface: Surface) -> bool:
-        field = surface.device_mode
-        assert field is not None
+    def _send_mode(self, surface: Surface, field: Field) -> bool:
         # hidapi puts the report ID first even where the device has none.
         place = field.bit if surface.uses_report_ids else field.bit + 8
         mask = (1 << field.size_bits) - 1

@@ -17,10 +17,10 @@ class Playback:
     a finite number above 0.
     """
 
-    def __init__(self, recording: Recording, speed: float | None = 1.0) -> None:
+    def __init__(self, recording: Recording, speed: float | None = 1.0, report_id: int | None = None) -> None:
         if speed is not None and not 0 < speed < math.inf:
             raise ValueError(f"speed is {speed!r}; expected a number above 0, or None for as fast as possible")
-        self.name = recording.name
+        self.name, self.report_id = recording.name, report_id
         self.descriptor = recording.descriptor
         self.vendor_id = recording.vendor_id
         self.product_id = recording.product_id

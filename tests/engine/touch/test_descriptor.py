@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -74,6 +75,37 @@ def test_each_touch_application_is_a_surface_of_its_own() -> None:
     surfaces = read_surfaces(SCREEN + pad)
     assert [surface.kind for surface in surfaces] == [SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD]
     assert [surface.reports[0].report_id for surface in surfaces] == [1, 7]
+
+
+def test_a_surface_that_cannot_be_read_is_left_out_beside_one_that_can_with_the_reason() -> None:
+    useless, refused = application(finger()).replace(bytes.fromhex("26e803"), bytes.fromhex("2500")), list[Any]()
+    (surface,) = read_surfaces(useless + SCREEN, refused)
+    assert surface.report_id == 1
+    assert [error.offset > 0 and "not below its maximum" in str(error) for error in refused] == [True]
+
+
+def test_the_mode_switch_is_the_surfaces_own_or_the_one_apart_that_follows_it_never_another_surfaces() -> None:
+    def switch(report_id: int) -> bytes:
+        return bytes([0x85, report_id]) + bytes.fromhex("050d 0952 1500 250a 7508 9501 b102")
+
+    def apart(report_id: int) -> bytes:
+        return bytes.fromhex("050d 090e a101") + switch(report_id) + b"\xc0"
+
+    def modes(descriptor: bytes) -> list[int | None]:
+        return [None if s.device_mode is None else s.device_mode.report_id for s in read_surfaces(descriptor)]
+
+    own, other = application(finger(), switch(4)), application(finger(), report_id=7)
+    assert modes(own + other) == [4, None]
+    assert modes(own + apart(5) + other) == [4, 5]
+    assert modes(SCREEN + apart(5) + other + apart(6)) == [5, 6]
+    assert modes(SCREEN + apart(5) + other) == modes(SCREEN + other + apart(5)) == [5, 5]
+
+
+def test_touch_and_transducer_index_are_read_where_tip_switch_and_contact_id_are_not_given() -> None:
+    plain, bar = application(finger()), application(finger(flags="0933 0932").replace(b"\x09\x51", b"\x09\x38"))
+    assert read_surfaces(bar) == read_surfaces(plain)
+    both = application(finger(flags="0933 0942"))
+    assert read_surfaces(both)[0].contacts[0].tip.bit == 8 + 1
 
 
 def test_fingers_of_an_application_come_without_its_pens() -> None:

@@ -179,9 +179,47 @@ def test_a_touch_screen_comes_before_a_touch_pad_and_fingers_before_pens() -> No
     assert open_digitizer(pad).surface.kind is SurfaceKind.TOUCH_PAD
 
 
+PAD = application(finger(), usage=TOUCH_PAD, report_id=0x11)
+
+
+def pad(one: Finger) -> bytes:
+    return b"\x11" + one.bytes()
+
+
+def test_without_a_choice_the_surface_that_reports_is_decoded_and_the_first_with_a_contact_stays() -> None:
+    digitizer, turned = open_digitizer(HYBRID + PAD), list[SurfaceKind]()
+    digitizer.on_surface = lambda: turned.append(digitizer.surface.kind)
+    reports = [hybrid(NOBODY, NOBODY, 0), pad(NOBODY), hybrid(NOBODY, NOBODY, 0), pad(Finger(3)), pad(Finger(3, 8))]
+    assert [ids(digitizer.decode_report(report, 0)) for report in reports] == [[], [], [], [3], [3]]
+    assert turned == [SurfaceKind.TOUCH_PAD, SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD]
+    assert digitizer.decode_report(hybrid(Finger(1), NOBODY, 1), 0) is None  # it takes no finger's place
+    assert (digitizer.counters.foreign_reports, digitizer.foreign_notice) == (1, None)
+    pens = application(finger(collection=0x20), report_id=8)
+    assert open_digitizer(HYBRID + pens).decode_report(b"\x08" + Finger(1).bytes(), 0) is None
+
+
+def test_a_chosen_surface_stays_and_one_notice_names_the_reports_that_come_and_the_surfaces() -> None:
+    digitizer, notices = open_digitizer(HYBRID + PAD, 0x1234, 1, 0x01), list[str]()
+    digitizer.on_foreign = notices.append
+    assert not any(digitizer.decode_report(pad(Finger(1)), 0) for _ in range(300))
+    (notice,) = notices
+    assert all(
+        part in notice for part in ("reports 11 come", "1234:0001#01 (touch screen)", "1234:0001#11 (touch pad)")
+    )
+    assert digitizer.foreign_notice == notice
+    digitizer.decode_report(hybrid(Finger(1), NOBODY, 1), 0)
+    assert digitizer.foreign_notice is None
+    assert open_digitizer(HYBRID + PAD, 0x1234, 1, 0x11).surface.kind is SurfaceKind.TOUCH_PAD
+    with pytest.raises(DigitizerError, match=r"report 22.*1234:0001#01, 1234:0001#11"):
+        open_digitizer(HYBRID + PAD, 0x1234, 1, 0x22)
+
+
 @pytest.mark.parametrize(
     ("descriptor", "vendor_id", "says"),
-    [(application(finger(), usage=PEN), 0, "no touch screen or touch pad"), (HYBRID, 0x056A, "Wacom")],
+    [
+        (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
+        (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
+    ],
 )
 def test_a_device_without_touch_surface_or_of_another_driver_is_refused(
     descriptor: bytes, vendor_id: int, says: str

@@ -60,7 +60,7 @@ class Repeated:
     """A recording as a Source, again and again until a time, with a pause between."""
 
     def __init__(self, recording: Recording, clock: Machine, stop_ns: int) -> None:
-        self.name, self.descriptor = recording.name, recording.descriptor
+        self.name, self.descriptor, self.report_id = recording.name, recording.descriptor, None
         self.vendor_id, self.product_id = recording.vendor_id, recording.product_id
         self.report_index, self.report_time_ns = -1, 0
         self._reports: tuple[Report, ...] = recording.reports

@@ -19,19 +19,21 @@ from engine.device import Device
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
-from engine.touch.sources.recording import read_recording, write_recording
+from engine.touch.sources.recording import Recording, Report, read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
 from tactable.audio.interfaces import Interface
 from tactable.audio.names import AudioError
 from tactable.cli.main import app
 from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
-from tactable.digitizers.record import learn_from_recording, record_source
+from tactable.digitizers.record import learn_from_recording, learn_live, record_source
 from tactable.doctor.layers import Layer
 from tactable.doctor.ports import check_cards
 from tactable.doctor.touch import Machine, examine
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
 from tactable.shipped import DEMO_RECORDING, device_folder
+from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
+from tests.engine.touch.sources.fake_hid import DESCRIPTOR as FAKE_DESCRIPTOR
 from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
 from tests.tactable.rig.strokes import Stroke as DrawnStroke
 from tests.tactable.rig.strokes import make_recording
@@ -116,6 +118,35 @@ def test_a_device_that_cannot_be_used_is_listed_with_the_reason(bench: Bench) ->
     assert [row["usable"] for row in rows] == [False, False, True]
     assert "cut off" in rows[0]["problem"]
     assert "Wacom" in rows[1]["problem"]
+
+
+def test_every_surface_of_an_interface_is_listed_with_a_name_that_chooses_it(bench: Bench, tmp_path: Path) -> None:
+    device = bench.hid.plug(descriptor=FAKE_DESCRIPTOR + application(finger(), report_id=0x38, usage=TOUCH_PAD))
+    rows = bench.json("list")["digitizers"][:2]
+    assert [row["surface"] for row in rows] == ["04f3:200a#01", "04f3:200a#38"]
+    assert [(row["kind"], row["usable"]) for row in rows] == [("touch_screen", True), ("touch_pad", True)]
+    assert all(row["stable_id"].endswith(row["surface"][-3:]) for row in rows)
+    path = tmp_path / "two.hid"
+    reports = tuple(Report(index, 0.008 * index, b"\x38\x01\x05\x64\x00\x64\x00") for index in range(4))
+    write_recording(Recording("bar", 3, 0x04F3, 0x200A, device.descriptor, reports), path)
+    for name, frames in ((str(path), 4), (f"{path}#38", 4), (f"{path}#01", 0)):
+        result = bench.run("replay", name, "--json")
+        assert json.loads(result.stdout)["touch_frames"] == frames
+        assert ("reports 38 come" in result.stderr) == (frames == 0)
+
+
+def test_the_input_node_is_named_where_only_a_kernel_driver_decodes_the_reports(bench: Bench) -> None:
+    device = bench.hid.plug(vendor_id=0x056A)
+    for number, axes in enumerate(("1000003", "260800000000003", "3")):  # a pen, slots, a pad's ring
+        node = bench.hid.folder / "sys" / "hidraw0" / "device" / "input" / f"input{number}"
+        (node / f"event{number + 4}").mkdir(parents=True)
+        (node / "capabilities").mkdir()
+        (node / "capabilities" / "abs").write_text(f"{axes}\n")
+    assert "/dev/input/event5" in bench.json("list")["digitizers"][0]["problem"]
+    (check,) = [check for check in examine(bench.machine()) if device.path in check.name]
+    assert check.remedy == "use /dev/input/event5"
+    with pytest.raises(DigitizerError, match=r"Wacom.*/dev/input/event5"):
+        learn_live(bench.machine(), device.path, None, print)
 
 
 def test_a_machine_without_hidapi_still_lists_the_rest() -> None:

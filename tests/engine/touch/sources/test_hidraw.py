@@ -20,7 +20,8 @@ from engine.touch.sources.hid_discovery import (
     select_digitizer,
 )
 from engine.touch.sources.hidraw import Connection, HidrawSource, read_descriptor
-from tests.engine.touch.sources.fake_hid import DESCRIPTOR, RING, FakeMachine, touch_report
+from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
+from tests.engine.touch.sources.fake_hid import DESCRIPTOR, MODE, RING, FakeMachine, touch_report
 
 MS = 1_000_000
 NUMBER = "04f3:200a"
@@ -270,6 +271,24 @@ def test_features_are_sent_where_the_kernel_does_not_also_to_a_device_that_answe
     assert machine.open(NUMBER, backend).counters.failed_features == failed
     assert device.asked_features == ([2, 0x11, 7] if backend == "hid" else [])
     assert device.sent_features == ([b"\x07\x02"] if backend == "hid" else [])
+
+
+@pytest.mark.parametrize(("name", "mode"), [(NUMBER, 2), (f"{NUMBER}#01", 2), (f"{NUMBER}#0C", 3)])
+def test_only_the_mode_of_the_surface_is_set_which_may_be_chosen_by_its_report(
+    machine: FakeMachine, name: str, mode: int
+) -> None:
+    pad = application(finger(), usage=TOUCH_PAD, report_id=0x0C)
+    device = machine.plug(descriptor=DESCRIPTOR[: -len(MODE)] + pad + MODE)
+    source = machine.open(name, "hid")
+    assert device.sent_features == [bytes([7, mode])]
+    machine.unplug(device)
+    assert source.read(0) is None
+    device = machine.plug("hidraw1", descriptor=device.descriptor)
+    source.read(1000 * MS)
+    assert device.sent_features == [bytes([7, mode])]
+    assert source.report_id == source.device.report_id == (None if name == NUMBER else int(name[-2:], 16))
+    with pytest.raises(DigitizerError, match="'xy' is no report ID"):
+        machine.open(f"{NUMBER}#xy")
 
 
 # ---- refusals --------------------------------------------------------------------------------------------
