@@ -126,7 +126,7 @@ def calibrate(
 def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
     """The names without those of the usual parameters that the measurements do not tell: full scales, per newton."""
     untold = [] if measurements.force_m is None else [n for n in default_names(device) if n.endswith("full_scale")]
-    return tuple(name for name in names if name not in untold)
+    return tuple(name for name in names if name not in untold) or tuple(names)
 
 
 def pose_fit(device: Device, measurements: Measurements, parameters: tuple[Parameter, ...]) -> Problem:

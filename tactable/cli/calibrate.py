@@ -271,6 +271,7 @@ def plan_measurements(
     from threadpoolctl import threadpool_limits
 
     from precompute.calibration.calibrate import calibrate as fit_device
+    from precompute.calibration.calibrate import names_told
     from precompute.calibration.plan import Accuracy, Criterion, plan_after, plan_first
     from precompute.measurements.file import read_measurements
     from tactable.calibration.page import print_plan
@@ -288,7 +289,8 @@ def plan_measurements(
             plan = plan_first(device, names, bounds, mass_kg, accuracy, count, chosen)
         else:
             measurements = read_measurements(measurements_path, device, mass_kg)
-            plan = plan_after(fit_device(device, measurements, names, bounds=bounds), accuracy, count, chosen)
+            told = names_told(device, measurements, names)
+            plan = plan_after(fit_device(device, measurements, told, bounds=bounds), accuracy, count, chosen)
     show(plan.summary(), as_json, print_plan)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import pyuff
 
-from precompute.calibration.calibrate import Calibration, Known, calibrate
+from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.misfit import Loss
 from precompute.measurements import read_measurements
 from precompute.measurements.parameters import ParameterError, paper_names, with_changes
@@ -66,6 +66,7 @@ def test_responses_per_newton_give_the_bar_but_no_full_scale(tmp_path: Path) -> 
         found = calibrate(DEVICE, each, starts=1)
         assert max(relative_errors(found, truth).values()) < 1e-3
         assert [a.full_scale_m for a in found.device.actuators] == [a.full_scale_m for a in DEVICE.actuators]
+    assert names_told(DEVICE, read, ["actuator.full_scale"]) == ("actuator.full_scale",)  # asked for, so refused
     with pytest.raises(MeasurementError, match=r"actuator\.full_scale: changes none of these readings"):
         calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
 
