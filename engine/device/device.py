@@ -181,6 +181,9 @@ class Device:
             del values["bar"]["damping_of"]
         if self.sweep.is_stored:
             del values["sweep"]["is_stored"]
+        for key, default in (("silence_s", None), ("debounce_s", 0.0)):
+            if values["touch_axis"][key] == default:
+                del values["touch_axis"][key]
         for actuator in values["actuators"]:
             for key in ("transfer", "electrodes"):
                 if actuator[key] is None:

@@ -24,6 +24,8 @@ _MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory wher
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
+_SHORTEST_SILENCE_S, _LONGEST_DEBOUNCE_S = 0.03, 0.1
+"""Digitizers report every 2 to 26 ms, and a finger that taps twice is away for longer."""
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
 MOST_ACTUATORS = 16
@@ -355,12 +357,20 @@ def read_touch_axis(part: DeviceTable, bar: Bar) -> TouchAxis:
         raise part.error("start_margin", f"{1e3 * start_m:g} mm", "the margins leave nothing of the bar")
     if max(end_m, start_m + end_m) >= bar.length_m:
         raise part.error("end_margin", f"{1e3 * end_m:g} mm", "the margins leave nothing of the bar")
+    silence_s = part.quantity("silence", "s", least=_SHORTEST_SILENCE_S) if "silence" in part.left else None
+    debounce_s = part.quantity("debounce", "s", default="0 ms")
+    if debounce_s > _LONGEST_DEBOUNCE_S:
+        expected = f"expected up to {1e3 * _LONGEST_DEBOUNCE_S:g} ms: a second tap must be one"
+        raise part.error("debounce", f"{1e3 * debounce_s:g} ms", expected)
+    part.known.append("silence")
     return TouchAxis(
         axis="x" if axis == "x" else "y",
         flip=part.flag("flip", False),
         start_margin_m=start_m,
         end_margin_m=end_m,
         active_length_m=active_m,
+        silence_s=silence_s,
+        debounce_s=debounce_s,
     )
 
 

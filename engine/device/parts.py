@@ -97,7 +97,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class TouchAxis:
-    """How the digitizer lies on the bar: which of its axes lies along it, in which direction, and its extent.
+    """How the digitizer lies on the bar, along which axis and how far, and when its contacts have lifted.
 
     A negative margin: the touch area reaches beyond the bar, and a touch there counts as one at the bar's end.
     """
@@ -108,6 +108,10 @@ class TouchAxis:
     end_margin_m: float
     active_length_m: float | None
     """Length of the touch area; None: it ends `end_margin_m` before the end of the bar."""
+    silence_s: float | None = None
+    """Time without a frame after which every contact has lifted; None: as the Linux kernel does."""
+    debounce_s: float = 0.0
+    """A lift that is shorter is none."""
 
 
 @dataclass(frozen=True)

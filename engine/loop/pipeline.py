@@ -36,7 +36,7 @@ from engine.loop.answerer import NOTHING, Answerer, Wanted
 from engine.render import SILENCE, Command, Renderer, Rendering
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
-from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.debounce import fit_releases
 from engine.touch.sources import Described
 
 # The hot path: half the time of calling a named tuple's class.
@@ -108,7 +108,7 @@ class Pipeline:
         self.due_ns: float = math.inf
         """When `commands_due` has something to do; infinite: time alone changes nothing."""
         self.counters = PlacementCounters()
-        self._release_ns: int | None = None  # when the watchdog releases the contacts; None without contacts
+        self._release_ns: int | None = None  # when the digitizer has a frame that no report brings
         self._stamp_ns = stamp_ns
 
     @property
@@ -134,11 +134,12 @@ class Pipeline:
 
     def commands_due(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
-        release_ns = self._release_ns
-        if release_ns is not None and release_ns <= time_ns:
+        while (release_ns := self._release_ns) is not None and release_ns <= time_ns:
             yield from self._advance_effects(release_ns)
             frame = self.digitizer.expire(release_ns)
-            if frame is not None and self._follow(frame):
+            if frame is None:
+                break
+            if self._follow(frame):
                 yield from self._answers()
         yield from self._advance_effects(time_ns)
         latest_ns = self.answerer.latest_ns
@@ -184,6 +185,7 @@ class Pipeline:
         """
         device, player = rendering.device, self.player
         self.rendering, self.device = rendering, device
+        fit_releases(self.digitizer, device)
         self.touches = self.tracker.change_bar(device)
         player.click_length_ns = rendering.click_length_ns
         player.change_bar(self.touches, device.bar.length_m)
@@ -194,11 +196,12 @@ class Pipeline:
     def _follow_surface(self) -> None:
         """Track the contacts of the surface that is decoded from now on; the one before had none."""
         self.tracker = FingerTracker(self.device, self.digitizer.surface)
+        fit_releases(self.digitizer, self.device)
 
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""
         time_ns = frame.time_ns
-        self._release_ns = time_ns + RELEASE_AFTER_NS if frame.contacts else None
+        self._release_ns = self.digitizer.due_ns
         touches = self.touches = self.tracker.track(frame)
         if self.player.take_touches(touches, time_ns):
             return self._take_wanted()

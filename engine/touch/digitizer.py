@@ -6,10 +6,11 @@ mode). Devices depart from this in known ways, which `quirks` lists by vendor an
 
 State (`Frame`): the contacts in range by their key, `received` of `expected` slots of the frame under way, and the
 keys that the frame has mentioned. Invariants: a contact stays active until a report says that it lifted, until a frame
-leaves it out (where the quirk says that this means "up"), or until the watchdog `expire` releases it. A frame is given
-out only when it is complete, so a finger never flickers between the reports of one frame. Where the count is accurate,
-a gap of 30 ms or another scan time inside a frame means a lost report: the rest of that frame is dropped, because the
-slots after it could not be told apart.
+leaves it out (where the quirk says that this means "up"), or until the watchdog `expire` releases it. The watchdog is
+for panels that repeat a resting finger: certified ones, as in Linux, and those whose device file says so. Others report
+changes only. A frame is given out only when it is complete, so a finger never flickers between its reports. Where the
+count is accurate, a gap of 30 ms or another scan time inside a frame means a lost report: the rest of that frame is
+dropped, because the slots after it could not be told apart.
 
 Nothing here raises or waits: broken reports are counted (`DigitizerCounters`), and time is an argument. The reports are
 decoded by shifts and masks that are prepared once for each report (`ReportPlan`).
@@ -23,24 +24,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from base.errors import TactableError
 from engine.touch.descriptor import DescriptorError, Surface
-from engine.touch.quirks import Key, QuirkClass, quirks_for
-from engine.touch.report_plan import ReportPlan, build_plan, read
+from engine.touch.quirks import Key, quirks_for
+from engine.touch.report_plan import ReportPlan, build_plan, maximum_contacts, read
+from engine.touch.scan_clock import ScanClock
 
-# Frames of live digitizers come every 2..26 ms. A report of a frame that comes later than this belongs to another one.
+if TYPE_CHECKING:
+    from engine.touch.debounce import Debounce
+
+# Frames of live digitizers come every 2..26 ms. A report that comes later than this belongs to another one.
 FRAME_SILENCE_NS = 30_000_000
-# Watchdog: four times the slowest frame period. 10 of 89 recorded devices lose a release and are silent for up to 19 s.
+# Watchdog: four times the slowest frame period; Linux waits 100 ms.
 RELEASE_AFTER_NS = 120_000_000
-# A scan time that is further than this from host time has been reset or wrapped.
-SCAN_TIME_TOLERANCE_NS = 25_000_000
-SCAN_TIME_TICK_NS = 100_000  # HID Usage Tables, 0x0D:0x56; real ones tick each 92 to 131 us
 
-# Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
-_DEFAULT_MAXIMUM_CONTACTS = 10
-_LARGEST_MAXIMUM_CONTACTS = 250  # MT_MAX_MAXCONTACT of hid-multitouch.c
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
 
@@ -128,26 +127,6 @@ class Frame:
 
 
 @dataclass(slots=True)
-class _ScanClock:
-    """Moves scan times of the device to the host's time axis.
-
-    Devices reset the counter at a new touch, wrap it at its size instead of the declared maximum, and their ticks of
-    100 us are 92..131 us. So only steps of the counter are added up, and only while the sum agrees with host time.
-    """
-
-    ticks: int = 0
-    time_ns: int = 0
-
-    def advance_scan(self, ticks: int, mask: int, now_ns: int) -> int:
-        """Scan time of a frame on the host's axis; host time after a reset or a pause."""
-        time_ns = self.time_ns + (ticks - self.ticks & mask) * SCAN_TIME_TICK_NS
-        if not -SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= SCAN_TIME_TOLERANCE_NS:
-            time_ns = now_ns
-        self.ticks, self.time_ns = ticks, time_ns
-        return time_ns
-
-
-@dataclass(slots=True)
 class _Waiting:
     """Reports whose contact count comes in another report, and a count whose reports are still to come."""
 
@@ -184,18 +163,21 @@ class Digitizer:
         has_count = any(report.contact_count is not None for report in surface.reports)
         self.surface = surface
         self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
-        self.maximum_contacts = _maximum_contacts(surface, self.quirks)
+        self.maximum_contacts = maximum_contacts(surface, self.quirks)
         # Reports of our own making (sources/own_reports.py) have no numbers.
         tells_palms = surface.is_win8 or not (vendor_id or product_id)
         self.plans = {
             report.report_id: build_plan(report, surface, self.quirks, tells_palms) for report in surface.reports
         }
         self.uses_report_ids = surface.uses_report_ids
+        self.release_after_ns = RELEASE_AFTER_NS if self.quirks.releases_when_silent else None
+        """Silence that releases every contact; None: no silence does."""
+        self.debounce: Debounce | None = None
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
         self.frame = Frame()
         """The frame that is being assembled."""
-        self._scan_clock, self._waiting = _ScanClock(), _Waiting()
+        self._scan_clock, self._waiting = ScanClock(), _Waiting()
         self._again: dict[int, int] = {}
         """What is added to the contact ids that came down again in the frame in which they lifted."""
         self.report_ns = 0  # when the last report came
@@ -207,7 +189,9 @@ class Digitizer:
 
         Returns the frame that it completes; `None` where the frame goes on, or the report is foreign or too short.
         """
-        report_id = report[0] if self.uses_report_ids and report else 0
+        if not report:  # LIFT_ALL
+            return self._release_all(now_ns)
+        report_id = report[0] if self.uses_report_ids else 0
         plan = self.plans.get(report_id)
         if plan is None:
             return self._decode_foreign(report_id, report, now_ns)
@@ -263,14 +247,33 @@ class Digitizer:
         return None
 
     def expire(self, now_ns: int) -> TouchFrame | None:
-        """Watchdog: an empty frame where contacts were down and 120 ms brought no further frame, else `None`."""
-        if not self._is_shown or now_ns - self._frame_ns < RELEASE_AFTER_NS:
+        """The frame that time alone brings by now: an empty one after a silence, or one without a lift that lasted."""
+        due_ns = self.due_ns
+        if due_ns is None or now_ns < due_ns:
             return None
-        self.counters.expired_frames += 1
+        if self.debounce is not None and due_ns == self.debounce.due_ns:
+            return TouchFrame(now_ns, self.debounce.settle(self.debounce.contacts, now_ns))
+        return self._release_all(now_ns)
+
+    @property
+    def due_ns(self) -> int | None:
+        """When `expire` has a frame, unless a report comes before; None: never."""
+        due_ns = None if self.debounce is None else self.debounce.due_ns
+        if self._is_shown and self.release_after_ns is not None:
+            release_ns = self._frame_ns + self.release_after_ns
+            due_ns = release_ns if due_ns is None else min(due_ns, release_ns)
+        return due_ns
+
+    def _release_all(self, now_ns: int) -> TouchFrame | None:
+        """An empty frame where contacts are shown, else `None`."""
+        is_shown = self._is_shown or self.due_ns is not None
         self.frame.active.clear()
         self.frame.start()
         self._is_shown = False
-        return TouchFrame(now_ns, ())
+        if self.debounce is not None:
+            self.debounce.clear()
+        self.counters.expired_frames += is_shown
+        return TouchFrame(now_ns, ()) if is_shown else None
 
     def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
         """Take a report of a device that sends contacts and their count in different reports, in either order."""
@@ -376,6 +379,8 @@ class Digitizer:
         contacts = (*active.values(), *frame.palms)
         frame.start()
         self._is_shown = bool(contacts)
+        if self.debounce is not None:
+            contacts = self.debounce.settle(contacts, now_ns)
         self._frame_ns = now_ns
         self.counters.frames += 1
         scan_time_ns = None
@@ -386,10 +391,3 @@ class Digitizer:
 
 def _do_nothing(*_: object) -> None:
     pass
-
-
-def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:
-    if quirks.maximum_contacts is not None:
-        return quirks.maximum_contacts
-    declared = 0 if surface.contact_count_maximum is None else surface.contact_count_maximum.logical_maximum
-    return declared if 1 <= declared <= _LARGEST_MAXIMUM_CONTACTS else _DEFAULT_MAXIMUM_CONTACTS

@@ -34,6 +34,7 @@ class QuirkClass:
     `hovers`: In Range without Tip Switch is a hovering finger; without this switch it is ignored.
     `frame_may_be_empty`: a contact count of 0 with a new scan time is a frame of its own.
     `maximum_contacts`: replaces a wrong Contact Count Maximum of the device.
+    `releases_when_silent`: it repeats a resting finger, so that silence is a lost release (MT_QUIRK_STICKY_FINGERS).
     """
 
     validity: Validity = Validity.ALWAYS
@@ -44,6 +45,7 @@ class QuirkClass:
     hovers: bool = False
     frame_may_be_empty: bool = False
     maximum_contacts: int | None = None
+    releases_when_silent: bool = False
 
 
 GENERIC = QuirkClass(count_is_accurate=True)
@@ -55,7 +57,10 @@ CONFIDENCE_MINUS_ONE = QuirkClass(Validity.CONFIDENCE, Key.SLOT_IS_CONTACT_ID_MI
 IN_RANGE_CONTACT_NUMBER = QuirkClass(Validity.IN_RANGE, Key.SLOT_IS_CONTACT_NUMBER)
 DUAL_IN_RANGE_CONTACT_NUMBER = replace(IN_RANGE_CONTACT_NUMBER, maximum_contacts=2)
 DUAL_IN_RANGE_CONTACT_ID = QuirkClass(Validity.IN_RANGE, Key.SLOT_IS_CONTACT_ID, maximum_contacts=2)
-WIN8 = QuirkClass(count_is_accurate=True, ignores_duplicates=True, hovers=True, frame_may_be_empty=True)
+# Windows certifies panels that report a resting finger again and again; Linux releases one after 100 ms without.
+WIN8 = QuirkClass(
+    count_is_accurate=True, ignores_duplicates=True, hovers=True, frame_may_be_empty=True, releases_when_silent=True
+)
 WIN8_UNSEEN_MEANS_UP = replace(WIN8, validity=Validity.TIP, unseen_means_up=True)
 EGALAX = QuirkClass(Validity.IN_RANGE, Key.SLOT_IS_CONTACT_ID)
 APPLE_TOUCH_BAR = QuirkClass(key=Key.SLOT_IS_CONTACT_ID_MINUS_ONE, hovers=True, maximum_contacts=11)
@@ -69,6 +74,7 @@ PANASONIC = replace(UNSEEN_MEANS_UP, maximum_contacts=4)
 SMART = QuirkClass(count_is_accurate=True, ignores_duplicates=True)
 THREE_M = replace(CONFIDENCE_CONTACT_ID, maximum_contacts=60)
 TOPSEED = QuirkClass(maximum_contacts=2)
+VTL = replace(GENERIC, releases_when_silent=True)
 
 _ANY_CERTIFICATION = (False, True)
 _PLAIN = (False,)
@@ -118,8 +124,10 @@ _FAMILIES: tuple[tuple[QuirkClass, tuple[bool, ...], dict[int, tuple[int, ...]]]
     (PANASONIC, _PLAIN, {0x04DA: (0x1044, 0x104D)}),
     (SMART, _PLAIN, {0x0B8C: (0x0092,)}),
     (TOPSEED, _PLAIN, {0x1784: (0x0016,)}),
-    # Asus T304: a certified pad that keeps the plain rules; VTL and Honor panels likewise.
-    (GENERIC, _WIN8, {0x0B05: (0x184A,), 0x347D: (0x7853,), 0x35CC: (0x0104,)}),
+    # Asus T304: a certified pad that keeps the plain rules; VTL and Honor panels likewise, but for their silence.
+    (GENERIC, _WIN8, {0x0B05: (0x184A,)}),
+    (VTL, _WIN8, {0x347D: (0x7853,), 0x35CC: (0x0104,)}),
+    (replace(WIN8, releases_when_silent=False), _WIN8, {0x0416: (0xC168,)}),  # Winbond
     (WIN8_UNSEEN_MEANS_UP, _ANY_CERTIFICATION, {0x27C6: (0x01E8, 0x01E9)}),
     (WIN8_UNSEEN_MEANS_UP, _WIN8, {0x04F3: (0x32AE,), 0x17EF: (0x60FE, 0x61AE), 0x046D: (0xC548,)}),
 )

@@ -8,6 +8,10 @@ from typing import Any, NamedTuple
 from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface
 from engine.touch.quirks import QuirkClass, Validity
 
+# Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
+_DEFAULT_MAXIMUM_CONTACTS = 10
+_LARGEST_MAXIMUM_CONTACTS = 250  # MT_MAX_MAXCONTACT of hid-multitouch.c
+
 
 @dataclass(frozen=True, slots=True)
 class Bits:
@@ -105,3 +109,11 @@ def read(bits: Bits, report: bytes) -> int:
     if bits.stop - bits.start == 1:  # every contact count: 4 times as fast
         return report[bits.start] >> bits.shift & bits.mask
     return int.from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
+
+
+def maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:
+    """Contacts that are down at once at most."""
+    if quirks.maximum_contacts is not None:
+        return quirks.maximum_contacts
+    declared = 0 if surface.contact_count_maximum is None else surface.contact_count_maximum.logical_maximum
+    return declared if 1 <= declared <= _LARGEST_MAXIMUM_CONTACTS else _DEFAULT_MAXIMUM_CONTACTS

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,33 +69,39 @@ def replay(
         str, typer.Argument(metavar="RECORDING", help="A recording in hid-recorder format; FILE#38 of one surface.")
     ],
     frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
+    device_name: Annotated[
+        str | None,
+        typer.Option("--device", help="The bar's device file or shipped name, for its `silence` and `debounce`."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Decode a recording as the engine does, all at once."""
+    """Decode a recording as the engine does, all at once; frames without a report are brought by time."""
     from engine.touch import open_digitizer
+    from engine.touch.debounce import fit_releases
     from engine.touch.sources.recording import read_recording
-    from tactable.digitizers.record import recording_named
+    from tactable.digitizers.record import recorded_frames, recording_named
 
     path, report_id = recording_named(recording_name) or (Path(recording_name), None)
     recording = read_recording(path)
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id, report_id)
+    if device_name is not None:
+        digitizer.on_surface = partial(fit_releases, digitizer, find_device(device_name))
+        digitizer.on_surface()
     completed = 0
-    for report in recording.reports:
-        frame = digitizer.decode_report(report.data, round(report.time_s * 1e9))
-        if frame is None:
-            continue
-        completed += 1
+    for index, frame in recorded_frames(digitizer, recording):
+        completed += index is not None
+        time_s = frame.time_ns / 1e9
         contacts = [
             {"id": c.contact_id, "x": c.x, "y": c.y, "tip": c.tip, "palm": not c.confidence} for c in frame.contacts
         ]
         if frames and as_json:
-            print_json({"report": report.index, "t_s": report.time_s, "contacts": contacts}, indent=None)
+            print_json({"report": index, "t_s": time_s, "contacts": contacts}, indent=None)
         elif frames:
             shown = "  ".join(
                 f"{c['id']}: {c['x']},{c['y']}{'' if c['tip'] else ' hovers'}{' palm' if c['palm'] else ''}"
                 for c in contacts
             )
-            say(f"{report.index:6d} {report.time_s:10.4f} s  {shown or 'nothing'}")
+            say(f"{'time' if index is None else index:>6} {time_s:10.4f} s  {shown or 'nothing'}")
     if digitizer.foreign_notice:
         note(digitizer.foreign_notice)
     if frames:

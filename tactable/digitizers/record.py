@@ -90,7 +90,7 @@ def learn_from_recording(path: Path, bar_mm: float | None, report_id: int | None
     """Learn how the digitizer, or its surface with that report, lies on the bar from the longest stroke."""
     recording = read_recording(path)
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id, report_id)
-    stroke = find_stroke(digitizer, _recorded_frames(digitizer, recording))
+    stroke = find_stroke(digitizer, (frame for _, frame in recorded_frames(digitizer, recording)))
     return learn_axis(digitizer.surface, stroke, bar_mm)
 
 
@@ -103,10 +103,17 @@ def learn_live(machine: Machine, name: str, bar_mm: float | None, on_foreign: Ca
         return learn_axis(digitizer.surface, stroke, bar_mm)
 
 
-def _recorded_frames(digitizer: Digitizer, recording: Recording) -> Iterator[TouchFrame]:
-    for report in recording.reports:
-        time_ns = round(report.time_s * _NS_PER_S)
-        yield from filter(None, (digitizer.expire(time_ns), digitizer.decode_report(report.data, time_ns)))
+def recorded_frames(digitizer: Digitizer, recording: Recording) -> Iterator[tuple[int | None, TouchFrame]]:
+    """Each frame of a recording with the index of its report; None: time brought it, as in the engine."""
+    reports = [(report.index, round(report.time_s * _NS_PER_S), report.data) for report in recording.reports]
+    for index, time_ns, data in [*reports, (0, None, b"")]:
+        while (due_ns := digitizer.due_ns) is not None and (time_ns is None or due_ns <= time_ns):
+            frame = digitizer.expire(due_ns)
+            if frame is not None:
+                yield None, frame
+        frame = None if time_ns is None else digitizer.decode_report(data, time_ns)
+        if frame is not None:
+            yield index, frame
 
 
 def _live_frames(source: Source, digitizer: Digitizer, clock: Clock, stop: StopRequest) -> Iterator[TouchFrame]:

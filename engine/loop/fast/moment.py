@@ -135,12 +135,14 @@ class Moment:
     def _write_contacts(self, pipeline: Pipeline) -> bool:
         """Write contacts and fingers; False where there are too many, or where programs act on them.
 
-        The step knows no finger that is kept quiet, and no level that the rules do not have.
+        The step knows no finger that is kept quiet, no gap of a contact, and no level that the rules do not have.
         """
         fast, levels, most = self.fast, self._levels, CONSTANTS["MOST_CONTACTS"]
         frame, player = pipeline.digitizer.frame, pipeline.player
         # A frame that is under way may list fewer contacts than there are fingers.
         if frame.lifted or max(len(frame.active), len(player.fingers), len(player.lifted)) > most:
+            return False
+        if pipeline.digitizer.debounce is not None:
             return False
         column = pipeline.tracker.position.column
         for active, contact in zip(self._active, frame.active.values(), strict=False):

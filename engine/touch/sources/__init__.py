@@ -2,6 +2,9 @@
 
 from typing import Protocol
 
+LIFT_ALL = b""
+"""In place of a report, which is never empty: reports were lost, or the device is gone, and no contact is left."""
+
 
 class Described(Protocol):
     """Anything that describes a digitizer: a source or a recording."""

@@ -18,9 +18,6 @@ from engine.touch.digitizer import Contact, DigitizerError
 from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 
-# The input layer reports changes only, so a resting finger is repeated this often: half the watchdog's time.
-_REPEAT_NS = 60_000_000
-
 # linux/input-event-codes.h
 _EV_SYN, _EV_ABS = 0x00, 0x03
 _SYN_REPORT, _SYN_DROPPED = 0, 3  # of type EV_SYN
@@ -146,11 +143,6 @@ class SlotTracker:
         self._slot = 0
         self._shown: dict[int, Contact] = {}
 
-    @property
-    def shown(self) -> tuple[Contact, ...]:
-        """The contacts that were down in the last frame."""
-        return tuple(self._shown.values())
-
     def set_axis(self, code: int, value: int) -> None:
         """An EV_ABS event."""
         if code == _SLOT:
@@ -227,24 +219,18 @@ class EvdevSource(OnClock):
         return self._node.fd if self._is_open else None
 
     def next_time_ns(self) -> int | None:
-        """Now for reports that were read already, else when resting fingers are repeated."""
-        if self._ready:
-            return 0
-        return self.report_time_ns + _REPEAT_NS if self._is_open and self._tracker.shown else None
+        """Now for reports that were read already."""
+        return 0 if self._ready else None
 
     def read(self, now_ns: int) -> bytes | None:
-        """The next frame as a report; resting fingers again after 60 ms."""
+        """The next frame as a report."""
         if not self._ready and self._is_open:
             self._read_node()
-        if self._ready:
-            report = self._ready.popleft()
-        elif self._is_open and self._tracker.shown and now_ns - self.report_time_ns >= _REPEAT_NS:
-            report = self._encoder.encode(self._tracker.shown)
-        else:
+        if not self._ready:
             return None
         self.report_index += 1
         self.report_time_ns = now_ns
-        return report
+        return self._ready.popleft()
 
     def close(self) -> None:
         """Give the node back."""

@@ -14,7 +14,8 @@ from typing import Protocol
 
 from engine.touch.choice import open_digitizer
 from engine.touch.descriptor import DescriptorError, Field, Surface, SurfaceKind
-from engine.touch.digitizer import RELEASE_AFTER_NS, DigitizerError
+from engine.touch.digitizer import DigitizerError
+from engine.touch.sources import LIFT_ALL, OnClock
 from engine.touch.sources.hid_discovery import (
     HidDigitizer,
     HidHandle,
@@ -28,7 +29,6 @@ from engine.touch.sources.hid_discovery import (
 _READ_BYTES = 4096
 # Without a descriptor to wait on: a quarter of the usual frame of 8 ms.
 _POLL_NS = 2_000_000
-# The watchdog has released every contact (120 ms) before the first attempt to come back.
 _FIRST_RETRY_NS = 250_000_000
 _LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/reopening.py)
 # _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
@@ -54,13 +54,13 @@ class HidrawCounters:
     failed_features: int = 0
 
 
-class HidrawSource:
+class HidrawSource(OnClock):
     """A live digitizer as a Source; with `reconnect` an unplug is waited out, otherwise it ends the source.
 
     `state`, `problem` and `counters` say how it is. Raises `DigitizerError` when the device cannot be opened.
 
-    Its time axis is the clock's until the ring overflows; what is lost then may hold a release, so the axis skips
-    the patience of the watchdog: every contact is released, and comes back with the next report that tells of it.
+    What is lost when the ring overflows may hold a release, and a lost device has no fingers: LIFT_ALL stands for the
+    report that is missing. A contact that is still there comes back with the next report that tells of it.
     """
 
     def __init__(self, system: HidSystem, device: HidDigitizer, *, reconnect: bool = True) -> None:
@@ -76,7 +76,6 @@ class HidrawSource:
         self._poll = select.epoll() if system.has_nodes else None
         self._channel: _Channel | None = None
         self._burst = 0  # reports read since there was none
-        self._skipped_ns = 0
         self._read_ns: int | None = None
         try:
             self._attach(_open_channel(system, device, self.counters))
@@ -124,11 +123,13 @@ class HidrawSource:
             report = channel.read()
         except OSError as error:
             self._lose(error, now_ns)
-            return None
+            return self._lift_all(now_ns) if self._reconnects else None
         if report is None:
-            self._read_ns = now_ns
-            self._end_burst()
-            return None
+            self._read_ns, burst, self._burst = now_ns, self._burst, 0
+            if burst < self._finder.system.ring_size:
+                return None
+            self.counters.overflows += 1
+            return self._lift_all(now_ns)
         self._count_report(now_ns)
         return report
 
@@ -141,22 +142,19 @@ class HidrawSource:
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
         """Take a report that the compiled wait read at `now_ns`; it may be the last available one."""
         self._count_report(now_ns)
-        if is_last:
-            self._end_burst()
+        if is_last and self._burst < self._finder.system.ring_size:
+            self._burst = 0
         return packet
 
     def _count_report(self, now_ns: int) -> None:
         self._burst += 1
         self.report_index += 1
-        self.report_time_ns = now_ns + self._skipped_ns
+        self.report_time_ns = now_ns
 
-    def source_time_ns(self, now_ns: int) -> int:
-        """Clock time and what overflows skipped."""
-        return now_ns + self._skipped_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        """Clock time of a time since the last overflow."""
-        return source_time_ns - self._skipped_ns
+    def _lift_all(self, now_ns: int) -> bytes:
+        self._count_report(now_ns)
+        self._burst = 0
+        return LIFT_ALL
 
     def close(self) -> None:
         """Give the device back; a second close does nothing."""
@@ -167,12 +165,6 @@ class HidrawSource:
         if self._poll is not None:
             self._poll.close()
             self._poll = None
-
-    def _end_burst(self) -> None:
-        if self._burst >= self._finder.system.ring_size:
-            self.counters.overflows += 1
-            self._skipped_ns += RELEASE_AFTER_NS
-        self._burst = 0
 
     def _attach(self, channel: _Channel) -> None:
         descriptor = channel.fileno()

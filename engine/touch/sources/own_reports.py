@@ -9,6 +9,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact
 
 # A descriptor of 4096 bytes, the most Linux takes, holds 41.
@@ -34,6 +35,13 @@ class Axis:
     minimum: int
     maximum: int
     length_mm: float | None = None
+
+
+def are_ours(surface: Surface) -> bool:
+    """Whether a surface is that of `ContactReports`, whose sources state every lift: no panel has ids of 31 bits."""
+    report, contact_id = surface.reports[0], surface.contacts[0].contact_id
+    ids, counts = (field and field.logical_maximum for field in (contact_id, report.contact_count))
+    return (ids, counts) == (0x7FFF_FFFF, MOST_CONTACTS)
 
 
 class ContactReports:

@@ -45,14 +45,14 @@ from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath
 from tests.engine.made_clicks import made_clicks
 from tests.engine.made_states import LEVEL_DB, state_index, states_of
 from tests.engine.render.made_steady import MadeSteady
-from tests.engine.touch.descriptors import CONTACT_COUNT, application, finger
+from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
 from tests.precompute.devices import shipped
 from tests.tools.virtual import VirtualLine
 
 DEVICE = shipped("reference-a")
 NO_CLICKS = made_clicks(DEVICE, ())
 SLOTS = 4
-DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT)
+DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
 BIT_RATE_HZ = 1_000_000
 
 Touch = tuple[int, float]

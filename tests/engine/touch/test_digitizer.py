@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from engine.touch import Contact, DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.descriptor import SurfaceKind
-from engine.touch.digitizer import AGAIN
+from engine.touch.digitizer import AGAIN, RELEASE_AFTER_NS
+from engine.touch.sources import LIFT_ALL
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.shared_recordings import RECORDINGS, recording_params
 from tests.engine.test_fuzz import check_frame
@@ -148,14 +149,32 @@ def test_a_serial_device_keeps_its_contacts_and_no_more_than_it_declares() -> No
     assert digitizer.counters.excess_contacts == 3
 
 
-def test_contacts_are_released_120_ms_after_the_last_frame_and_nothing_expires_while_nothing_is_down() -> None:
-    digitizer = open_digitizer(SERIAL)
-    digitizer.decode_report(b"\x01" + Finger(1).bytes(), 50 * MS)
-    assert digitizer.expire(169 * MS) is None
+def test_a_certified_panel_releases_120_ms_after_the_last_frame_and_nothing_expires_while_nothing_is_down() -> None:
+    digitizer = open_digitizer(CERTIFIED)
+    digitizer.decode_report(certified(Finger(1), NOBODY, 1, 1), 50 * MS)
+    assert (digitizer.due_ns, digitizer.expire(169 * MS)) == (170 * MS, None)
     assert digitizer.expire(170 * MS) == TouchFrame(170 * MS, ())
-    assert digitizer.expire(400 * MS) is None
-    assert ids(digitizer.decode_report(b"\x01" + NOBODY.bytes(), 500 * MS)) == []
+    assert (digitizer.due_ns, digitizer.expire(400 * MS)) == (None, None)
+    assert ids(digitizer.decode_report(certified(NOBODY, NOBODY, 2, 1), 500 * MS)) == []
     assert digitizer.expire(1000 * MS) is None
+
+
+REST = Finger(1), NOBODY
+
+
+@pytest.mark.parametrize(
+    ("device", "report"),
+    [((HYBRID, 0x1234, 1), hybrid(*REST, 1)), ((CERTIFIED, 0x0416, 0xC168), certified(*REST, 1, 1))],
+)
+def test_a_panel_that_reports_changes_only_keeps_a_resting_finger(
+    device: tuple[bytes, int, int], report: bytes
+) -> None:
+    """One without a certificate, and one that the kernel lists by its number."""
+    digitizer = open_digitizer(*device)
+    digitizer.decode_report(report, 0)
+    assert (digitizer.due_ns, digitizer.expire(10_000 * MS)) == (None, None)
+    assert digitizer.decode_report(LIFT_ALL, 20_000 * MS) == TouchFrame(20_000 * MS, ())
+    assert digitizer.decode_report(LIFT_ALL, 20_001 * MS) is None
 
 
 @pytest.mark.parametrize(
@@ -330,9 +349,11 @@ def test_frames_equal_the_kernels_after_every_report(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid"))
-def test_no_contact_stays_down_150_ms_after_the_last_report(path: Path) -> None:
+def test_no_contact_of_a_panel_that_repeats_stays_down_150_ms_after_the_last_report(path: Path) -> None:
     recording = read_recording(path)
     digitizer = opened(recording)
+    if not digitizer.quirks.releases_when_silent:
+        digitizer.release_after_ns = RELEASE_AFTER_NS
     frame = TouchFrame(0, ())
     reports = [(int(report.time_s * 1e9), report.data) for report in recording.reports]
     last_ns = 0

@@ -35,6 +35,7 @@ from tactable.shipped import DEMO_RECORDING, device_folder
 from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
 from tests.engine.touch.sources.fake_hid import DESCRIPTOR as FAKE_DESCRIPTOR
 from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
+from tests.engine.touch.test_digitizer import HYBRID, NOBODY, Finger, hybrid
 from tests.tactable.rig.strokes import Stroke as DrawnStroke
 from tests.tactable.rig.strokes import make_recording
 from tests.tools.virtual import VirtualClock
@@ -240,6 +241,20 @@ def test_replayed_frames_are_one_object_a_line(bench: Bench) -> None:
         "contacts": [{"id": 0, "x": 1638, "y": 511, "tip": True, "palm": False}],
     }
     assert frames[-1]["contacts"] == []
+
+
+def test_a_replay_releases_by_time_where_the_engine_does(bench: Bench, tmp_path: Path) -> None:
+    recording, bar = tmp_path / "panel.hid", tmp_path / "bar.toml"
+    rests = (Report(0, 0.0, hybrid(Finger(1), NOBODY, 1)),)
+    write_recording(Recording("panel", 3, 0x1234, 1, HYBRID, rests), recording)
+    text = (device_folder() / "reference-a.toml").read_text()
+    bar.write_text(text.replace("[digitizer]", '[digitizer]\nsilence = "200 ms" #', 1))
+    words = ("replay", str(recording), "--frames", "--json")
+    alone, by_file = (
+        [json.loads(line) for line in bench.run(*words, *more).output.splitlines()]
+        for more in ((), ("--device", str(bar)))
+    )
+    assert by_file == [*alone, {"report": None, "t_s": 0.2, "contacts": []}]
 
 
 # ---- doctor ----------------------------------------------------------------------------------------------

@@ -277,7 +277,7 @@ def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered
 
 def test_a_contact_that_a_panel_no_longer_mentions_has_lifted() -> None:
     frames = [(0.1, report({1: 0.1})), (0.15, report({2: 0.6})), (0.2, report({}))]
-    assert answered_whole(frames, vendor_id=0x1FF7, product_id=0x0013) == TWO
+    assert answered_whole(frames, vendor_id=0x17EF, product_id=0x60FE) == TWO
 
 
 def test_a_contact_that_hovers_feels_nothing_until_it_touches() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engine.device import Device
 from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
-from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.debounce import fit_releases
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import (
     EvdevSource,
@@ -22,7 +23,9 @@ from engine.touch.sources.evdev import (
     load_evdev,
     open_evdev,
 )
+from tests.precompute.devices import shipped
 
+DEVICE = shipped("reference-a")
 MS = 1_000_000
 EV_SYN, EV_ABS = 0, 3
 SYN_REPORT, SYN_DROPPED = 0, 3
@@ -169,24 +172,15 @@ def test_after_any_loss_the_last_frame_is_the_kernels_state(
     assert last == now
 
 
-def test_a_resting_finger_is_told_again_before_the_watchdog_acts() -> None:
+@pytest.mark.parametrize("device", [DEVICE, replace(DEVICE, touch_axis=replace(DEVICE.touch_axis, silence_s=0.12))])
+def test_a_resting_finger_stays_for_the_kernel_tells_its_lift(device: Device) -> None:
     kernel = FakeKernel()
     source = opened(kernel)
-    assert source.next_time_ns() is None
-    kernel.show({0: (10, (100, 0))})
     digitizer = open_digitizer(source.descriptor)
-    for now_ns in range(0, 1000 * MS, 5 * MS):
-        report = source.read(now_ns)
-        if report is not None:
-            digitizer.decode_report(report, now_ns)
-        assert digitizer.expire(now_ns) is None
-        due_ns = source.next_time_ns()
-        assert due_ns is not None
-        assert due_ns - now_ns < RELEASE_AFTER_NS
-    assert source.report_index == 1000 // 60
-    kernel.show({})
-    source.read(2000 * MS)
-    assert source.next_time_ns() is None
+    fit_releases(digitizer, device)
+    kernel.show({0: (10, (100, 0))})
+    assert [places(frame) for frame in frames(source, 0, digitizer)] == [{10: 100}]
+    assert (digitizer.due_ns, source.next_time_ns()) == (None, None)
 
 
 def test_an_unplug_releases_everything_and_ends() -> None:
