@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device, FittedValue, Uncertainty
-from precompute.calibration.confidence import Confidence, compute_confidence, compute_intervals
+from precompute.calibration.confidence import compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
 from precompute.measurements import Kind, MeasurementError, Measurements
@@ -51,26 +51,21 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """Result of a calibration.
+class FittedDevice:
+    """A device with fitted values, whatever they were fitted to.
 
-    device: with the fitted values; its text is still the old one. covariance, information (parameter, parameter): of
-    the coordinates of the parameters; the information is that of the data alone, without the bounds. predicted (row,):
-    m/s^2. log_residual (row,): ln of measured over predicted magnitude. noise: relative standard deviation of a
-    reading. is_wrong (row,): readings that are further off than OUTLIER standard deviations.
+    device: its text is still the old one. covariance, information (parameter, parameter): of the coordinates of the
+    parameters; the information is that of the data alone, without the bounds. noise: relative standard deviation of a
+    reading.
     """
 
     device: Device
-    measurements: Measurements
     loss: Loss
     estimates: tuple[Estimate, ...]
     coordinate: Array
     covariance: Array
     information: Array
     noise: float
-    predicted: Complex
-    log_residual: Array
-    is_wrong: NDArray[np.bool_]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -92,6 +87,20 @@ class Calibration:
             fitted=tuple(FittedValue(p.name, p.low, p.high, p.knee) for p in (self.parameters[i] for i in kept)),
             covariance=tuple(tuple(float(self.covariance[i, j]) for j in kept) for i in kept),
         )
+
+
+@dataclass(frozen=True)
+class Calibration(FittedDevice):
+    """A device fitted to accelerations.
+
+    predicted (row,): m/s^2. log_residual (row,): ln of measured over predicted magnitude. is_wrong (row,): readings
+    that are further off than OUTLIER standard deviations.
+    """
+
+    measurements: Measurements
+    predicted: Complex
+    log_residual: Array
+    is_wrong: NDArray[np.bool_]
 
 
 def calibrate(
@@ -119,8 +128,7 @@ def calibrate(
     chosen = find_parameters(device, names, bounds or {}, sensor_mass_of(measurements))
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
-        confidence = compute_confidence(found)
-        return _conclude(device, measurements, found, confidence, compute_intervals(found, confidence))
+        return _conclude(device, measurements, found)
 
 
 def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
@@ -159,10 +167,10 @@ def sensor_mass_of(measurements: Measurements) -> float:
     return float(heavy.mean()) if len(heavy) else 0.0
 
 
-def _conclude(
-    device: Device, measurements: Measurements, found: Fit, confidence: Confidence, intervals: Array
-) -> Calibration:
-    parameters = found.problem.misfit.parameters
+def conclude(device: Device, found: Fit) -> FittedDevice:
+    """The device at the minimum of a fit, with the interval of every value."""
+    confidence = compute_confidence(found)
+    intervals, parameters = compute_intervals(found, confidence), found.problem.misfit.parameters
     deviation = np.sqrt(np.diag(confidence.covariance))
     estimates = tuple(
         _estimate(parameter, x, sd, ends)
@@ -170,23 +178,29 @@ def _conclude(
             parameters, found.coordinate.tolist(), deviation.tolist(), intervals.tolist(), strict=True
         )
     )
-    values = np.array([estimate.value for estimate in estimates])
-    residual = found.misfit.log_residual
-    if measurements.kind is Kind.RESPONSE:
-        size = np.abs(residual.reshape(2, -1)).max(axis=0)
-        residual = residual[: len(measurements)]
-    else:
-        size = np.abs(residual)
-    model = MeasurementModel(device, measurements, parameters)
-    return Calibration(
-        device=with_values(device, parameters, values),
-        measurements=measurements,
+    return FittedDevice(
+        device=with_values(device, parameters, np.array([estimate.value for estimate in estimates])),
         loss=found.loss,
         estimates=estimates,
         coordinate=found.coordinate,
         covariance=confidence.covariance,
         information=confidence.information,
         noise=found.noise,
+    )
+
+
+def _conclude(device: Device, measurements: Measurements, found: Fit) -> Calibration:
+    fitted, residual = conclude(device, found), found.misfit.log_residual
+    if measurements.kind is Kind.RESPONSE:
+        size = np.abs(residual.reshape(2, -1)).max(axis=0)
+        residual = residual[: len(measurements)]
+    else:
+        size = np.abs(residual)
+    model = MeasurementModel(device, measurements, fitted.parameters)
+    values = np.array([estimate.value for estimate in fitted.estimates])
+    return Calibration(
+        **vars(fitted),
+        measurements=measurements,
         predicted=np.exp(model.predict(values).log_acceleration),
         log_residual=-residual,
         is_wrong=size > OUTLIER * found.noise,

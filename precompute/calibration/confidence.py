@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from precompute.calibration.fit import CAUCHY, SMALLEST_NOISE, Fit, refit_held
+from precompute.calibration.fit import CAUCHY, Fit, refit_held
 from precompute.calibration.misfit import Loss
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ def compute_confidence(fit: Fit) -> Confidence:
     data, parameters = fit.misfit.log_slope.shape
     information, curvature, *fewer = _absolute(fit) if fit.loss is Loss.L1 else _squares(fit)
     prior = np.array([parameter.prior for parameter in fit.problem.misfit.parameters])
-    return Confidence(information, curvature, prior, min([data - parameters, *fewer]))
+    return Confidence(information, curvature, prior, min([max(data - parameters, 1), *fewer]))
 
 
 def compute_intervals(fit: Fit, confidence: Confidence) -> Array:
@@ -133,10 +133,10 @@ def _squares(fit: Fit) -> tuple[Array, Array] | tuple[Array, Array, int]:
     data, parameters = slope.shape
     weight = 1 / (1 + (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
     bend = weight**2 * (1 - (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
-    spread = max(float(((weight * u) ** 2).sum()) / (data - parameters), (SMALLEST_NOISE / fit.noise) ** 2)
+    least = (fit.problem.misfit.least_noise / fit.noise) ** 2
+    spread = max(float(((weight * u) ** 2).sum()) / max(data - parameters, 1), least)
     gram, mean = slope.T @ slope, max(float(bend.mean()), 0.1)
     if not fit.problem.misfit.is_peak:
-        least = (SMALLEST_NOISE / fit.noise) ** 2
         information, freedom = _by_reading(slope, weight * u, least)
         return information * mean**2, gram * mean, freedom
     return gram * mean**2 / spread, gram * mean
@@ -181,7 +181,7 @@ def _absolute(fit: Fit) -> tuple[Array, Array]:
     root, vector = np.linalg.eigh(unit.T @ unit)
     kept = root > _RANK * root[-1]
     half = (vector[:, kept] / np.sqrt(root[kept])).T @ A
-    return half.T @ half * outer * (data - parameters) / data, A * outer
+    return half.T @ half * outer * max(data - parameters, 1) / data, A * outer
 
 
 def _inverse(matrix: Array) -> Array:

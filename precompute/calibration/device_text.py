@@ -8,7 +8,7 @@ import tomlkit
 from engine.device import Device, Transfer
 from engine.device.quantity import quantity_text
 from engine.device.texts import tables_of
-from precompute.calibration.calibrate import Calibration
+from precompute.calibration.calibrate import FittedDevice
 
 _DIGITS = 10  # finer than any interval, and still short
 _DAMPINGS = ("bar.mass_damping", "bar.stiffness_damping", "actuator.damping")
@@ -16,7 +16,7 @@ _LEAST_DAMPING = "1e-9 s"
 """The least that a file may state of the bar's stiffness damping."""
 
 
-def calibrated_text(calibration: Calibration, provenance: Mapping[str, str]) -> str:
+def calibrated_text(calibration: FittedDevice, provenance: Mapping[str, str]) -> str:
     """The description with the fitted values, which are no longer marked as estimates.
 
     Its table [calibration] states which values were fitted and their covariance, and holds `provenance` (created,
@@ -59,12 +59,12 @@ def text_with_transfers(device: Device, transfers: Sequence[Transfer]) -> str:
     return tomlkit.dumps(document)
 
 
-def calibrated_device(calibration: Calibration) -> Device:
+def calibrated_device(calibration: FittedDevice) -> Device:
     """The device with the fitted values, and a text that states them: to build a table from, or to write to a file."""
     return Device.parse(calibrated_text(calibration, {"loss": calibration.loss.value}), calibration.device.name)
 
 
-def _calibration_table(calibration: Calibration, provenance: Mapping[str, str]) -> Any:
+def _calibration_table(calibration: FittedDevice, provenance: Mapping[str, str]) -> Any:
     table = tomlkit.table()
     for key, text in provenance.items():
         table[key] = text

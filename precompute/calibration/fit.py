@@ -31,8 +31,6 @@ Rho = Callable[[Array], Array]
 
 CAUCHY = 2.385
 """Scale of the Cauchy loss in standard deviations: 95 % of the efficiency of least squares under normal noise."""
-SMALLEST_NOISE = 1e-8
-"""Relative noise below which residuals are rounding errors of the model."""
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
 _COARSE_NOISE = 0.1  # relative noise that the screening assumes
 _TIE = 3.0  # widths of the bounds
@@ -109,10 +107,10 @@ def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
 
 def settle(problem: Problem, loss: Loss, first: Array) -> Fit:
     """Minimise near `first`, parameters and noise in turn, until the noise stays."""
-    value, noise = first, max(_noise(problem, first), SMALLEST_NOISE)
+    value, noise = first, max(_noise(problem, first), problem.misfit.least_noise)
     for _ in range(_ROUNDS_L1 if loss is Loss.L1 else _ROUNDS):
         value, cost = minimise(problem, loss, noise, value)
-        last, noise = noise, max(_noise(problem, value), SMALLEST_NOISE)
+        last, noise = noise, max(_noise(problem, value), problem.misfit.least_noise)
         if abs(noise - last) <= _SETTLED * last:
             break
     value, cost = minimise(problem, loss, noise, value)

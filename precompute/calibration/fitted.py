@@ -11,13 +11,15 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from precompute.calibration.adequacy import adequacy_report
-from precompute.calibration.calibrate import STARTS, Calibration, calibrate, names_told
+from precompute.calibration.calibrate import STARTS, FittedDevice, calibrate, names_told
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
+from precompute.calibration.modal import calibrate_modes, modal_report
 from precompute.calibration.pairwise import fit_pairwise
 from precompute.calibration.report import calibration_report, report_markdown
 from precompute.measurements import read_measurements
 from precompute.measurements.file import check_file
+from precompute.measurements.modes import read_modes
 from precompute.measurements.parameters import Bounds
 
 REPORT = "report.json"
@@ -27,7 +29,7 @@ REPORT = "report.json"
 class Fitted:
     """A calibration that is not written yet; `raw` is the file of measurements, `ending` such as ".csv"."""
 
-    calibration: Calibration
+    calibration: FittedDevice
     report: dict[str, Any]
     raw: bytes
     ending: str
@@ -79,13 +81,21 @@ def fit_file(
     starts: int = STARTS,
     seed: int = 0,
     compares: bool = True,
+    is_modes: bool = False,
 ) -> Fitted:
-    """Fit a device to a file of measurements; with `compares` also as the paper does: each drive alone, then the mean.
+    """Fit a device to a file of measurements, or of modes alone.
+
+    `compares`: also as the paper does, each drive alone, then the mean.
 
     Raises CalibrationError; OSError where the file cannot be read.
     """
     check_file(path)
     raw = path.read_bytes()
+    if is_modes:
+        modal = calibrate_modes(
+            device, read_modes(path, device, sensor_mass_kg), names, loss, bounds=bounds, starts=starts, seed=seed
+        )
+        return Fitted(modal, modal_report(modal), raw, path.suffix.lower(), created)
     with threadpool_limits(1, "blas"):
         measurements = read_measurements(path, device, sensor_mass_kg)
         names = names_told(device, measurements, names)

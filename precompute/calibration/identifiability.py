@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from precompute.calibration.calibrate import Calibration, Known
-from precompute.calibration.plan import LEAST_NOISE, Accuracy, best_drive, prior_information, propose_candidates
+from precompute.calibration.calibrate import FittedDevice, Known
+from precompute.calibration.plan import Accuracy, best_drive, prior_information, propose_candidates
 
 _OPEN_BELOW = 2.0
 """Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
@@ -36,7 +36,7 @@ class Advice:
     standard_error_after: float
 
 
-def open_combinations(calibration: Calibration) -> tuple[Combination, ...]:
+def open_combinations(calibration: FittedDevice) -> tuple[Combination, ...]:
     """Open combinations, by singular values of the sensitivity scaled by the noise and the width of the bounds."""
     prior = np.array([parameter.prior for parameter in calibration.parameters])
     square, vector = np.linalg.eigh(calibration.information * np.outer(prior, prior))
@@ -61,14 +61,12 @@ def _words(parts: tuple[tuple[str, float], ...]) -> str:
     return f"{first} up with {moves}: together they hardly change what was measured"
 
 
-def advise(calibration: Calibration) -> tuple[Advice, ...]:
-    """Advice for every parameter that is not known within a factor of 2 or better."""
+def advise(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> tuple[Advice, ...]:
+    """Advice for every parameter that is not known within a factor of 2 or better; `accuracy`: of further readings."""
+    if all(estimate.known is Known.WELL for estimate in calibration.estimates):
+        return ()
     parameters = calibration.parameters
-    accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
-    masses = calibration.measurements.sensor_mass_kg
-    candidates = propose_candidates(
-        calibration.device, parameters, calibration.coordinate, float(np.median(masses)), accuracy
-    )
+    candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, sensor_mass_kg, accuracy)
     information = calibration.information + prior_information(parameters)
     found: list[Advice] = []
     for i, estimate in enumerate(calibration.estimates):

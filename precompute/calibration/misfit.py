@@ -44,7 +44,7 @@ class MisfitModel:
         self._measured = measurements.acceleration
         self._log_measured = np.log(measurements.acceleration)
         self._last: tuple[Array, Misfit] | None = None
-        self.parameters = parameters
+        self.parameters, self.least_noise = parameters, 1e-8  # below which residuals are rounding errors of the model
         self.mean_reading = float(np.abs(measurements.acceleration).mean())
         """Mean magnitude of the measured accelerations, m/s^2."""
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from base.plain import to_plain
 from engine.device.quantity import interval_text, quantity_text
-from precompute.calibration.calibrate import Calibration, Estimate, Known
+from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.pairwise import Pairwise
+from precompute.calibration.plan import LEAST_NOISE, Accuracy
 
 Array = NDArray[np.float64]
 
@@ -24,15 +25,26 @@ _LISTED = 12  # a page's worth; JSON has all
 def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> dict[str, Any]:
     """All results of the fit in SI, ready for JSON. `pairwise`: the paper's procedure, None where it is impossible."""
     measurements = calibration.measurements
-    return {
-        "device": calibration.device.name,
+    accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
+    return report_of_fit(calibration, float(np.median(measurements.sensor_mass_kg)), accuracy) | {
         "simulated": measurements.is_simulated,
-        "loss": calibration.loss.value,
         "kind": measurements.kind.value,
         "per_newton": measurements.force_m is not None,
         "readings": len(measurements),
-        "noise": calibration.noise,
         "median_misfit": float(np.median(np.abs(calibration.log_residual))),
+        "wrong_readings": _wrong(calibration),
+        "residual_by_drive": _by_drive(calibration),
+        "residual_by_position": _by_position(calibration),
+        "pairwise": None if pairwise is None else _pairwise(calibration, pairwise),
+    }
+
+
+def report_of_fit(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> dict[str, Any]:
+    """What is said of the parameters, whatever they were fitted to; `accuracy`: of the readings that are advised."""
+    return {
+        "device": calibration.device.name,
+        "loss": calibration.loss.value,
+        "noise": calibration.noise,
         "parameters": [_parameter(estimate) for estimate in calibration.estimates],
         "correlations": _correlations(calibration),
         "open": [
@@ -46,12 +58,8 @@ def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> d
                 "drive_hz": to_plain(advice.drive_hz),
                 "standard_error_after": advice.standard_error_after,
             }
-            for advice in advise(calibration)
+            for advice in advise(calibration, sensor_mass_kg, accuracy)
         ],
-        "wrong_readings": _wrong(calibration),
-        "residual_by_drive": _by_drive(calibration),
-        "residual_by_position": _by_position(calibration),
-        "pairwise": None if pairwise is None else _pairwise(calibration, pairwise),
     }
 
 
@@ -70,7 +78,7 @@ def _parameter(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _correlations(calibration: Calibration) -> list[dict[str, Any]]:
+def _correlations(calibration: FittedDevice) -> list[dict[str, Any]]:
     """Correlation of every pair of parameters, the strongest first."""
     names = [parameter.name for parameter in calibration.parameters]
     pairs = [
@@ -144,6 +152,27 @@ def report_markdown(report: dict[str, Any]) -> str:
         open_text(report),
         "## Correlations of the parameters",
         _correlations_markdown(report["correlations"]),
+        *(_modes_markdown(report["modes"]) if "modes" in report else _residuals_markdown(report)),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _modes_markdown(modes: Sequence[dict[str, Any]]) -> list[str]:
+    rows = [
+        [
+            str(mode["mode"]),
+            *(f"{mode[key]:.6g} Hz" for key in ("frequency_hz", "fitted_hz")),
+            *("" if mode[key] is None else _percent(mode[key]) for key in ("damping_ratio", "fitted_damping_ratio")),
+            f"{mode['modal_assurance']:.3g}",
+        ]
+        for mode in modes
+    ]
+    header = ["mode of the model", "frequency", "fitted", "damping ratio", "fitted", "modal assurance criterion"]
+    return ["## Measured and fitted modes", _table(header, rows)]
+
+
+def _residuals_markdown(report: dict[str, Any]) -> list[str]:
+    return [
         "## Measured over fitted, less one",
         _spread_markdown("drive", [(row["drive"], row) for row in report["residual_by_drive"]][:_LISTED]),
         _spread_markdown(
@@ -153,7 +182,6 @@ def report_markdown(report: dict[str, Any]) -> str:
         "## The paper's procedure: every drive alone, then the average",
         _pairwise_markdown(report),
     ]
-    return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _parameters_markdown(parameters: Sequence[dict[str, Any]]) -> str:

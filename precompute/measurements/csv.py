@@ -4,7 +4,7 @@ import csv
 import difflib
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,42 +21,70 @@ _HEADER = re.compile(r"(.+?) ?\(((?:[^()]|\([^()]*\))*)\)(/\w+)?")
 
 
 def parse_csv(text: str, device: Device, sensor_mass_kg: float, source: str) -> Measurements:
-    """Read CSV text: lines that begin with # are comments, the first other line is the header.
+    """Read CSV text with one reading a row.
 
-    A byte order mark at the beginning is passed over. Raises MeasurementError, which names the row and the column, or
-    the form of a file that is not one reading a row.
+    Raises MeasurementError, which names the row and the column, or the form of a file that is not one reading a row.
+    """
+    lines = split_lines(text, source, "position (mm),peak acceleration (m/s^2)")
+    form = wrong_form([line for _, line in lines], device)
+    if form is not None:
+        raise MeasurementError(f"{source}: {form}")
+    columns, numbers = read_columns(lines, column_names(device), may_be_empty, device, source)
+    return assemble_measurements(
+        columns, device, sensor_mass_kg, source, lambda row: f"row {numbers[row]}", is_simulated=says_simulated(text)
+    )
+
+
+def split_lines(text: str, source: str, example: str) -> list[tuple[int, str]]:
+    """Header and rows with their line numbers: lines that begin with # are comments, a byte order mark is passed over.
+
+    Raises MeasurementError for a text without a line, and for too many rows.
     """
     text = text.removeprefix("\ufeff")
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if lines and lines[0][1].strip() == "sep=,":
         del lines[0]  # what spreadsheets are told
     if not lines:
-        raise MeasurementError(f"{source}: is empty; expected a header such as position (mm),peak acceleration (m/s^2)")
+        raise MeasurementError(f"{source}: is empty; expected a header such as {example}")
     if len(lines) > MOST_ROWS + 1:
         raise MeasurementError(
             f"{source}: has {len(lines) - 1} rows; expected at most {MOST_ROWS}: take the mean of repeated readings"
         )
-    form = wrong_form([line for _, line in lines], device)
-    if form is not None:
-        raise MeasurementError(f"{source}: {form}")
+    return lines
+
+
+def says_simulated(text: str) -> bool:
+    """Whether a comment marks the content as SIMULATED."""
+    return any(line.startswith("#") and SIMULATED in line for line in text.splitlines())
+
+
+def read_columns(
+    lines: Sequence[tuple[int, str]],
+    known: Mapping[str, str],
+    is_optional: Callable[[str], bool],
+    device: Device,
+    source: str,
+) -> tuple[dict[str, NDArray[np.float64]], list[int]]:
+    """Columns (row,) in SI by name, NaN where empty, and the line number of each row.
+
+    known: SI unit by the name of a column. Raises MeasurementError, which names the row and the column.
+    """
     # Line by line: a quotation mark that is not closed would join rows.
     header, *cells = (_read_row(line, source, number) for number, line in lines)
     numbers = [number for number, _ in lines[1:]]
     columns: dict[str, NDArray[np.float64]] = {}
     for index, title in enumerate(header):
-        name, scale = _read_title(title, device, source, index)
+        name, scale = _read_title(title, known, device, source, index)
         if name in columns:
             raise MeasurementError(f"{source}: column {index + 1}: {title!r}: is there twice")
+        empty_ok = is_optional(name)
         columns[name] = scale * np.array(
             [
-                _read_cell(row, index, title, name, len(header), source, number)
+                _read_cell(row, index, title, empty_ok, len(header), source, number)
                 for row, number in zip(cells, numbers, strict=True)
             ]
         )
-    is_simulated = any(line.startswith("#") and SIMULATED in line for line in text.splitlines())
-    return assemble_measurements(
-        columns, device, sensor_mass_kg, source, lambda row: f"row {numbers[row]}", is_simulated=is_simulated
-    )
+    return columns, numbers
 
 
 def _read_row(line: str, source: str, number: int) -> list[str]:
@@ -67,9 +95,8 @@ def _read_row(line: str, source: str, number: int) -> list[str]:
         raise MeasurementError(f"{source}: row {number}: is no row of numbers ({error}); {remedy}") from None
 
 
-def _read_title(title: str, device: Device, source: str, index: int) -> tuple[str, float]:
+def _read_title(title: str, known: Mapping[str, str], device: Device, source: str, index: int) -> tuple[str, float]:
     """Name of a column and the factor that makes its values SI."""
-    known = column_names(device)
     match = _HEADER.fullmatch(title.strip())
     where = f"{source}: column {index + 1}: {title!r}"
     if match is None:
@@ -87,11 +114,13 @@ def _read_title(title: str, device: Device, source: str, index: int) -> tuple[st
         raise MeasurementError(f"{where}: {error}") from None
 
 
-def _read_cell(row: Sequence[str], index: int, title: str, name: str, width: int, source: str, number: int) -> float:
+def _read_cell(
+    row: Sequence[str], index: int, title: str, empty_ok: bool, width: int, source: str, number: int
+) -> float:
     if len(row) != width:
         raise MeasurementError(f"{source}: row {number}: has {len(row)} cells, the header {width}; make them equal")
     cell = row[index].strip()
-    if not cell and may_be_empty(name):
+    if not cell and empty_ok:
         return np.nan
     try:
         value = float(cell)

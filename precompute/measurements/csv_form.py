@@ -14,6 +14,7 @@ from engine.device import Device
 _NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?")
 _QUANTITY = re.compile(rf"({_NUMBER.pattern}) *(Hz|kHz|mm|cm|m|%)?")
 _TIME = re.compile(r"(t|time|zeit|temps|timestamp|seconds?)\b.*", re.IGNORECASE)
+_DAMPING = re.compile(r"(modal )?damping|loss factor|q\b", re.IGNORECASE)
 _LEAST_COLUMNS = 2
 _SHOWN = 32  # enough to know a line again
 
@@ -47,4 +48,6 @@ def wrong_form(lines: Sequence[str], device: Device) -> str | None:
             f"is a wide table: {wide[0]!r} and {wide[1]!r} are columns of readings; write one reading a row: "
             f"{example_csv(device)}"
         )
+    if any(_DAMPING.match(cell) for cell in cells):
+        return f"has modes, as its header {header[:_SHOWN]!r} says; give --modes to fit these"
     return None

@@ -41,22 +41,13 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     The x of a node is its place along the bar. The reference node is the place of the force, or lies at an actuator.
     What a file declares is read, or refused by its name. Raises MeasurementError.
     """
-    try:
-        sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
-    except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files
-        cause: BaseException = error
-        while cause.__context__ is not None:  # pyuff says "Error when reading data-set(s)." in place of the cause
-            cause = cause.__context__
-        raise MeasurementError(f"{path}: cannot be read as a universal file: {cause}") from error
-    units = next((part for part in sets if part["type"] == _UNITS), None)
-    unit_m, unit_n = (1.0 if units is None else _unit_of(units, key, path) for key in ("length", "force"))
-    place_m = {number: unit_m * place for number, place in _read_nodes(sets, path).items()}
+    sets, place_m, units = read_sets(path)
     responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
     if not responses:
-        raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses")
+        modes = "; give --modes to fit its modes" if any(part["type"] == 55 for part in sets) else ""
+        raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses{modes}")
     rows = [
-        _read_response(part, place_m, (unit_m, unit_n), device, f"{path}: dataset {number} (58)")
-        for number, part in responses
+        _read_response(part, place_m, units, device, f"{path}: dataset {number} (58)") for number, part in responses
     ]
     if len(kinds := {row.is_per_newton: number for (number, _), row in zip(responses, rows, strict=True)}) > 1:
         text = (
@@ -84,6 +75,24 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
         str(path),
         lambda row: f"dataset {numbers[row]} (58) at {frequency_hz[row]:g} Hz",
     )
+
+
+def read_sets(path: Path) -> tuple[Sequence[Mapping[str, Any]], dict[int, float], tuple[float, float]]:
+    """Datasets of a universal file, the place in metres of every node, and its units of length and force in SI.
+
+    Raises MeasurementError.
+    """
+    try:
+        sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
+    except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files
+        cause: BaseException = error
+        while cause.__context__ is not None:  # pyuff says "Error when reading data-set(s)." in place of the cause
+            cause = cause.__context__
+        raise MeasurementError(f"{path}: cannot be read as a universal file: {cause}") from error
+    units = next((part for part in sets if part["type"] == _UNITS), None)
+    unit_m, unit_n = (1.0 if units is None else _unit_of(units, key, path) for key in ("length", "force"))
+    place_m = {number: unit_m * place for number, place in _read_nodes(sets, path).items()}
+    return sets, place_m, (unit_m, unit_n)
 
 
 def write_uff(path: Path, measurements: Measurements, device: Device, comment: str) -> None:

@@ -41,6 +41,8 @@ class CalibrationJob:
     accepted_misfit: float
     is_strict: bool
     """A parameter that is not known within a factor of 2 makes the result doubtful."""
+    is_modes: bool = False
+    """The measurements are modes."""
 
     @property
     def device_file(self) -> Path:
@@ -62,6 +64,7 @@ class CalibrationJob:
             starts=self.starts,
             seed=self.seed,
             compares=self.compares,
+            is_modes=self.is_modes,
         )
         report = fitted.report | {"asked": self._asked(fitted.raw)}
         if any(p["name"].endswith("full_scale") for p in report["parameters"]):
@@ -114,6 +117,7 @@ class CalibrationJob:
             "sensor_mass_kg": self.sensor_mass_kg,
             "starts": self.starts,
             "seed": self.seed,
+            **({"is_modes": True} if self.is_modes else {}),
         }
 
 

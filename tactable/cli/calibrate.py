@@ -107,9 +107,16 @@ def calibrate(
     flaws: FlawsText = "",
     change: Change = None,
     bit_rate_hz: BitRate = 115_200,
+    modes: Annotated[
+        bool, typer.Option("--modes", help="MEASUREMENTS are natural frequencies and damping ratios alone.")
+    ] = False,
+    pick_modes: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="First pick the modes of the responses into this new CSV file; fit these."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fit a device to measured accelerations, and measure them first if asked to.
+    """Fit a device to measured accelerations or modes, measured first if asked to.
 
     A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful, and a table
     to which it should be applied is left as it was. Readings of --measure that stay spoiled are told and left out.
@@ -121,7 +128,13 @@ def calibrate(
     if not measures and (port_name or sensor_path or flaws or change):
         raise OptionError("--port, --sensor, --flaws and --change belong to --measure; add it, or leave them out")
     accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
-    names, bounds = read_parameters(device, fit, also)
+    mass_kg = read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg")
+    usual = None
+    if modes or pick_modes:
+        if measures:
+            raise OptionError("--measure reads accelerations: fit modes in a second command, without it")
+        measurements_path, usual = _modes(device, measurements_path, pick_modes, mass_kg)
+    names, bounds = read_parameters(device, fit, also, usual)
     job = CalibrationJob(
         device=device,
         measurements=measurements_path,
@@ -129,12 +142,13 @@ def calibrate(
         names=names,
         bounds=bounds,
         loss=chosen,
-        sensor_mass_kg=read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg"),
+        sensor_mass_kg=mass_kg,
         starts=starts,
         seed=seed,
         compares=apply is None if compare is None else compare,
         accepted_misfit=accepted,
         is_strict=strict,
+        is_modes=usual is not None,
     )
     with ExitStack() as stack:
         circle = None
@@ -154,6 +168,23 @@ def calibrate(
             doubts = _apply(job, apply, despite_doubts, clicks, as_json, None if circle is None else circle.verify)
     if doubts:
         raise typer.Exit(EXIT_DOUBTFUL)
+
+
+def _modes(device: "Device", path: Path, picked: Path | None, mass_kg: float) -> tuple[Path, tuple[str, ...]]:
+    """The file of modes, which is written first where they are `picked` from responses, and the usual parameters."""
+    from precompute.calibration.modal import modal_names
+    from precompute.measurements.file import read_measurements
+    from precompute.measurements.modes import read_modes
+    from precompute.measurements.pick import pick_modes, write_modes
+
+    if picked is not None:
+        _refuse_existing(picked)
+        responses = read_measurements(path, device, mass_kg)
+        text = write_modes(pick_modes(responses, str(path)), responses, str(path))
+        with replace_file(picked) as partial:
+            partial.write_text(text, encoding="utf-8")
+        path = picked
+    return path, modal_names(device, read_modes(path, device, mass_kg))
 
 
 def _apparatus(
@@ -294,6 +325,11 @@ def plan_measurements(
     show(plan.summary(), as_json, print_plan)
 
 
+def _refuse_existing(output: Path) -> None:
+    if output.exists() or output.is_symlink():
+        raise OptionError(f"{output}: exists already and is not overwritten; choose another output")
+
+
 def simulate_measurements(
     device_name: DeviceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
@@ -322,8 +358,7 @@ def simulate_measurements(
     measured = simulate(with_changes(device, read_changes(change, device)), layout, flaws, seed)
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
-    if output.exists() or output.is_symlink():
-        raise OptionError(f"{output}: exists already and is not overwritten; choose another output")
+    _refuse_existing(output)
     with replace_file(output) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"{output}: {len(measured)} readings, SIMULATED")

@@ -72,7 +72,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
                 "measure:measure", "Drive the bar and record its responses along it, for calibrate and build."
             ),
             "calibrate": Entry(
-                "calibrate:calibrate", "Fit a device to measured accelerations, and measure them first if asked to."
+                "calibrate:calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."
             ),
             "verify": Entry(
                 "verify:verify", "Play drives and clicks of a table, and compare a sensor with the promise."

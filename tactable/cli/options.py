@@ -228,16 +228,17 @@ def read_choice(option: str, text: str, choices: type[_Choice]) -> _Choice:
 
 
 def read_parameters(
-    device: "Device", fit: Sequence[str] | None, also: Sequence[str] | None
+    device: "Device", fit: Sequence[str] | None, also: Sequence[str] | None, usual: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], dict[str, "Bounds"]]:
     """Names to fit and their bounds in SI units, from texts such as "bar.density=2.6e3 kg/m^3..2.8e3 kg/m^3".
 
+    `usual`: names without --fit, by default those of a fit to accelerations.
     Raises OptionError, and ParameterError for a name that the device does not have.
     """
     from precompute.measurements.parameters import default_names, parameter_unit
 
     bounds = {}
-    names = [] if fit else list(default_names(device))
+    names = [] if fit else list(default_names(device) if usual is None else usual)
     for option, texts in (("--fit", fit or []), ("--also", also or [])):
         for text in texts:
             name, _, limits = text.partition("=")

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from precompute.calibration.calibrate import Calibration
+from precompute.calibration.calibrate import Calibration, FittedDevice
+from precompute.calibration.modal import ModalCalibration
 from tactable.figures.response import reading_along
 from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
 
@@ -39,10 +40,30 @@ def plot_calibration(calibration: Calibration) -> Figure:
     return figure
 
 
-def calibration_png(calibration: Calibration) -> bytes:
+def plot_modes(calibration: ModalCalibration) -> Figure:
+    """Damping ratio over frequency of the measured modes, with standard errors, and of the fitted ones."""
+    modes, damping = calibration.modes, 100 * calibration.modes.damping_ratio
+    figure = Figure(figsize=(6.5, 4), layout="constrained")
+    axes = figure.subplots()
+    axes.errorbar(modes.frequency_hz, damping, modes.damping_error * damping, fmt="o", color=BLACK, label="measured")
+    axes.plot(calibration.fitted_hz, 100 * calibration.fitted_damping, "x", color=BLUE, label="fitted")
+    simulated = " SIMULATED" if modes.is_simulated else ""
+    axes.set(yscale="log", xlabel="frequency (Hz)", ylabel="damping ratio (%)")
+    axes.set_title(f"{calibration.device.name}{simulated}: {len(modes)} modes", fontsize="medium")
+    axes.legend(fontsize="x-small")
+    axes.grid(color=GREY, lw=0.3)
+    return figure
+
+
+def calibration_png(calibration: FittedDevice) -> bytes:
     """The picture as a file."""
     buffer = io.BytesIO()
-    plot_calibration(calibration).savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+    if isinstance(calibration, ModalCalibration):
+        figure = plot_modes(calibration)
+    else:
+        assert isinstance(calibration, Calibration)
+        figure = plot_calibration(calibration)
+    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
     return buffer.getvalue()
 
 

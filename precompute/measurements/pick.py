@@ -1,0 +1,150 @@
+"""Complex responses to the modes that all of them share, by a rational fit with common poles.
+
+Vector fitting (Gustavsen and Semlyen, IEEE Trans. Power Delivery 14, 1999): with poles p the responses H and a common
+function S = 1 + sum c / (s - p) are fitted by S H = sum r / (s - p) + d + e s + f s^2, which is linear; the zeros of S
+are better poles. The mirror images of the data, at -j omega, make the poles conjugate. Poles are added while they lower
+the misfit beyond chance (Schwarz, Ann. Statist. 6, 1978). Standard errors are those of the jackknife, a fifth of the
+lines left out at a time. ESTIMATE.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from precompute.measurements.columns import SIMULATED
+from precompute.measurements.types import Kind, MeasurementError, Measurements
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Channel = tuple[Complex, Complex]
+"""s in units of the highest frequency, both signs of every line, and the response there."""
+
+_MOST_PAIRS = 24
+_PATIENCE = 2  # numbers of poles that may lower the misfit no more before the search ends
+_ROUNDS, _FOLDS = 6, 5
+_FEWEST_LINES = 10
+_LEAST_MISFIT = 1e-5  # relative: files have six digits
+_FLOOR = 1e-3  # of the greatest response: smaller ones are weighted like it
+_POLYNOMIAL = np.arange(3)  # what modes beyond the band do to accelerations
+_UNSURE, _MOST_DAMPING = 0.5, 0.5  # relative error of a damping, and a damping, beyond which a pole is no mode
+
+
+def pick_modes(measurements: Measurements, source: str) -> Array:
+    """Frequency in Hz, damping ratio and the standard errors of both (mode, 4) of the modes within the band.
+
+    One actuator moves in each row, or a force of 1 N; the scale of a response does not matter. Raises MeasurementError.
+    """
+    lines = _split(measurements, source)
+    top = 2 * np.pi * max(float(hz.max()) for hz, _ in lines)
+    channels = [(_mirrored(2j * np.pi / top * hz.astype(np.complex128)), _mirrored(value)) for hz, value in lines]
+    with threadpool_limits(1, "blas"):
+        poles = _search(channels, min(float(abs(s).min()) for s, _ in channels))
+        parts = [_relocate([_without(k, *channel) for channel in channels], poles) for k in range(_FOLDS)]
+    modes = []
+    for pole in sorted(poles, key=abs):
+        near = np.array([part[np.argmin(abs(part - pole))] for part in parts])
+        size, damping = abs(pole), -pole.real / abs(pole)
+        off = np.stack([abs(near) - size, -near.real / abs(near) - damping])
+        error = np.sqrt((_FOLDS - 1) * (off**2).mean(axis=1))
+        within = pole.imag > 0 and min(abs(s).min() for s, _ in channels) <= size <= 1
+        if within and damping < _MOST_DAMPING and error[1] < _UNSURE * damping and error[0] < _UNSURE * size * damping:
+            modes.append((size * top / (2 * np.pi), damping, error[0] * top / (2 * np.pi), error[1]))
+    if not modes:
+        raise MeasurementError(f"{source}: no mode stands out of these responses; measure closer frequencies")
+    return np.array(modes)
+
+
+def write_modes(modes: Array, measurements: Measurements, source: str) -> str:
+    """CSV text of modes that were picked from the measurements, as `read_modes` reads it."""
+    simulated = f"{SIMULATED}, " if measurements.is_simulated else ""
+    comment = f"# {simulated}picked from {Path(source).name}; errors are ESTIMATES"
+    header = "frequency (Hz),damping ratio (%),frequency error (Hz),damping ratio error (%)"
+    header += ",sensor mass (g),sensor position (mm)"
+    where = 1e3 * np.array([measurements.sensor_mass_kg[0], measurements.position_m[0]])
+    rows = [",".join(f"{value:.8g}" for value in (*row, *where)) for row in modes * [1, 100, 1, 100]]
+    return "\n".join([comment, header, *rows, ""])
+
+
+def _split(measurements: Measurements, source: str) -> list[tuple[Array, Complex]]:
+    """Frequencies and responses to each actuator, or force, at each place."""
+    moving = ~np.isnan(measurements.frequency_hz)
+    if measurements.kind is not Kind.RESPONSE or (moving.sum(axis=1) > 1).any():
+        raise MeasurementError(f"{source}: modes are picked from complex responses, one actuator moving in each")
+    if (~np.isnan(measurements.finger_m)).any():
+        raise MeasurementError(f"{source}: has a finger on the bar; modes are those of the untouched bar")
+    places = np.unique(measurements.position_m)
+    if measurements.sensor_mass_kg.any() and len(places) > 1:
+        raise MeasurementError(
+            f"{source}: sensor mass: it moves the modes from place to place; keep one place, or fit the responses"
+        )
+    rows, which = np.arange(len(moving)), moving.argmax(axis=1)
+    force_m, hz = measurements.force_m, measurements.frequency_hz[rows, which]
+    value = measurements.acceleration / (1.0 if force_m is not None else measurements.amplitude[rows, which])
+    drive = which if force_m is None else force_m
+    _, of_row = np.unique(np.column_stack([drive, measurements.position_m]), axis=0, return_inverse=True)
+    found = [(hz[chosen], value[chosen]) for n in range(of_row.max() + 1) for chosen in [of_row.ravel() == n]]
+    fewest = min(len(np.unique(each)) for each, _ in found)
+    if fewest < _FEWEST_LINES:
+        raise MeasurementError(f"{source}: a place has {fewest} frequencies; modes need {_FEWEST_LINES} or more")
+    return found
+
+
+def _mirrored(value: Complex) -> Complex:
+    return np.stack([value, value.conj()], axis=1, dtype=np.complex128).ravel()
+
+
+def _without(fold: int, s: Complex, value: Complex) -> Channel:
+    kept = np.arange(len(s)) // 2 % _FOLDS != fold  # both signs of a line are beside each other
+    return s[kept], value[kept]
+
+
+def _search(channels: Sequence[Channel], low: float) -> Complex:
+    """The poles of the model that the criterion of Schwarz prefers."""
+    lines = sum(len(s) for s, _ in channels)
+    best, poles, worse = np.inf, np.zeros(0, dtype=np.complex128), 0
+    for pairs in range(1, min(_MOST_PAIRS, min(len(s) for s, _ in channels) // 4) + 1):
+        start = np.linspace(low, 1.0, pairs)
+        found = _relocate(channels, np.concatenate([start * (-0.01 + 1j), start * (-0.01 - 1j)]))
+        misfit = max(_misfit(channels, found), _LEAST_MISFIT**2)
+        score = lines * np.log(misfit) + 2 * pairs * (1 + len(channels)) * np.log(lines)
+        worse = 0 if score < best else worse + 1
+        if score < best:
+            best, poles = score, found
+        if worse >= _PATIENCE:
+            break
+    return poles
+
+
+def _weighted(s: Complex, value: Complex, poles: Complex) -> tuple[Complex, Complex, Complex]:
+    """The terms of the sum, those of S and the response, each in units of the response."""
+    weight = 1 / np.maximum(abs(value), _FLOOR * abs(value).max())
+    basis = weight[:, None] / (s[:, None] - poles)
+    terms = np.hstack([basis, weight[:, None] * s[:, None] ** _POLYNOMIAL])
+    return terms, -value[:, None] * basis, weight * value
+
+
+def _relocate(channels: Sequence[Channel], poles: Complex) -> Complex:
+    """Common poles after some rounds of vector fitting, all of them stable."""
+    for _ in range(_ROUNDS):
+        rows = []
+        for s, value in channels:
+            terms, common, response = _weighted(s, value, poles)
+            triangle: Complex = np.linalg.qr(np.hstack([terms, common, response[:, None]]))[1]
+            rows.append(triangle[terms.shape[1] :, terms.shape[1] :])  # the residues of this response are eliminated
+        every = np.vstack(rows)
+        share = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
+        moved = np.linalg.eigvals(np.diag(poles) - share)
+        poles = -abs(moved.real) + 1j * moved.imag
+    return poles
+
+
+def _misfit(channels: Sequence[Channel], poles: Complex) -> float:
+    """Mean square of the relative misfit with these poles."""
+    squares = []
+    for s, value in channels:
+        terms, _, response = _weighted(s, value, poles)
+        squares.append(abs(terms @ np.linalg.lstsq(terms, response, rcond=None)[0] - response) ** 2)
+    return float(np.concatenate(squares).mean())
