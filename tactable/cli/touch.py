@@ -66,7 +66,10 @@ def record(
 
 def replay(
     recording_name: Annotated[
-        str, typer.Argument(metavar="RECORDING", help="A recording in hid-recorder format; FILE#38 of one surface.")
+        str,
+        typer.Argument(
+            metavar="RECORDING", help="A recording by hid-recorder, evemu or libinput; FILE#38 of one surface."
+        ),
     ],
     frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
     device_name: Annotated[

@@ -19,13 +19,13 @@ from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 
 # linux/input-event-codes.h
-_EV_SYN, _EV_ABS = 0x00, 0x03
-_SYN_REPORT, _SYN_DROPPED = 0, 3  # of type EV_SYN
+EV_SYN, EV_ABS = 0x00, 0x03
+SYN_REPORT, SYN_DROPPED = 0, 3  # of type EV_SYN
 # ABS_MT_..., of type EV_ABS
-_SLOT, _X, _Y, _TOOL_TYPE, _TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
-_SLOT_CODES = (_X, _Y, _TRACKING_ID, _DISTANCE, _TOOL_TYPE)
+SLOT, _X, _Y, _TOOL_TYPE, TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
+_SLOT_CODES = (_X, _Y, TRACKING_ID, _DISTANCE, _TOOL_TYPE)
 _OPTIONAL = (_DISTANCE, _TOOL_TYPE)
-SLOT_AXES = frozenset((_SLOT, _X, _Y, _TRACKING_ID))
+SLOT_AXES = frozenset((SLOT, _X, _Y, TRACKING_ID))
 """Codes of the absolute axes of a node that reports contacts in slots, protocol B."""
 _PALM = 2  # MT_TOOL_PALM
 _NOBODY = -1
@@ -131,7 +131,7 @@ def _has_slots(node: InputNode) -> bool:
 
 
 def _axis_codes(node: InputNode) -> set[int]:
-    return {code for code, _ in node.capabilities().get(_EV_ABS, [])}
+    return {code for code, _ in node.capabilities().get(EV_ABS, [])}
 
 
 class SlotTracker:
@@ -139,13 +139,13 @@ class SlotTracker:
 
     def __init__(self, slots: int) -> None:
         self._values = {code: [0] * slots for code in _SLOT_CODES}
-        self._values[_TRACKING_ID] = [_NOBODY] * slots
+        self._values[TRACKING_ID] = [_NOBODY] * slots
         self._slot = 0
         self._shown: dict[int, Contact] = {}
 
     def set_axis(self, code: int, value: int) -> None:
         """An EV_ABS event."""
-        if code == _SLOT:
+        if code == SLOT:
             self._slot = value
         elif code in self._values and 0 <= self._slot < len(self._values[code]):
             self._values[code][self._slot] = value
@@ -171,7 +171,7 @@ class SlotTracker:
 
     def lift_all(self) -> tuple[Contact, ...]:
         """Contacts of a device that is gone."""
-        self._values[_TRACKING_ID] = [_NOBODY] * len(self._values[_TRACKING_ID])
+        self._values[TRACKING_ID] = [_NOBODY] * len(self._values[TRACKING_ID])
         return self.take_frame()
 
 
@@ -188,7 +188,7 @@ class EvdevSource(OnClock):
     def __init__(self, node: InputNode, read_slots: ReadSlots = read_slots) -> None:
         if not _has_slots(node):
             raise DigitizerError(f"{node.path} ({node.name}) has no multitouch slots: choose its hidraw node")
-        slots = node.absinfo(_SLOT).max + 1
+        slots = node.absinfo(SLOT).max + 1
         self.name = node.name
         self.report_index = -1
         self.report_time_ns = 0
@@ -250,19 +250,19 @@ class EvdevSource(OnClock):
 
     def _take_event(self, event: InputEvent) -> None:
         """After SYN_DROPPED everything up to the next SYN_REPORT is void, and the kernel is asked instead."""
-        if event.type == _EV_SYN and event.code == _SYN_DROPPED:
+        if event.type == EV_SYN and event.code == SYN_DROPPED:
             self._is_dropping = True
-        elif event.type == _EV_SYN and event.code == _SYN_REPORT:
+        elif event.type == EV_SYN and event.code == SYN_REPORT:
             if self._is_dropping:
                 self._is_dropping = False
                 self._read_slot_state()
             self._take_frame()
-        elif event.type == _EV_ABS and not self._is_dropping:
+        elif event.type == EV_ABS and not self._is_dropping:
             self._tracker.set_axis(event.code, event.value)
 
     def _read_slot_state(self) -> None:
         values = {code: self._read_slots(self._node.fd, code, self.slots) for code in self._codes}
-        self._tracker.set_slots(self._node.absinfo(_SLOT).value, values)
+        self._tracker.set_slots(self._node.absinfo(SLOT).value, values)
 
     def _take_frame(self) -> None:
         self._queue(self._tracker.take_frame())

@@ -1,17 +1,22 @@
-"""Reads and writes recordings of reports in the text format of hid-recorder."""
+"""Reads recordings of touch surfaces, and writes those of reports in the text format of hid-recorder."""
 
 from __future__ import annotations
 
 import re
 import stat
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from base.errors import TactableError
 from base.files import replace_file
+from engine.touch.choice import open_digitizer
 
-_EVENT_TIME = re.compile(r"[0-9]{1,12}\.[0-9]{6}")
+_EVENT_TIME, _LENGTH = re.compile(r"[0-9]{1,12}\.[0-9]{6}"), re.compile(r"[0-9]{1,5}")
+_HEX = re.compile(r"[0-9a-fA-F \t\r]+=?\s*")
+_QUOTED = re.compile(r"^[> \t]+", re.MULTILINE)
+_LIBINPUT = re.compile(r"^devices:", re.MULTILINE)
+# Its lines of bits and axes, and events of a type and code of four digits, which no length of hid-recorder has.
+_EVEMU = re.compile(r"^(?:[AB]: [0-9a-f]{2} |E: [0-9.]+ [0-9a-f]{4} [0-9a-f]{4} -?\d+[ \t\r]*(?:#|$))", re.MULTILINE)
 
 
 class RecordingError(TactableError):
@@ -45,31 +50,25 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """The first device in a hid-recorder file.
+    """The first touch surface of a recording by hid-recorder, evemu-record or `libinput record`.
 
-    A file with several devices has a `D:` line before the lines of each; those of the others are passed over, and
-    reports are counted per device. Raises `RecordingError`, also for a path that is no plain file, since a device may
-    never end; and `OSError` where the file cannot be opened.
+    Lines may be quoted or folded by mail. In a hid-recorder file with several devices a `D:` line comes before the
+    lines of each; reports are counted per device, and where none is a touch surface, the first is read. Raises
+    `RecordingError`, also for a path that is no plain file, since a device may never end; and `OSError` where the file
+    cannot be opened.
     """
+    from engine.touch.sources.event_recording import read_evemu, read_libinput
+
     if not stat.S_ISREG(path.stat().st_mode):
         raise RecordingError(path, 1, "is not a plain file", "write the recording into one")
-    name, identity, descriptor = "", (0, 0, 0), None
-    reports: list[Report] = []
-    for line_number, key, value in _first_device(path):
-        line = _Line(path, line_number)
-        if key == "N":
-            name = value
-        elif key == "I":
-            identity = line.parse_identity(value)
-        elif key == "R" and descriptor is not None:
-            raise line.error("a second report descriptor", "split the file: it holds two recordings")
-        elif key == "R":
-            descriptor = line.parse_bytes(value)
-        elif key == "E":
-            reports.append(line.parse_event(value, len(reports)))
-    if descriptor is None:
-        raise RecordingError(path, 1, "no report descriptor (R: line)", "record it again with hid-recorder or tactable")
-    return Recording(name, *identity, descriptor, tuple(reports))
+    text = _QUOTED.sub("", path.read_text(encoding="utf-8-sig", errors="replace"))
+    if _LIBINPUT.search(text):
+        return read_libinput(path, text)
+    if _EVEMU.search(text):
+        return read_evemu(path, text)
+    devices = [_Device(path, lines) for lines in _lines_of_devices(text)]
+    touch = [device for device in devices if device.is_touch_surface()]
+    return next((device for device in touch if device.has_reports), (*touch, *devices, _Device(path, []))[0]).read()
 
 
 def write_recording(recording: Recording, path: Path) -> None:
@@ -89,21 +88,76 @@ def _sized(data: bytes) -> str:
     return f"{len(data)} {data.hex(' ')}"
 
 
-def _first_device(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Line number, key letter and value of each line of the first device; comments and unknown lines left out."""
-    first: str | None = None
-    current = "0"
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        for line_number, line in enumerate(lines, start=1):
-            key, separator, value = line.partition(":")
-            if not separator or len(key) != 1:
-                continue
-            if key == "D":
-                current = value.strip()
-                continue
-            first = current if first is None else first
-            if current == first:
-                yield line_number, key, value.strip()
+def _lines_of_devices(text: str) -> list[list[tuple[int, str, str]]]:
+    """Line number, key letter and value of each line of each device; comments and unknown lines left out.
+
+    A line of hex digits goes on with the one above, where that one has fewer bytes than it states.
+    """
+    devices, lines, missing = dict[str, list[tuple[int, str, str]]](), list[tuple[int, str, str]](), 0
+    for number, line in enumerate(text.split("\n"), start=1):
+        key, separator, value = line.partition(":")
+        if separator and key == "D":
+            lines, missing = devices.setdefault(value.strip(), []), 0
+        elif separator and len(key) == 1:
+            if not devices:
+                lines = devices.setdefault("0", [])
+            lines.append((number, key, value.strip()))
+            missing = _missing_digits(key, value)
+        elif missing > 0 and _HEX.fullmatch(line):
+            above, key, value = lines[-1]
+            # A quoted-printable mail ends a folded line, perhaps within a byte, with "=".
+            lines[-1] = (above, key, value.removesuffix("=") + " " * (not value.endswith("=")) + line.strip())
+            missing -= sum(character not in " \t\r=" for character in line)
+    return [lines for lines in devices.values() if lines]
+
+
+def _missing_digits(key: str, value: str) -> int:
+    """How many hex digits a line of bytes has less than it states; 0 for other lines."""
+    _, _, value = ("", "", value) if key == "R" else value.strip().partition(" ")
+    length, _, digits = value.strip().partition(" ")
+    if key not in ("R", "E") or not _LENGTH.fullmatch(length):
+        return 0
+    return 2 * int(length) - sum(character not in " \t\r=" for character in digits)
+
+
+@dataclass(frozen=True, slots=True)
+class _Device:
+    """The lines of one device."""
+
+    path: Path
+    lines: list[tuple[int, str, str]]
+
+    @property
+    def has_reports(self) -> bool:
+        return any(key == "E" for _, key, _ in self.lines)
+
+    def is_touch_surface(self) -> bool:
+        try:
+            device = _Device(self.path, [line for line in self.lines if line[1] != "E"]).read()
+            open_digitizer(device.descriptor, device.vendor_id, device.product_id)
+        except TactableError:
+            return False
+        return True
+
+    def read(self) -> Recording:
+        name, identity, descriptor = "", (0, 0, 0), None
+        reports: list[Report] = []
+        for line_number, key, value in self.lines:
+            line = _Line(self.path, line_number)
+            if key == "N":
+                name = value
+            elif key == "I":
+                identity = line.parse_identity(value)
+            elif key == "R" and descriptor is not None:
+                raise line.error("a second report descriptor", "split the file: it holds two recordings")
+            elif key == "R":
+                descriptor = line.parse_bytes(value)
+            elif key == "E":
+                reports.append(line.parse_event(value, len(reports)))
+        if descriptor is None:
+            remedy = "record it again with hid-recorder or tactable"
+            raise RecordingError(self.path, 1, "no report descriptor (R: line)", remedy)
+        return Recording(name, *identity, descriptor, tuple(reports))
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,10 @@ def test_a_recorded_device_is_answered_as_the_loop_does(fast_library: ctypes.CDL
 def test_a_surface_that_the_digitizer_turns_to_is_answered_as_if_it_were_alone(fast_library: ctypes.CDLL) -> None:
     FastRig.library = fast_library
     pad = application(
-        *[finger(flags="0942 0932 0947").replace(b"\x26\xe8\x03", b"\x26\xd0\x07")] * 4, CONTACT_COUNT, BLOB, report_id=7
+        *[finger(flags="0942 0932 0947").replace(b"\x26\xe8\x03", b"\x26\xd0\x07")] * 4,
+        CONTACT_COUNT,
+        BLOB,
+        report_id=7,
     )
     touches = [(0.2 * index, report(*[(1, 0.3 + 0.2 * index)] * (index % 2))) for index in range(8)]
     alone = recording_of(*((time_s, b"\x07" + data[1:]) for time_s, data in touches))
