@@ -68,7 +68,7 @@ def replay(
     recording_name: Annotated[
         str,
         typer.Argument(
-            metavar="RECORDING", help="A recording by hid-recorder, evemu or libinput; FILE#38 of one surface."
+            metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface."
         ),
     ],
     frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
