@@ -78,7 +78,10 @@ def replay(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Decode a recording as the engine does, all at once; frames without a report are brought by time."""
+    """Decode a recording as the engine does, all at once.
+
+    A frame without a report was brought by time.
+    """
     from engine.touch import open_digitizer
     from engine.touch.debounce import fit_releases
     from engine.touch.sources.recording import read_recording
