@@ -61,7 +61,6 @@ class ReportLayout:
     """One input report of a surface: its contacts in order, and its fields about the whole frame."""
 
     report_id: int
-    size_bytes: int
     contacts: tuple[ContactLayout, ...]
     contact_count: Field | None
     scan_time: Field | None
@@ -196,7 +195,6 @@ def _build_report(report_id: int, uses: list[FieldUse], has_contact_ids: bool, d
     contacts = [_build_contact(group, declared) for group in _contact_groups(uses, has_contact_ids)]
     return ReportLayout(
         report_id=report_id,
-        size_bytes=(declared.input_bits[report_id] + 8 * declared.uses_report_ids + 7) // 8,
         # Without contact IDs nothing tells two contacts apart: one is what such a device can report.
         contacts=tuple(contacts if has_contact_ids else contacts[:1]),
         contact_count=frame_fields.get(_CONTACT_COUNT),

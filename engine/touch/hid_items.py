@@ -94,11 +94,10 @@ class Application:
 
 @dataclass(slots=True)
 class Declarations:
-    """The declared fields of the wanted usages; `input_bits` is the size of each report without its ID."""
+    """The declared fields of the wanted usages."""
 
     applications: list[Application] = field(default_factory=list)
     features: list[FieldUse] = field(default_factory=list)
-    input_bits: dict[int, int] = field(default_factory=dict)
     uses_report_ids: bool = False
 
 
@@ -209,8 +208,6 @@ class _Parser:
     def check_end(self, offset: int) -> None:
         if self._collections:
             raise DescriptorError("ends inside open collections", offset, len(self._collections))
-        sizes = self._bits.items()
-        self.declarations.input_bits = {report_id: bits for (tag, report_id), bits in sizes if tag == _INPUT}
 
     def _read_global(self, item: _Item) -> None:
         state = self._globals

@@ -144,7 +144,7 @@ def mutate_report(rng: random.Random, seed: Seed, digitizer: Digitizer) -> bytes
         for _ in range(rng.randrange(4)):
             data[rng.randrange(len(data))] = rng.randrange(256)
         return bytes(data)
-    size = min(layout.size_bytes, 512) if kind < 3 else rng.randrange(65)
+    size = min(digitizer.plans[layout.report_id].needed_bytes, 512) if kind < 3 else rng.randrange(65)
     data = bytearray(rng.randbytes(size))
     if data and digitizer.surface.uses_report_ids and kind < 3:
         data[0] = layout.report_id
