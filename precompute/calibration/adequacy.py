@@ -25,7 +25,7 @@ from scipy.special import bdtr, fdtrc
 
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
-from precompute.calibration.polarity import polarity_doubt
+from precompute.calibration.conventions import Convention, find_convention
 from precompute.calibration.remedy import Remedy, find_remedy
 from precompute.measurements.parameters import Bounds
 from precompute.measurements.types import Measurements
@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 UNLIKELY = 0.005
 """Probability below which a finding is not taken for chance."""
 SMALLEST_MISFIT = 0.005  # docs/calibration.md: 0.04 dB, below what any accelerometer is good for
+_NOISY = 0.03  # relative noise from which a convention is looked for: accelerometers and their places are better
+_MANY_WRONG = 0.08  # share of wrong readings from which it is, too: an actuator of a few that is turned
 _LEAST_REPEATS = 5
 """Degrees of freedom of repeated readings below which they say too little."""
 
@@ -103,10 +105,14 @@ def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> 
 def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> dict[str, Any]:
     """The tests for JSON; "doubt" is a sentence with the remedy, empty where the fit is adequate.
 
-    Where responses have the wrong sign, all else follows from that: "is_turned", and no other remedy is looked for.
+    Where the readings follow another "convention", all else follows from that, and no other remedy is looked for.
     """
-    found, turned = assess(calibration), polarity_doubt(device, calibration.measurements)
-    remedy = None if turned or found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
+    found = assess(calibration)
+    dampings = [each.value for each in calibration.estimates if each.parameter.is_damping]
+    is_off = calibration.noise > _NOISY or calibration.is_wrong.mean() > _MANY_WRONG
+    is_doubtful = is_off or not found.is_noise or (dampings and not any(dampings))
+    convention = find_convention(device, calibration, bounds) if is_doubtful else None
+    remedy = None if convention or found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
     return {
         "neighbours": found.neighbours,
         "sign_changes": found.changes,
@@ -114,9 +120,18 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
         "repeat_noise": found.repeat_noise,
         "repeat_chance": found.repeat_chance,
         "remedy": None if remedy is None else asdict(remedy),
-        "is_turned": bool(turned),
-        "doubt": turned or ("" if found.is_noise and remedy is None else _doubt_text(found, remedy)),
+        "convention": None if convention is None else asdict(convention),
+        "doubt": _convention_text(convention)
+        if convention
+        else ("" if found.is_noise and remedy is None else _doubt_text(found, remedy)),
     }
+
+
+def _convention_text(convention: Convention) -> str:
+    was, left = (f"{100 * misfit:.2g} %" for misfit in (convention.misfit_before, convention.misfit))
+    return (
+        f"readings of another convention: {convention.text}; magnitudes and phases, {was} off, would be off by {left}"
+    )
 
 
 def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:

@@ -15,10 +15,10 @@ from typing import Any
 from base.files import check_new_folder, write_new_folder
 from engine.device import Device
 from engine.render.board_fit import card_text, flash_text
+from precompute.calibration.conventions import implausible_changes
 from precompute.calibration.device_text import calibrated_device
 from precompute.calibration.fitted import REPORT, Fitted, fit_file
 from precompute.calibration.misfit import Loss
-from precompute.calibration.plausibility import implausible_changes
 from precompute.measurements.parameters import Bounds
 from tactable.calibration.step_times import Progress
 
@@ -81,7 +81,7 @@ class CalibrationJob:
     def doubts_of(self, report: Mapping[str, Any]) -> list[str]:
         """Reasons not to use the result without a look."""
         adequacy = report.get("adequacy", {})
-        if adequacy.get("is_turned"):
+        if adequacy.get("convention"):
             return [adequacy["doubt"]]
         doubts, misfit = [], report["median_misfit"]
         if misfit > self.accepted_misfit:
