@@ -1,0 +1,24 @@
+"""Laws of where the theory of a bar ends."""
+
+import numpy as np
+import pytest
+
+from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz
+from tests.precompute.devices import shipped, with_bar
+
+
+@pytest.mark.parametrize("thickness_m", [0.004, 0.012])
+def test_the_error_by_shear_is_that_of_timoshenkos_dispersion(thickness_m: float) -> None:
+    device = with_bar(shipped("reference-a"), thickness_m=thickness_m)
+    bar, omega = device.bar, 2 * np.pi * device.sweep.stop_hz
+    E, rho, kG = bar.youngs_modulus_pa, bar.density_kg_per_m3, 5 / 6 * bar.youngs_modulus_pa / 2.66
+    k = np.sqrt(omega / thickness_m * np.sqrt(12 * rho / E))
+    inertia = thickness_m**2 / 12
+    terms = [rho**2 * inertia / kG, -(rho + rho * inertia * k**2 * (1 + E / kG)), E * inertia * k**4]
+    exact = np.sqrt(np.roots(terms).min())
+    assert estimate_shear_error(device) == pytest.approx(omega / exact - 1, rel=0.05)
+
+
+def test_a_wide_long_bar_turns_at_a_lower_frequency() -> None:
+    narrow, wide = (estimate_torsion_hz(with_bar(shipped("reference-a"), width_m=w)) for w in (0.02, 0.08))
+    assert wide < narrow / 3
