@@ -215,8 +215,8 @@ def test_latency_counts_from_when_the_report_was_due() -> None:
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=2))
 def test_a_real_recording_gives_the_same_states_and_levels_at_any_speed(path: Path) -> None:
     recording = read_recording(path)
-    rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (1.0, 7.0, None)]
+    rigs = [Rig(recording, speed=speed, effects=EVERY_TRIGGER) for speed in (7.0, None)]
     first, *others = [[(c.placement, c.level_db) for c in rig.run().trace] for rig in rigs]
-    assert others == [first] * 2
+    assert others == [first]
     assert first == [] or first[-1] == (None, None)
     assert {rig.loop.counters.reports for rig in rigs} == {len(recording.reports)}

@@ -12,17 +12,15 @@ from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped, with_bar
 from tests.precompute.measured import TRUTH, read_bar
-from tests.quick import first_quick
 
 pytestmark = pytest.mark.long
 
 DEVICE = shipped("reference-a")
 FLAWS = Flaws(noise=0.02, wrong=0.05)
-STIFFER = {**TRUTH, "bar.youngs_modulus": 1.06 * DEVICE.bar.youngs_modulus_pa}
 
 
-def fitted(truth: dict[str, float], names: tuple[str, ...], flaws: Flaws = FLAWS, seed: int = 1) -> Calibration:
-    return calibrate(DEVICE, read_bar(DEVICE, truth, flaws=flaws, seed=seed), names, starts=1)
+def fitted(truth: dict[str, float], names: tuple[str, ...], flaws: Flaws = FLAWS) -> Calibration:
+    return calibrate(DEVICE, read_bar(DEVICE, truth, flaws=flaws), names, starts=1)
 
 
 def outside(calibration: Calibration, truth: dict[str, float]) -> list[str]:
@@ -34,17 +32,7 @@ def outside(calibration: Calibration, truth: dict[str, float]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 4]))
-def test_a_wrong_modulus_that_is_not_fitted_is_doubted_and_named(seed: int) -> None:
-    found = fitted(STIFFER, paper_names(DEVICE), seed=seed)
-    assert outside(found, STIFFER)
-    report = adequacy_report(DEVICE, found, {})
-    assert report["remedy"]["name"] == "bar.youngs_modulus"
-    assert report["remedy"]["misfit"] < 0.02
-    assert "Try --also bar.youngs_modulus: the typical misfit, " in report["doubt"]
-
-
-@pytest.mark.parametrize("share", first_quick([0.94, 1.06]))
+@pytest.mark.parametrize("share", [0.94, 1.06])
 def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth(share: float) -> None:
     truth = {**TRUTH, "bar.youngs_modulus": share * DEVICE.bar.youngs_modulus_pa}
     found = fitted(truth, default_names(DEVICE))
@@ -53,9 +41,7 @@ def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth
     assert adequacy_report(DEVICE, found, {})["doubt"] == ""
 
 
-@pytest.mark.parametrize(
-    "misread", first_quick([("bar.length", 3.0), ("actuator[2].position", 0.7), ("bar.length", -5.0)])
-)
+@pytest.mark.parametrize("misread", [("actuator[2].position", 0.7), ("bar.length", -5.0)])
 def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, float]) -> None:
     """The bar of the readings is longer than its description, or driven elsewhere: no parameter can say so."""
     (name, error_mm), (left, right) = misread, DEVICE.actuators

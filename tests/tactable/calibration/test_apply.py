@@ -103,7 +103,7 @@ def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_
     table, measured = folder / "bar.nc", folder / "bar-measured.nc"
     before = table.read_bytes()
     bench = ("--measure", "--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "2")
-    changed = ("--change", "actuator[1].stiffness=20.5 kN/m", "--flaws", "noise=0.01m/s^2,drift=30", "--no-clicks")
+    changed = ("--change", "actuator[1].stiffness=20.5 kN/m", "--flaws", "drift=30", "--no-clicks")
     said = applied(*bench, *changed, measurements=measured.name)
     assert {"fit", "verify on the bar", "put in place"} <= said["seconds"].keys()
     with Table.open(table) as found:
