@@ -130,8 +130,8 @@ def program_solver(name: str) -> ProgramSolver:
 
 
 def levels_on_fresh_plants(name: str, placement: Placement, waveform: Array) -> tuple[float, float]:
-    """Level in dB of the weakest felt finger in 5 %, and of the strongest quiet one in 95 % of 2000 plants."""
-    fresh = fresh_responses(name, placement)
+    """Level in dB of the weakest felt finger in 5 %, and of the strongest quiet one in 95 % of 1000 plants."""
+    fresh = fresh_responses(name, placement, 1000)
     felt, quiet = (decibels(fresh.peaks(waveform, fingers)[1:]) for fingers in (placement.felt, placement.quiet))
     return float(np.percentile(felt.min(axis=1), 5)), float(np.percentile(quiet.max(axis=1), 95))
 

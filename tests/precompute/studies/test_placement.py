@@ -20,7 +20,6 @@ from precompute.studies.placement import (
 from precompute.studies.resolution import with_equal_zones
 from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
 from tests.precompute.devices import coarsely_swept, shipped
-from tests.quick import first_quick
 
 pytestmark = pytest.mark.long
 
@@ -81,10 +80,9 @@ def test_the_best_judged_comes_first_and_the_even_and_the_described_placement_ar
     assert named["as described"].fingers.worst_db == pytest.approx(solved.worst_db, abs=1e-9)
 
 
-@pytest.mark.parametrize("most", first_quick([4, 8]))
-def test_what_is_found_is_never_worse_than_the_even_placement(most: int) -> None:
-    """With these grids the best screened places of one actuator are worse than the middle of the bar."""
-    search = search_placement(small(), 1, 20.0, most, lambda _: None)
+def test_what_is_found_is_never_worse_than_the_even_placement() -> None:
+    """With this grid the best screened places of one actuator are worse than the middle of the bar."""
+    search = search_placement(small(), 1, 20.0, 4, lambda _: None)
     found, even = search.evaluated
     assert (found.name, even.name) == ("found", "even")
     assert found.fingers.rank >= even.fingers.rank
