@@ -26,7 +26,7 @@ _SINGLE = {
 }
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
 _MOTIONS = "acceleration", "velocity", "displacement"
-_ANGLES = {"rad": 1.0, "deg": np.pi / 180}
+_ANGLES = {"rad": 1.0, **dict.fromkeys(("deg", "degrees", "°"), np.pi / 180)}
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
 """Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
 SIMULATED = "SIMULATED"

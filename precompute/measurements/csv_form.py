@@ -1,21 +1,19 @@
-"""The form of a CSV text that is not one reading a row: a sentence that names it, with an example of the right one.
+"""The form of a table that holds no readings of a bar: a sentence that names it, with an example of the right one.
 
-Programs export measurements in forms of their own: with semicolons, as a wide table with one column for each frequency
-or place, or as a time series. Such a file fails at its first header cell for a reason that does not help, such as a
-missing unit. So the form is looked at first. Nothing is guessed: a file in another form is refused, since which column
-is which place or drive is not known.
+Programs export time series and spectra in tables that look like measurements. Such a table fails at its first heading
+for a reason that does not help, such as a missing unit. So the form is looked at first, and what makes readings of it
+is said.
 """
 
 import re
 from collections.abc import Sequence
 
 from engine.device import Device
+from precompute.measurements.sheet import has_no_header
 
-_NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?")
-_QUANTITY = re.compile(rf"({_NUMBER.pattern}) *(Hz|kHz|mm|cm|m|%)?")
 _TIME = re.compile(r"(t|time|zeit|temps|timestamp|seconds?)\b.*", re.IGNORECASE)
+_DENSITY = re.compile(r"\bpsd", re.IGNORECASE)
 _DAMPING = re.compile(r"(modal )?damping|loss factor|q\b", re.IGNORECASE)
-_LEAST_COLUMNS = 2
 _SHOWN = 32  # enough to know a line again
 
 
@@ -27,27 +25,25 @@ def example_csv(device: Device) -> str:
     return f"{','.join(header)!r}, then rows such as {','.join(row)!r}"
 
 
-def wrong_form(lines: Sequence[str], device: Device) -> str | None:
-    """What the form of these lines (header first, without comments) is, and the right one; None if it may be right."""
-    header = lines[0]
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in header and header.count(mark) >= header.count(","):
-            decimals = " and decimal points" if any(re.search(r"\d,\d", line) for line in lines[1:]) else ""
-            return f"separates its cells by {name}; write commas{decimals}: {example_csv(device)}"
-    cells = [cell.strip().strip('"') for cell in header.split(",")]
-    if all(_NUMBER.fullmatch(cell) for cell in cells):
-        return f"has no header: its first line is {header[:_SHOWN]!r}; write one: {example_csv(device)}"
-    if _TIME.fullmatch(cells[0]):
-        return (
-            f"is a time series: its first column is {cells[0]!r}; write one amplitude a row, such as the peak over "
-            f"several beats: {example_csv(device)}"
-        )
-    wide = [cell for cell in cells[1:] if _QUANTITY.fullmatch(cell)]
-    if len(wide) >= _LEAST_COLUMNS:
-        return (
-            f"is a wide table: {wide[0]!r} and {wide[1]!r} are columns of readings; write one reading a row: "
-            f"{example_csv(device)}"
-        )
-    if any(_DAMPING.match(cell) for cell in cells):
-        return f"has modes, as its header {header[:_SHOWN]!r} says; give --modes to fit these"
+def wrong_form(titles: Sequence[str], device: Device) -> str | None:
+    """What the form of a table with these titles is, and what to do; None if it may be right."""
+    first = ",".join(titles)[:_SHOWN]
+    if has_no_header(titles):
+        return f"has no header: its first line is {first!r}; write one: {example_csv(device)}"
+    whose = " of Klipper" if any(title.lower().startswith(("psd_", "accel_x")) for title in titles) else ""
+    if any(_DENSITY.search(title) for title in titles):
+        return f"holds power spectral densities{whose}, which have neither phase nor drive; {_remedy(device)}"
+    if _TIME.fullmatch(titles[0]):
+        unit = ", in mm/s^2" if whose else ""
+        return f"is a time series{whose}{unit}: its first column is {titles[0]!r}; {_remedy(device)}"
+    if any(_DAMPING.match(title) for title in titles):
+        return f"has modes, as its header {first!r} says; give --modes to fit these"
     return None
+
+
+def _remedy(device: Device) -> str:
+    return (
+        "`tactable measure` makes responses with a drive that it plays. Of a record of acceleration and drive, write "
+        "their complex ratio at each frequency that was driven (scipy.signal.csd over scipy.signal.welch), the drive "
+        f"in fractions of full scale; of the acceleration alone, the peak over several beats: {example_csv(device)}"
+    )

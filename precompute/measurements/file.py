@@ -7,22 +7,30 @@ from base.files import replace_file
 from engine.device import Device
 from engine.device.toml_table import read_text
 from precompute.measurements.csv import parse_csv, write_csv
+from precompute.measurements.lvm import parse_lvm
 from precompute.measurements.types import MeasurementError, Measurements
 
 MOST_BYTES = 100_000_000  # a million rows of CSV, where a fit takes 10 000 readings at most
 _NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
+_TEXT, _READ_ONLY = (".csv", ".tsv", ".txt"), (".tsv", ".txt", ".lvm", ".mat")
 
 
 def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 0.0) -> Measurements:
-    """Read CSV, NetCDF or a universal file; `sensor_mass_kg` applies where the file does not state one.
+    """Read the file in the format that its ending names; `sensor_mass_kg` applies where the file does not state one.
 
     Raises MeasurementError; OSError if the file does not exist.
     """
     path = Path(path)
     check_file(path)
-    ending = check_ending(path)
-    if ending == ".csv":
-        return parse_csv(read_text(path, MeasurementError), device, sensor_mass_kg, str(path))
+    ending = check_ending(path, to_read=True)
+    if ending in _TEXT:
+        return parse_csv(read_table_text(path), device, sensor_mass_kg, str(path))
+    if ending == ".lvm":
+        return parse_lvm(read_table_text(path), device, sensor_mass_kg, str(path))
+    if ending == ".mat":
+        from precompute.measurements.mat import read_mat
+
+        return read_mat(path, device, sensor_mass_kg)
     if ending in _NETCDF:
         from precompute.measurements.netcdf import read_netcdf
 
@@ -30,6 +38,22 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     from precompute.measurements.uff import read_uff
 
     return read_uff(path, device, sensor_mass_kg)
+
+
+def read_table_text(path: Path) -> str:
+    """Text in UTF-8 or UTF-16, or in Windows-1252, which spreadsheets in Europe write. Raises MeasurementError."""
+    try:
+        text = read_text(path, MeasurementError)
+    except MeasurementError as error:
+        if not isinstance(error.__cause__, UnicodeDecodeError) or error.__cause__.encoding != "utf-8":
+            raise
+        try:
+            text = path.read_text(encoding="cp1252")
+        except UnicodeDecodeError:
+            raise error from error.__cause__
+    if "\0" in text:
+        raise MeasurementError(f"{path}: has bytes of 0, which no text has; save it as CSV in UTF-8")
+    return text
 
 
 def write_measurements(path: Path, measurements: Measurements, device: Device, comment: str) -> None:
@@ -55,7 +79,7 @@ def check_file(path: Path) -> None:
 
     A pipe would be waited for, and a device never ends. Raises OSError if the file does not exist.
     """
-    check_ending(path)
+    check_ending(path, to_read=True)
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         raise MeasurementError(f"{path}: is not a plain file; write the measurements into one")
@@ -66,10 +90,10 @@ def check_file(path: Path) -> None:
         )
 
 
-def check_ending(path: Path) -> str:
-    """The ending of a file of measurements; raises MeasurementError for one that names no format."""
+def check_ending(path: Path, *, to_read: bool = False) -> str:
+    """The ending of a file of measurements, to be written unless `to_read`; raises MeasurementError for another one."""
     ending = path.suffix.lower()
-    if ending not in (".csv", *_NETCDF, *_UNIVERSAL):
-        known = ", ".join((".csv", *_NETCDF, *_UNIVERSAL))
-        raise MeasurementError(f"{path}: measurements end in {known}; choose one of them")
+    known = (".csv", *_NETCDF, *_UNIVERSAL, *(_READ_ONLY if to_read else ()))
+    if ending not in known:
+        raise MeasurementError(f"{path}: measurements end in {', '.join(known)}; choose one of them")
     return ending

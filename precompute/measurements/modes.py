@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
-from engine.device.toml_table import read_text
 from precompute.measurements.columns import SIMULATED
-from precompute.measurements.csv import read_columns, says_simulated, split_lines
-from precompute.measurements.file import check_file
+from precompute.measurements.file import check_file, read_table_text
+from precompute.measurements.sheet import read_columns, read_sheet
 from precompute.measurements.types import MOST_KG, MeasurementError
 
 Array = NDArray[np.float64]
@@ -76,7 +75,7 @@ def read_modes(path: Path, device: Device, sensor_mass_kg: float = 0.0) -> Modes
     """Read modes; `sensor_mass_kg` applies where the file states none. Raises MeasurementError, OSError."""
     check_file(path)
     if path.suffix.lower() == ".csv":
-        return parse_modes(read_text(path, MeasurementError), device, sensor_mass_kg, str(path))
+        return parse_modes(read_table_text(path), device, sensor_mass_kg, str(path))
     if path.suffix.lower() in (".nc", ".nc4"):
         raise MeasurementError(f"{path}: modes are read from .csv or a universal file; write one of these")
     return _read_universal(path, device, sensor_mass_kg)
@@ -84,18 +83,14 @@ def read_modes(path: Path, device: Device, sensor_mass_kg: float = 0.0) -> Modes
 
 def parse_modes(text: str, device: Device, sensor_mass_kg: float, source: str) -> Modes:
     """Read CSV text with one mode a row. Raises MeasurementError, which names the row and the column."""
-    (number, header), *rows = split_lines(text, source, _EXAMPLE)
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in header:
-            raise MeasurementError(f"{source}: separates its cells by {name}; write commas: {_EXAMPLE}")
-    titles = [_usual_title(title) for title in header.split(",")]
+    sheet = read_sheet(text, source, _EXAMPLE)
+    titles = [_usual_title(title) for title in sheet.titles]
     places = {match[0].removesuffix("(1)").strip(): match[1] for title in titles if (match := _SHAPE.fullmatch(title))}
     known = _KNOWN | dict.fromkeys(places, "")
-    lines = [(number, ",".join(titles)), *rows]
-    columns, numbers = read_columns(lines, known, lambda name: name not in _FILLED, device, source)
-    if "frequency" not in columns or not numbers:
+    columns = read_columns(sheet._replace(titles=titles), known, lambda name: name not in _FILLED, device, source)
+    if "frequency" not in columns or not sheet.rows:
         raise MeasurementError(f"{source}: has no natural frequency; write rows below the header {_EXAMPLE}")
-    hz, empty = columns["frequency"], np.full(len(numbers), np.nan)
+    hz, empty = columns["frequency"], np.full(len(sheet.rows), np.nan)
     given = [name for name in ("damping ratio", "loss factor", "Q") if name in columns]
     if len(given) > 1:
         raise MeasurementError(f"{source}: has the columns {' and '.join(given)}; they say the same, keep one")
@@ -110,10 +105,8 @@ def parse_modes(text: str, device: Device, sensor_mass_kg: float, source: str) -
     with np.errstate(divide="ignore", invalid="ignore"):  # a frequency of 0 is refused below
         errors = (columns.get("frequency error", empty) / hz, columns.get("damping ratio error", empty) / damping)
     place_m = np.array([_place_m(text, device, source) for text in places.values()])
-    found = Modes(
-        hz, damping, *errors, place_m, shape + 0j, float(mass_kg[0]), float(sensor_m[0]), says_simulated(text)
-    )
-    return _checked(found, device, source, [f"row {number}" for number in numbers])
+    found = Modes(hz, damping, *errors, place_m, shape + 0j, float(mass_kg[0]), float(sensor_m[0]), sheet.is_simulated)
+    return _checked(found, device, source, sheet.labels)
 
 
 def _usual_title(title: str) -> str:

@@ -1,4 +1,4 @@
-"""Arrays and labels of a NetCDF file that somebody else wrote, read in a child process with bounded time.
+"""Arrays and labels of a NetCDF or MAT file that somebody else wrote, read in a child process with bounded time.
 
 HDF5 is a C library that follows the addresses in a file. A few changed bits lead it into a cycle that never ends, or to
 memory that is not its own; Python can neither interrupt the one nor survive the other. HDF5 would also follow a file's
@@ -6,6 +6,7 @@ links and external storage to any file of this machine, or to a pipe that never 
 arrays that fill the memory. So links, outside storage and large arrays are refused before xarray opens the file, and
 all of this happens in a child process: it may take LIMIT_S of processor time, and however it ends, this process only
 gets a refusal. Arrays come back as .npy data in anonymous memory, which can hold no code.
+SciPy, which reads MAT files, reads beyond its memory on some damaged ones too.
 """
 
 import os
@@ -51,7 +52,7 @@ class Content(NamedTuple):
 def read_content(path: Path, limit_s: int = LIMIT_S) -> Content:
     """Read a file in a child process that may take `limit_s` of processor time. Raises MeasurementError."""
     if not path.is_file():
-        raise MeasurementError(f"{path}: is not a plain file; name a NetCDF-4 file")
+        raise MeasurementError(f"{path}: is not a plain file; name a file of measurements")
     memory = os.memfd_create("measurements")
     with os.fdopen(memory, "r+b") as arrays:
         arguments = {"path": str(path), "arrays": memory, "limit_s": limit_s}
@@ -59,7 +60,9 @@ def read_content(path: Path, limit_s: int = LIMIT_S) -> Content:
             try:
                 said = child.read(_LONGEST_S)
             except ChildError as error:
-                raise MeasurementError(f"{path}: is damaged: {error}, in the HDF5 library; export it again") from None
+                raise MeasurementError(
+                    f"{path}: is damaged: {error}, in the library that reads it; export it again"
+                ) from None
             finally:
                 child.kill()  # it has nothing to finish, and may never end
         if "refused" in said:
@@ -91,7 +94,11 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
 
 
 def load_content(path: Path) -> Content:
-    """Read a file in this process; raises MeasurementError. What HDF5 makes of a damaged file is unknown."""
+    """Read a file in this process; raises MeasurementError. What the libraries make of a damaged file is unknown."""
+    if path.suffix.lower() == ".mat":
+        from precompute.measurements.mat import load_arrays
+
+        return load_arrays(path)
     import xarray
 
     try:

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from precompute.measurements.csv import MOST_ROWS, parse_csv, write_csv
+from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.csv_form import example_csv
+from precompute.measurements.sheet import MOST_ROWS
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
 
@@ -154,9 +155,10 @@ def test_a_force_may_be_anywhere() -> None:
         ("position (mm),frequency left (Hz)\n1,1\n", "expected a column 'peak acceleration', or the two"),
         (HEADER + ",amplitude right (%)\n1,150,130,2,\n", "row 2: amplitude right: is empty beside a frequency"),
         (HEADER + ",phase left (Hz)\n1,1,1,2,3\n", "'Hz' is not an angle"),
-        (HEADER.replace(",", ";") + "\n1,5;150;130;2,1\n", "by semicolons; write commas and decimal points: 'position"),
-        (HEADER.replace(",", "\t") + "\n1\t150\t130\t2\n", "separates its cells by tabs; write commas: 'position"),
-        ("position (mm),150 Hz,200 Hz\n1,2,3\n", "is a wide table: '150 Hz' and '200 Hz' are columns of readings"),
+        (HEADER.replace(",", ";") + "\n1,5;150;130;2.1\n", "row 2: '2.1': has a point, other cells a comma"),
+        ("position (mm),150 Hz,200 Hz\n1,2,3\n", "is a wide table: expected one column of the frequencies"),
+        ("#time,accel_x,accel_y\n123.5,10.1,-20\n123.6,11.1,-21\n", "is a time series of Klipper, in mm/s^2"),
+        ("freq,psd_x,psd_y,psd_xyz\n1,2,3,4\n", "holds power spectral densities of Klipper"),
         ("time (s),a (m/s^2)\n0,0.1\n1e-4,0.2\n", "is a time series: its first column is 'time (s)'"),
         (HEADER + "\nnot a number" * (MOST_ROWS + 1), f"x.csv: has {MOST_ROWS + 1} rows; expected at most {MOST_ROWS}"),
         (f"{HEADER}\n10,150,130,1\n{'1' * 200_000},150,130,1\n", "x.csv: row 3: is no row of numbers (field larger"),

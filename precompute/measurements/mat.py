@@ -1,0 +1,108 @@
+"""MAT files of version 5 (MATLAB, Octave, SciPy), read as wide tables (tables/MEASUREMENTS.md).
+
+A name has `_` for spaces and its unit as the last words: `frequency_Hz`, `left_35mm_real_m_s2`. A matrix has a column
+for each place in the variable `position_mm`.
+"""
+
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.measurements.columns import SIMULATED, column_names
+from precompute.measurements.csv import measurements_of
+from precompute.measurements.netcdf_content import Content, Variable, read_content
+from precompute.measurements.sheet import MOST_ROWS, Sheet, split_title
+from precompute.measurements.types import MeasurementError, Measurements
+from precompute.measurements.wide import FREQUENCY, PLACE
+
+_UNIT = re.compile(r"_((?:[mcku]?m|k?g|k?Hz|deg|rad|percent)(?:(?:_per)?_(?:s2|s|N))*)$")
+_NUMBERS = "double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
+_MOST_NUMBERS = 10 * MOST_ROWS
+
+
+def read_mat(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
+    """Read responses from numeric arrays: vectors over frequency, or matrices over frequency and place.
+
+    NaN is no reading. Raises MeasurementError.
+    """
+    return arrays_to_measurements(read_content(path), path, device, sensor_mass_kg)
+
+
+def arrays_to_measurements(content: Content, path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
+    """The measurements in the arrays of a file. Raises MeasurementError."""
+    arrays = {variable.name: variable.values for variable in content.variables}
+    titles = {name: _title(name) for name in arrays}
+    axes = [name for name, title in titles.items() if FREQUENCY.fullmatch(split_title(title)[0])]
+    position = next((name for name, title in titles.items() if split_title(title)[0] == "position"), None)
+    if len(axes) != 1 or len(arrays) < 2:
+        expected = (
+            "expected frequency_Hz, position_mm and a complex matrix NAME_acceleration_m_s2 for each actuator NAME"
+        )
+        raise MeasurementError(f"{path}: has the variables {', '.join(arrays) or 'none'}; {expected}")
+    lines = arrays[axes[0]].size
+    places = np.zeros(0) if position is None else arrays[position].ravel()
+    columns: list[tuple[str, NDArray[Any]]] = []
+    for name, array in arrays.items():
+        words, unit = split_title(titles[name])
+        bracket = "" if unit is None else f" ({unit})"
+        if name == position:
+            continue
+        is_one = name == axes[0] or words in column_names(device) or PLACE.search(words) is not None
+        if array.size in (1, lines) and is_one:
+            columns.append((words + bracket, np.resize(array, lines)))
+        elif array.shape in ((lines, places.size), (places.size, lines)):
+            matrix, at = array if len(array) == lines else array.T, split_title(titles[str(position)])[1] or "mm"
+            columns += [(f"{words} {place:.9f} {at}{bracket}", matrix[:, i]) for i, place in enumerate(places.tolist())]
+        else:
+            expected = f"expected {lines} values and the place in the name, or a column for each place in position_mm"
+            raise MeasurementError(f"{path}: {name}: has the shape {array.shape}; {expected}")
+    cells = [["" if value != value else repr(value) for value in values.tolist()] for _, values in columns]
+    sheet = Sheet(
+        [title for title, _ in columns],
+        [list(row) for row in zip(*cells, strict=True)],
+        [f"value {line}" for line in range(1, lines + 1)],
+        content.is_simulated,
+    )
+    return measurements_of(sheet, device, sensor_mass_kg, str(path))
+
+
+def _title(name: str) -> str:
+    """Heading of a wide table: the name with its last words as the unit in brackets."""
+    match = _UNIT.search(name)
+    words = re.sub(r"(\d)p(\d)", r"\1.\2", name[: match.start()] if match else name).replace("_", " ")
+    return f"{words} ({match[1].replace('_per', '').replace('_', '/').replace('percent', '%')})" if match else words
+
+
+def load_arrays(path: Path) -> Content:
+    """The numeric arrays of a file, and whether any text of it says SIMULATED. Raises MeasurementError."""
+    import scipy.io
+
+    with path.open("rb") as file:
+        if file.read(10) == b"MATLAB 7.3":
+            raise MeasurementError(
+                f"{path}: is a MAT file of version 7.3, which is HDF5; save it with save(..., '-v7')"
+            )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # such as of a name that is there twice
+            kinds = scipy.io.whosmat(str(path), appendmat=False)
+            wrong = [f"{name} is a {kind}" for name, _, kind in kinds if kind not in (*_NUMBERS, "char")]
+            if not wrong and sum(math.prod(shape) for _, shape, _ in kinds) <= _MOST_NUMBERS:
+                content = scipy.io.loadmat(str(path), appendmat=False)
+            else:
+                what = wrong[0] if wrong else f"has more than {_MOST_NUMBERS} numbers"
+                raise MeasurementError(f"{path}: {what}; save the responses alone, as arrays")
+    except MeasurementError:
+        raise
+    except Exception as error:  # scipy raises many of Python's on malformed files
+        remedy = "save it with save(..., '-v7')"
+        raise MeasurementError(f"{path}: cannot be read as a MAT file of version 5 ({error}); {remedy}") from error
+    texts = [str(content[name]) for name, _, kind in kinds if kind == "char"]
+    arrays = [Variable(name, (), None, np.atleast_2d(content[name])) for name, _, kind in kinds if kind != "char"]
+    return Content(arrays, None, any(SIMULATED in text for text in texts))
