@@ -38,7 +38,6 @@ def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[s
     ("flaws", "faults"),
     [
         ("drift=40", {"CLOCK_DRIFT": 2}),
-        ("offset=50m/s^2", {"OFFSET": 4}),
         ("offset=50m/s^2,gain=-200%", {"OFFSET": 4}),
     ],
 )
