@@ -139,7 +139,7 @@ def _assurance(found: ModelModes, modes: Modes) -> Array:
     """Modal assurance criterion (measured mode, model's mode); 1 where a mode has less than two places."""
     out = np.ones((len(modes), len(found.pole)))
     for row, shape in zip(out, modes.shape, strict=True):
-        known = ~np.isnan(shape)
+        known = np.isfinite(shape)
         if known.sum() >= 2:
             a, b = shape[known], found.shape[known]
             row[:] = np.abs(a.conj() @ b) ** 2 / np.maximum(
@@ -192,6 +192,8 @@ def calibrate_modes(
     """
     names = modal_names(device, modes) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, modes.sensor_mass_kg)
+    if len(modes) > (most := assemble(device).size // 2):
+        raise MeasurementError(f"there are {len(modes)} modes; the model has {most} at the most: leave the highest out")
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         misfit = ModesMisfit(device, modes, chosen)
         problem = pose(misfit)

@@ -130,7 +130,7 @@ def _checked(modes: Modes, device: Device, source: str, places: list[str]) -> Mo
     """The modes with the usual errors where none are stated. Raises MeasurementError where a value is impossible."""
     length_m, hz, damping = device.bar.length_m, modes.frequency_hz, modes.damping_ratio
     rules = (
-        ("frequency", hz, "Hz", ~(hz > 0), "expected more than 0 Hz"),
+        ("frequency", hz, "Hz", ~((hz > 0) & np.isfinite(hz)), "expected more than 0 Hz"),
         ("frequency", hz, "Hz", np.diff(hz, prepend=0.0) <= 0, "expected rising frequencies; leave repeated ones out"),
         ("damping ratio", 100 * damping, "%", (damping <= 0) | (damping >= 1), "expected more than 0 and below 100 %"),
         ("frequency error", modes.frequency_error * hz, "Hz", modes.frequency_error < 0, "expected 0 or more"),
@@ -193,7 +193,9 @@ def _read_universal(path: Path, device: Device, sensor_mass_kg: float) -> Modes:
     rows.sort(key=lambda row: row[0])
     nodes = sorted({int(n) for *_, part in rows for n in np.atleast_1d(part["node_nums"])} & place_m.keys())
     shape = np.full((len(rows), len(nodes)), np.nan, dtype=np.complex128)
-    for row, (*_, part) in zip(shape, rows, strict=True):
+    for row, (_, _, where, part) in zip(shape, rows, strict=True):
+        if len(np.atleast_1d(part["node_nums"])) != len(np.atleast_1d(part["r3"])):
+            raise MeasurementError(f"{path}: {where}: expected a value in x, y and z at each node; export it again")
         across = dict(
             zip(np.atleast_1d(part["node_nums"]).astype(int).tolist(), np.atleast_1d(part["r3"]), strict=True)
         )

@@ -70,6 +70,9 @@ def test_what_modes_cannot_tell_is_said() -> None:
     modes = modes_of(DEVICE)
     with pytest.raises(MeasurementError, match=r"actuator\.full_scale: not identifiable"):
         calibrate_modes(DEVICE, modes, ["actuator.full_scale"], starts=1)
+    many = "\n".join(str(hz) for hz in range(10, 5000, 10))
+    with pytest.raises(MeasurementError, match="499 modes"):
+        calibrate_modes(DEVICE, parse_modes(f"frequency (Hz)\n{many}", DEVICE, 0.0, "m.csv"), starts=1)
     scale = ["actuator.stiffness", "bar.youngs_modulus", "bar.density", "actuator.mass"]
     found = calibrate_modes(DEVICE, modes, scale, starts=1)
     (combination,) = open_combinations(found)

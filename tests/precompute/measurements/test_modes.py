@@ -50,6 +50,7 @@ def test_errors_shapes_and_the_sensor_are_read_and_empty_cells_are_unknown() -> 
         ("frequency (Hz)\n", ("natural frequency", "rows")),
         ("damping ratio (%)\n1\n", ("natural frequency", "frequency (Hz)")),
         ("frequency (Hz)\n206\n95\n", ("row 3", "frequency", "rising")),
+        ("frequency (Hz)\ninf\n", ("row 2", "frequency", "finite")),
         ("frequency (Hz)\n0\n", ("row 2", "frequency", "more than 0")),
         ("frequency (Hz),damping ratio (1)\n95,1.25\n", ("row 2", "damping ratio", "125 %")),
         ("frequency (Hz),Q\n95,0\n", ("row 2", "damping ratio")),
