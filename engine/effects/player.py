@@ -48,7 +48,6 @@ argument; nothing here reads a clock.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 from engine.effects.control import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.play import Play
@@ -65,17 +64,6 @@ DEFAULT_CLICK_NS = 30_000_000
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000
 """A drag ends when the finger has not travelled the next distance within this time."""
-
-
-_TRIGGERS = (Trigger.TOUCH, Trigger.HOLD, Trigger.LIFT, Trigger.DRAG)
-"""In the order of the fields of _RulesByTrigger."""
-
-
-class _RulesByTrigger(NamedTuple):
-    touch: tuple[Rule, ...]
-    hold: tuple[Rule, ...]
-    lift: tuple[Rule, ...]
-    drag: tuple[Rule, ...]
 
 
 class EffectPlayer:
@@ -113,8 +101,8 @@ class EffectPlayer:
     def _set_rules(self, effects: Effects) -> None:
         self.effects = effects
         """The rules in force; other ones are another object."""
-        self._rules = _RulesByTrigger(*map(effects.of, _TRIGGERS))
-        self.follows_moves = bool(self._rules.hold or self._rules.drag)
+        self._rules = {trigger: effects.of(trigger) for trigger in Trigger}
+        self.follows_moves = bool(self._rules[Trigger.HOLD] or self._rules[Trigger.DRAG])
         """Whether a finger that moves may begin or end an effect."""
 
     def take_touches(self, touches: Sequence[Touch], time_ns: int) -> bool:
@@ -204,24 +192,24 @@ class EffectPlayer:
 
     def _change_rules(self, effects: Effects, time_ns: int) -> None:
         drag_before = {
-            contact_id: _distance_of(_first(self._rules.drag, finger.touch))
+            contact_id: _distance_of(_first(self._rules[Trigger.DRAG], finger.touch))
             for contact_id, finger in self.fingers.items()
         }
         self._set_rules(effects)
         for finger in (*self.fingers.values(), *self.lifted):
             play = finger.play
             if play is not None and play.trigger is not None:
-                rule = _first(self._rules[_TRIGGERS.index(play.trigger)], play.began_at)
+                rule = _first(self._rules[play.trigger], play.began_at)
                 if rule is None or not play.goes_on_by(rule):
                     play.cut()
         for contact_id, finger in self.fingers.items():
-            hold_rule, before = _first(self._rules.hold, finger.touch), finger.rest_rule
+            hold_rule, before = _first(self._rules[Trigger.HOLD], finger.touch), finger.rest_rule
             if _wait_of(hold_rule) != _wait_of(before):
                 self._rest(finger, time_ns)
             else:
                 finger.rest_rule = hold_rule
                 finger.hold_rule = None if finger.hold_rule is None else hold_rule
-            drag_rule = _first(self._rules.drag, finger.touch)
+            drag_rule = _first(self._rules[Trigger.DRAG], finger.touch)
             if _distance_of(drag_rule) != drag_before[contact_id]:
                 finger.mark_m = finger.touch.position_m
 
@@ -298,14 +286,14 @@ class EffectPlayer:
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch)
-        rule = None if touch.is_palm else _first(self._rules.touch, touch)
+        rule = None if touch.is_palm else _first(self._rules[Trigger.TOUCH], touch)
         if rule is not None:
             self._begin(finger, rule, time_ns, None)
-        if self._rules.hold:
+        if self._rules[Trigger.HOLD]:
             self._rest(finger, time_ns)
 
     def _move(self, finger: "Finger", time_ns: int) -> None:
-        if self._rules.drag:
+        if self._rules[Trigger.DRAG]:
             self._drag(finger, time_ns)
         if abs(finger.touch.position_m - finger.rest_m) > STILL_M:
             self._rest(finger, time_ns)
@@ -314,7 +302,7 @@ class EffectPlayer:
 
     def _drag(self, finger: "Finger", time_ns: int) -> None:
         position_m = finger.touch.position_m
-        rule = None if finger.is_kept_quiet else _first(self._rules.drag, finger.touch)
+        rule = None if finger.is_kept_quiet else _first(self._rules[Trigger.DRAG], finger.touch)
         if rule is None:
             finger.mark_m = position_m
             return
@@ -327,7 +315,7 @@ class EffectPlayer:
     def _rest(self, finger: "Finger", time_ns: int) -> None:
         """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
-        finger.rest_rule = _first(self._rules.hold, finger.touch)
+        finger.rest_rule = _first(self._rules[Trigger.HOLD], finger.touch)
         finger.hold_rule = None if finger.is_kept_quiet else finger.rest_rule
         if finger.hold_rule is not None:
             finger.hold_ns = time_ns + finger.hold_rule.after_ns
@@ -335,7 +323,7 @@ class EffectPlayer:
     def _lift_all_but(self, here: set[int], time_ns: int) -> None:
         for contact_id in self.fingers.keys() - here:
             finger = self.fingers.pop(contact_id)
-            rule = None if finger.is_kept_quiet else _first(self._rules.lift, finger.touch)
+            rule = None if finger.is_kept_quiet else _first(self._rules[Trigger.LIFT], finger.touch)
             if rule is not None:
                 finger.hold_rule = None
                 self._begin(finger, rule, time_ns, None)

@@ -36,8 +36,7 @@ def read_haptic(document: Part) -> Pattern:
             transients.append(Event(f"amplitude[{len(points) - 1}].emphasis", Kind.TRANSIENT, ((time_s, peak),), more))
     added = [(0.0, 0.0)] if points and points[0][0] > 0 else []
     metadata = document.get("metadata")
-    project = None if metadata is None else metadata.get("project")
-    description = "" if project is None else project.text()
+    description = "" if metadata is None else metadata.text_of("project")
     return Pattern(FORMAT, description, (*transients, *_stretches([*added, *points], unused, len(added))))
 
 

@@ -26,11 +26,9 @@ Library = Mapping[int, Part]
 
 def read_hjif(document: Part) -> Pattern:
     """The events of a file. Raises EffectError."""
-    timescale = document.get("timescale")
-    ticks_per_s = DEFAULT_TICKS_PER_S if timescale is None else timescale.number()
-    if timescale is not None and not 0 < ticks_per_s <= 1e6:
-        raise timescale.error("1 to 1 000 000 ticks a second")
-    description = document.get("description")
+    ticks_per_s = document.number_of("timescale", DEFAULT_TICKS_PER_S)
+    if not 0 < ticks_per_s <= 1e6:
+        raise document.need("timescale").error("1 to 1 000 000 ticks a second")
     events, budget = list[Event](), Budget()
     for perception in document.need("perceptions").items():
         modality = perception.get("perception_modality")
@@ -38,11 +36,11 @@ def read_hjif(document: Part) -> Pattern:
         library = {
             round(part.need("id").number()): part for part in perception.list_of("effect_library") if part.get("id")
         }
-        exponent = perception.get("perception_unit_exponent")
-        unit = 1.0 if exponent is None else 10.0 ** min(max(exponent.number(), -_MOST_EXPONENT), _MOST_EXPONENT)
+        exponent = perception.number_of("perception_unit_exponent", 0.0)
+        unit = 10.0 ** min(max(exponent, -_MOST_EXPONENT), _MOST_EXPONENT)
         for channel in perception.list_of("channels") or perception.list_of("tracks"):
             events += _Channel(channel, word, library, ticks_per_s, unit, budget).events()
-    return Pattern(FORMAT, "" if description is None else description.text(), tuple(events))
+    return Pattern(FORMAT, document.text_of("description"), tuple(events))
 
 
 class _Channel:
@@ -53,8 +51,7 @@ class _Channel:
     ) -> None:
         self._part, self._modality, self._library, self._ticks_per_s = part, modality, library, ticks_per_s
         self._budget = budget
-        gain = part.get("gain")
-        self._gain = unit * (1.0 if gain is None else gain.number())
+        self._gain = unit * part.number_of("gain", 1.0)
         self._place = _place_of(part)
 
     def events(self) -> Iterator[Event]:
@@ -66,17 +63,15 @@ class _Channel:
 
     def _effect(self, part: Part, band_type: str, start_ticks: float, depth: int) -> Iterator[Event]:
         self._budget.spend(1, part)
-        position = part.get("position")
-        own_ticks = start_ticks + (0.0 if position is None else _signed(position))
-        effect_type = part.get("effect_type")
-        word = "Basis" if effect_type is None else effect_type.text()
+        own_ticks = start_ticks + part.number_of("position", 0.0)
+        word = part.text_of("effect_type", "Basis")
         if word == "Reference":
             number = part.need("id")
             found = self._library.get(round(number.number()))
             if found is None or depth == _DEEPEST:
                 raise number.error("an effect of the library, and none that refers to itself")
             inner = Part(part.source, part.path, found.value)
-            yield from self._effect(inner, band_type, own_ticks - _own_position(found), depth + 1)
+            yield from self._effect(inner, band_type, own_ticks - found.number_of("position", 0.0), depth + 1)
         elif word == "Composite":
             if depth == _DEEPEST:
                 raise part.error(f"at most {_DEEPEST} effects in one another")
@@ -98,10 +93,9 @@ class _Channel:
         keyframes = part.list_of("keyframes")
         self._budget.spend(len(keyframes), part)
         for keyframe in keyframes:
-            offset, amplitude = keyframe.get("relative_position"), keyframe.get("amplitude_modulation")
-            ticks = start_ticks + (0.0 if offset is None else _signed(offset))
-            times_s.append(self._seconds(keyframe, ticks))
-            frequency = keyframe.get("frequency_modulation")
+            offset_ticks = _signed(keyframe.number_of("relative_position", 0.0))
+            times_s.append(self._seconds(keyframe, start_ticks + offset_ticks))
+            amplitude, frequency = keyframe.get("amplitude_modulation"), keyframe.get("frequency_modulation")
             if frequency is not None:
                 frequencies.append(frequency.number())
             if amplitude is not None:
@@ -138,20 +132,13 @@ class _Channel:
         return (*texts, self._place) if self._place else tuple(texts)
 
 
-def _signed(part: Part) -> float:
-    ticks = part.number()
-    return ticks - 65_536 if 32_768 <= ticks < 65_536 and ticks == round(ticks) and "relative" in part.path else ticks
-
-
-def _own_position(effect: Part) -> float:
-    position = effect.get("position")
-    return 0.0 if position is None else position.number()
+def _signed(ticks: float) -> float:
+    return ticks - 65_536 if 32_768 <= ticks < 65_536 and ticks == round(ticks) else ticks
 
 
 def _place_of(channel: Part) -> str:
     """The place that a channel is for, in words."""
-    description = channel.get("description")
-    name = "" if description is None else description.text()[:LONGEST_WORD]
+    name = channel.text_of("description")[:LONGEST_WORD]
     mask, vertices = channel.get("body_part_mask"), channel.get("vertices")
     where = [] if mask is None else [f"body parts {round(mask.number()):#x}"]
     where += [] if vertices is None else [f"{len(list(vertices.items()))} vertices"]

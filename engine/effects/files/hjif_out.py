@@ -115,13 +115,7 @@ def _keyframes(
 
 
 def _basis(position: int, keyframes: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "effect_type": "Basis",
-        "position": position,
-        "phase": 0.0,
-        "base_signal": "Sine",
-        "keyframes": keyframes,
-    }
+    return {"effect_type": "Basis", "position": position, "phase": 0.0, "base_signal": "Sine", "keyframes": keyframes}
 
 
 def _amplitude(segment: Segment, full_level_db: float) -> float:

@@ -61,6 +61,16 @@ class Part:
         part = self.get(key)
         return [] if part is None else list(part.items())
 
+    def number_of(self, key: str, default: float) -> float:
+        """The number at a key; the default without the key."""
+        part = self.get(key)
+        return default if part is None else part.number()
+
+    def text_of(self, key: str, default: str = "") -> str:
+        """The text at a key; the default without the key."""
+        part = self.get(key)
+        return default if part is None else part.text()
+
     def number(self) -> float:
         """A number that is finite."""
         value = self.value

@@ -168,12 +168,7 @@ def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> N
         seen.at(time_ms, touch(1, STILL_M / MM * (time_ms // 100 % 2)))
     for time_ms in range(1000, 1500, 100):
         seen.at(time_ms, touch(1, 20))
-    assert seen.moments == [
-        (300, "F----", 20.0),
-        (350, "-----", None),
-        (1300, "F----", 20.0),
-        (1350, "-----", None),
-    ]
+    assert seen.moments == [(300, "F----", 20.0), (350, "-----", None), (1300, "F----", 20.0), (1350, "-----", None)]
 
 
 def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
@@ -209,10 +204,7 @@ def test_what_a_drag_holds_lasts_until_it_rests() -> None:
     for frame in range(20):
         seen.at(50 * frame, touch(1, 10 + 1.5 * frame))
     last_mark_ms = 950
-    assert seen.until(5000).moments == [
-        (50, "F----", 20.0),
-        (last_mark_ms + DRAG_REST_NS / MS, "-----", None),
-    ]
+    assert seen.until(5000).moments == [(50, "F----", 20.0), (last_mark_ms + DRAG_REST_NS / MS, "-----", None)]
 
 
 def test_the_way_to_a_drag_rule_does_not_count() -> None:
@@ -245,11 +237,7 @@ def test_a_finger_that_comes_back_does_not_end_what_the_lifted_one_left() -> Non
     seen.at(0, touch(1, 10))
     seen.at(10)
     seen.at(20, touch(1, 60))
-    assert seen.until(1000).moments == [
-        (10, "F----", 20.0),
-        (20, "Fq---", 20.0),
-        (110, "-----", None),
-    ]
+    assert seen.until(1000).moments == [(10, "F----", 20.0), (20, "Fq---", 20.0), (110, "-----", None)]
 
 
 def test_one_finger_for_another_in_one_frame_is_a_lift_and_a_touch() -> None:
@@ -297,9 +285,7 @@ frames = st.lists(
 
 
 @given(frames)
-def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(
-    path: list[tuple[int, dict[int, int]]],
-) -> None:
+def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(path: list[tuple[int, dict[int, int]]]) -> None:
     seen = story(*all_triggers())
     time_ms = 0
     for step_ms, places_mm in path:

@@ -146,11 +146,7 @@ WRONG = [
     ('["held", "10 dB"]', '["held", "81 dB"]', "effect[2].envelope: '81 dB': expected 0 to 80 dB above threshold"),
     ('["held", "10 dB"]', '["held", "loud"]', "'loud': expected 0 to 80 dB above threshold such as '20 dB', 'full sc"),
     ('on = "touch"', 'on = "tap"', "rule[1].on: 'tap': expected one of touch, hold, lift, drag"),
-    (
-        'zones = ["I", "III"]',
-        'zones = ["VI"]',
-        "rule[1].zones: 'VI': reference-a has no such zone; its zones are I",
-    ),
+    ('zones = ["I", "III"]', 'zones = ["VI"]', "rule[1].zones: 'VI': reference-a has no such zone; its zones are I"),
     ('zones = ["I", "III"]', "zones = []", "rule[1].zones: []: expected a list of zones"),
     ('zones = ["I", "III"]', 'zones = ["I"]\nregion = ["0 mm", "1 mm"]', "give either zones or a region"),
     ('zones = ["I", "III"]', 'after = "1 s"', "rule[1].after: '1 s': unknown key"),
