@@ -65,7 +65,7 @@ class Answerer:
 
     def learn(self, click: ClickEntry) -> bool:
         """Add a click that was solved beside the loop; whether it was awaited, and is no more."""
-        self.renderer.learn(click)
+        self.renderer.clicks.learn(click)
         if click.placement != self.awaited:
             return False
         self.stop_waiting()

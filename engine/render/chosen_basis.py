@@ -40,9 +40,8 @@ def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: i
     They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks, or
     makes fewer samples a second than a click has, gets none.
     """
-    if Features.WAVEFORMS not in capabilities.features or whole is None:
-        return NO_BASIS
-    if capabilities.synthesis_rate_hz < whole.sample_rate_hz:
+    plays_clicks = Features.WAVEFORMS in capabilities.features
+    if whole is None or not plays_clicks or capabilities.synthesis_rate_hz < whole.sample_rate_hz:
         return NO_BASIS
     chosen = list[int]()
     for number, each in enumerate(whole.sets):

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from base.errors import TactableError
 from engine.device import Actuator, Device, Limits
 from firmware_link.host.link_values import LinkConfiguration
-from firmware_link.protocol.messages import ChannelDrive
+from firmware_link.protocol.messages import ChannelDrive, encode_drive
 
 # Quotients such as 1 / (5 ms) fall short of the whole number they stand for by a few units in the last place.
 _ROUNDING = 1e-9
@@ -58,6 +58,15 @@ def clamp(solved: Solved, device: Device) -> Drive:
             for channel, actuator in zip(requested, device.actuators, strict=True)
         )
     )
+
+
+def encode_scaled(drive: Drive, scales: Sequence[float], frequency_resolution_hz: float) -> bytes:
+    """Bytes of a drive for a board that takes amplitudes multiplied by these `scales`, by actuator (`board_fit`)."""
+    channels = (
+        replace(channel, amplitude=min(1.0, channel.amplitude * scale))
+        for channel, scale in zip(drive.channels, scales, strict=True)
+    )
+    return encode_drive(list(channels), frequency_resolution_hz)
 
 
 def link_configuration(

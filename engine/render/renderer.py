@@ -10,7 +10,6 @@ from typing import Protocol
 
 from engine.render.clicks import RenderedClicks
 from engine.render.commands import SILENCE, Command, Rendered
-from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 
@@ -43,11 +42,7 @@ class Renderer:
     """
 
     def __init__(
-        self,
-        capabilities: Capabilities,
-        steady: Steady,
-        clicks: RenderedClicks,
-        levels_db: Sequence[float],
+        self, capabilities: Capabilities, steady: Steady, clicks: RenderedClicks, levels_db: Sequence[float]
     ) -> None:
         self.not_achieved = 0
         """Number of commands that do not reach the level, or do not keep quiet fingers quiet."""
@@ -57,16 +52,8 @@ class Renderer:
         self.steady = steady
         self._wire = _wire_of(capabilities)
 
-    def prepare(self) -> None:
-        """Load or compile what solving takes, so that no touch waits for that."""
-        self.steady.prepare()
-
     def render(
-        self,
-        placement: Placement | None,
-        level_db: float | None,
-        is_click: bool = False,
-        held_hz: float | None = None,
+        self, placement: Placement | None, level_db: float | None, is_click: bool = False, held_hz: float | None = None
     ) -> Command | None:
         """The command for these fingers; SILENCE where none is felt or the level is refused.
 
@@ -91,15 +78,6 @@ class Renderer:
     def _counted(self, rendered: Rendered) -> Command:
         self.not_achieved += not rendered.is_achieved
         return rendered.command
-
-    def learn(self, click: ClickEntry) -> None:
-        """Add a click that was solved for fingers since the table was opened."""
-        self.clicks.learn(click)
-
-    @property
-    def playable_clicks(self) -> int:
-        """Number of tabulated clicks that the device can play."""
-        return self.clicks.number
 
     @property
     def click_shortfalls(self) -> dict[float, int]:

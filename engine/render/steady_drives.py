@@ -7,32 +7,22 @@ sweep, which are looked up (engine.table.best_rows).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from engine.device import Device
 from engine.render.commands import SILENCE, DriveCommand, Rendered
-from engine.render.limits import Solved, clamp
-from engine.steady import Receptances, SteadyDrive
+from engine.render.limits import clamp, encode_scaled
+from engine.steady import Receptances
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import encode_drive
+
+if TYPE_CHECKING:
+    from engine.steady.plain import PlainSolver
+    from engine.steady.solver import SteadySolver
 
 MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
-
-
-class Solver(Protocol):
-    """Solver of steady drives."""
-
-    def prepare(self) -> None:
-        """Load or compile what a solve needs."""
-
-    def solve(
-        self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float, held_hz: float | None = None
-    ) -> SteadyDrive:
-        """The drive for fingers at positions, as engine.steady.solver.SteadySolver has it."""
 
 
 class SteadyDrives:
@@ -74,11 +64,11 @@ class SteadyDrives:
         solved = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
         if self._refuses and not solved.achieved:
             return Rendered(SILENCE, is_achieved=False)
-        command = _command(solved, self._device, self._scales, self._resolution_hz)
-        return Rendered(command._replace(frequency_hz=solved.frequency_hz), solved.achieved)
+        drive = encode_scaled(clamp(solved, self._device), self._scales, self._resolution_hz)
+        return Rendered(DriveCommand(drive, solved.frequency_hz), solved.achieved)
 
 
-def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -> Solver:
+def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -> "PlainSolver | SteadySolver":
     """The compiled solver, whose Numba takes half a second to load, or the one in NumPy."""
     if not has_kernels:
         from engine.steady.plain import PlainSolver
@@ -119,13 +109,5 @@ class ZoneDrives:
         row = self.rows.at(combination, level_db)
         if row is None or (self._refuses and not row.achieved):
             return Rendered(SILENCE, is_achieved=False)
-        command = _command(row, self._device, self._scales, self._resolution_hz)
-        return Rendered(command._replace(frequency_hz=row.frequency_hz), row.achieved)
-
-
-def _command(solved: Solved, device: Device, scales: Sequence[float], resolution_hz: float) -> DriveCommand:
-    channels = [
-        replace(channel, amplitude=min(1.0, channel.amplitude * scale))
-        for channel, scale in zip(clamp(solved, device).channels, scales, strict=True)
-    ]
-    return DriveCommand(encode_drive(channels, resolution_hz))
+        drive = encode_scaled(clamp(row, self._device), self._scales, self._resolution_hz)
+        return Rendered(DriveCommand(drive, row.frequency_hz), row.achieved)

@@ -45,6 +45,7 @@ from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.host.handshake import Handshake, check_basis
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
+    AccelerationReceived,
     Armed,
     BasisReplaced,
     Capabilities,
@@ -150,23 +151,14 @@ class Link:
         self._reports = Reports(self.counters, self._encoder)
         self._extend_patience(now_ns)
 
-    def set_drive(self, drive: bytes) -> None:
+    def set_drive(self, drive: bytes, *, writes_phase: bool = True) -> None:
         """Send this drive, from `encode_drive`, next; it replaces a command that waits. Dropped, counted unless READY.
 
-        Actuators of the device beyond those of the drive get silence. Raises LinkError for a drive that is too long.
+        Without `writes_phase` what sounds runs on at the new frequencies, without a step. Actuators of the device
+        beyond those of the drive get silence. Raises LinkError for a drive that is too long.
         """
         if self.state is _READY:
-            self._outbox.put_drive(drive)
-        else:
-            self.counters.dropped += 1
-
-    def glide(self, drive: bytes) -> None:
-        """Send this drive next without writing its phases: what sounds runs on at the new frequencies, without a step.
-
-        Otherwise as `set_drive`.
-        """
-        if self.state is _READY:
-            self._outbox.put_drive(drive, writes_phase=False)
+            self._outbox.put_drive(drive, writes_phase=writes_phase)
         else:
             self.counters.dropped += 1
 
@@ -321,7 +313,7 @@ class Link:
                 line = (configuration.transport, configuration.bit_rate_hz)
                 return self._sensing.described(message, *line, actuators, now_ns)
             case Acceleration() if self._sensing.is_wanted:
-                return self._sensing.sensed(message, now_ns)
+                return AccelerationReceived(message, now_ns)
         self.counters.unexpected += 1
         return None
 

@@ -7,12 +7,12 @@ drive does.
 
 from firmware_link.host.lease import NS_PER_MS
 from firmware_link.host.line import Line
-from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed
+from firmware_link.host.link_values import AccelerometerDescribed
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.line_rate import Transport, sensed_rate_hz
-from firmware_link.protocol.messages import ACCELEROMETER, Acceleration, Accelerometer, Features, Sense
+from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
 
 LEASE_MS = 500  # a board whose host is gone streams on for at most this long
 # Two renewals in a row may be lost.
@@ -69,8 +69,3 @@ class Sensing:
             self._request.due_ns = now_ns
         scale_m_per_s2 = message.scale_nm_per_s2 * 1e-9
         return AccelerometerDescribed(rate_hz, scale_m_per_s2, message.greatest, message.lost)
-
-    @staticmethod
-    def sensed(message: Acceleration, now_ns: int) -> AccelerationReceived:
-        """Take samples."""
-        return AccelerationReceived(message, now_ns)

@@ -121,7 +121,7 @@ class Step:
         capabilities = _ready_link(link_configuration(device, PTY_BIT_RATE_HZ), device)[0].capabilities
         assert capabilities is not None  # a link that is ready was greeted
         rendering = render_table(table, effects, capabilities, WhenNotAchieved.GO_ON, PTY_BIT_RATE_HZ)
-        rendering.renderer.prepare()
+        rendering.renderer.steady.prepare()
         self._renderer, self._click_ns, self._effects = rendering.renderer, rendering.click_length_ns, effects
         self._link, self._far_end, self._now_ns = _ready_link(rendering.configuration, device)
         self._recording = recording

@@ -17,13 +17,13 @@ from engine.loop import Clock, connect
 from engine.render import Drive, link_configuration
 from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
+from engine.render.limits import encode_scaled
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState, StatusReceived
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.messages import encode_drive
 
 
 class Listener(Protocol):
@@ -90,17 +90,13 @@ class DrivenDevice:
 
     def glide(self, drive: Drive) -> None:
         """As `play`, but tones that sound run on at the new frequencies: a sweep is a dense row of these."""
-        self.session.link.glide(self._encoded(drive))
+        self.session.link.set_drive(self._encoded(drive), writes_phase=False)
 
     def _encoded(self, drive: Drive) -> bytes:
         for channel in drive.channels:
             if channel.amplitude > 0:
                 check_frequencies(self._device, self.capabilities, (channel.frequency_hz, channel.frequency_hz))
-        channels = [
-            replace(channel, amplitude=min(1.0, channel.amplitude * scale))
-            for channel, scale in zip(drive.channels, self.fit.scales, strict=True)
-        ]
-        return encode_drive(channels, self.capabilities.frequency_resolution_hz)
+        return encode_scaled(drive, self.fit.scales, self.capabilities.frequency_resolution_hz)
 
     def silence(self) -> None:
         """Ramp to zero with the next `wait` and stay armed."""

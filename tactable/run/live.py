@@ -99,7 +99,7 @@ class Live:
         self.renderer = rendering.renderer
         self.fit = rendering.fit
         """How the first table's amplitudes are played on the board."""
-        self.renderer.prepare()
+        self.renderer.steady.prepare()
         self.link = FastLink(rendering.configuration)
         self.no_fast_path = ""
         """Why a fast path that was asked for cannot be had; "" otherwise."""
@@ -143,7 +143,7 @@ class Live:
     @property
     def clicks(self) -> int:
         """Number of the table's clicks that the device can play."""
-        return self.renderer.playable_clicks
+        return self.renderer.clicks.number
 
     @property
     def frames_sent(self) -> int:

@@ -44,7 +44,7 @@ def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives
     for effects, features in ((DEFAULT_EFFECTS, Features(0)), (STEADY, Features.WAVEFORMS)):
         rendering = render_table(table, effects, board(features=features))
         renderer = rendering.renderer
-        assert (rendering.basis, renderer.playable_clicks, renderer.click_shortfalls) == (None, 0, {})
+        assert (rendering.basis, renderer.clicks.number, renderer.click_shortfalls) == (None, 0, {})
         for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
             steady = renderer.render(placement, LEVEL_DB)
             assert renderer.render(placement, LEVEL_DB, is_click=True) == steady != SILENCE

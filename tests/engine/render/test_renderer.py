@@ -67,11 +67,11 @@ def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned_for_just_
     renderer, placement = renderer_of(CLICKS), Placement((0.08, 0.2, 0.25), (True, False, False))
     assert renderer.render(placement, LEVEL_DB, is_click=True) is None
     assert renderer.fallback(placement, LEVEL_DB) == renderer.render(placement, LEVEL_DB)
-    renderer.learn(click_of(REFERENCE, placement))
+    renderer.clicks.learn(click_of(REFERENCE, placement))
     assert isinstance(renderer.render(placement, LEVEL_DB, is_click=True), PlayCommand)
     near = replace(placement, position_m=(0.0801, 0.2, 0.25))
     assert renderer.render(near, LEVEL_DB, is_click=True) is None
-    assert renderer.playable_clicks == len(CLICKS)
+    assert renderer.clicks.number == len(CLICKS)
 
 
 def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +90,7 @@ def test_a_click_of_a_set_that_the_device_does_not_hold_is_the_steady_drive() ->
     assert isinstance(renderer.render(PLACEMENTS[0], LEVEL_DB, is_click=True), PlayCommand)
     steady = renderer.render(PLACEMENTS[1], LEVEL_DB)
     assert renderer.render(PLACEMENTS[1], LEVEL_DB, is_click=True) == steady != SILENCE
-    assert renderer.playable_clicks == 1
+    assert renderer.clicks.number == 1
 
 
 @pytest.mark.parametrize("refuses", [False, True])
