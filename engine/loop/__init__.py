@@ -1,6 +1,5 @@
 """One thread from report to command: the pure pipeline, the loop around it, and what observes them."""
 
-from engine.loop.answerer import Wanted
 from engine.loop.awaited_clicks import ClickSolving
 from engine.loop.control import ControlSlot
 from engine.loop.dispatcher import Dispatcher
@@ -36,7 +35,6 @@ __all__ = [
     "Timing",
     "Trace",
     "Updates",
-    "Wanted",
     "connect",
     "open_pipeline",
 ]

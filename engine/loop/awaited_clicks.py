@@ -36,11 +36,7 @@ class AwaitedClicks:
     """Asks for the clicks that one pipeline awaits, and hands each that comes in time to `hand_over`."""
 
     def __init__(
-        self,
-        solving: ClickSolving,
-        pipeline: Pipeline,
-        counters: LoopCounters,
-        hand_over: Callable[[Command], None],
+        self, solving: ClickSolving, pipeline: Pipeline, counters: LoopCounters, hand_over: Callable[[Command], None]
     ) -> None:
         self.descriptor = solving.fileno()
         self._solving, self._pipeline, self._counters, self._hand_over = solving, pipeline, counters, hand_over

@@ -6,13 +6,12 @@ step is taken after the frame of the pass was written: an answer of the compiled
 rules that it used are those that the Python step used. The outcome is told after the step's own command was written.
 """
 
-from collections.abc import Container
+from collections.abc import Callable, Container
 from typing import Protocol
 
 from engine.effects import ControlStep, Outcome
 from engine.loop.observer import LoopCounters
 from engine.loop.pipeline import Pipeline
-from engine.render import Command
 
 
 class ControlSlot(Protocol):
@@ -31,22 +30,14 @@ class ControlSlot(Protocol):
         """Say what became of the step."""
 
 
-class HandOver(Protocol):
-    """Takes the command of a step."""
-
-    def __call__(self, command: Command, *, ends_click: bool = False) -> None:
-        """`ends_click`: a click that sounds does not play to its end."""
-
-
 class Controls:
-    """Takes the steps of one slot into one pipeline; `hand_over` gets the command of a step, where it has one."""
+    """Takes the steps of one slot into one pipeline; `hand_over` gets the command of a step, where it has one.
+
+    Its keyword `ends_click`: a click that sounds does not play to its end.
+    """
 
     def __init__(
-        self,
-        slot: ControlSlot,
-        pipeline: Pipeline,
-        counters: LoopCounters,
-        hand_over: HandOver,
+        self, slot: ControlSlot, pipeline: Pipeline, counters: LoopCounters, hand_over: Callable[..., None]
     ) -> None:
         self.descriptor = slot.fileno()
         self._slot, self._pipeline, self._counters, self._hand_over = slot, pipeline, counters, hand_over

@@ -116,14 +116,13 @@ class Loop:
         self._source, self._clock, self._observer = source, clock, observer
         self._now_ns = clock.now_ns
         self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
-        swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
-        self._swap = swap
-        awaited = None if solving is None else AwaitedClicks(solving, pipeline, self.counters, self._hand_over)
-        self._awaited = awaited
-        controls = None if control is None else Controls(control, pipeline, self.counters, self._hand_over)
-        self._controls = controls
+        taking = (pipeline, self.counters, self._hand_over)
+        self._swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
+        self._awaited = None if solving is None else AwaitedClicks(solving, *taking)
+        self._controls = None if control is None else Controls(control, *taking)
+        beside = (each for each in (self._swap, self._awaited, self._controls) if each is not None)
         # Those that may be read beside the port.
-        others = (source.fileno(), *(each.descriptor for each in (swap, awaited, controls) if each is not None))
+        others = (source.fileno(), *(each.descriptor for each in beside))
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:

@@ -59,15 +59,13 @@ class Reconnection:
         self._session.lose_port()
         self._reopening.lose(now_ns)
 
-    def look_for_port(self, now_ns: int) -> bool:
-        """Whether the port is back, and its session begun."""
+    def look_for_port(self, now_ns: int) -> None:
+        """Begin a session on the port, where it is back."""
         port = None if self._reopening is None else self._reopening.poll(now_ns)
-        if port is None:
-            return False
-        self._counters.reconnects += 1
-        self.has_port = True
-        self._session.move_to(port)
-        return True
+        if port is not None:
+            self._counters.reconnects += 1
+            self.has_port = True
+            self._session.move_to(port)
 
     def check(self, event: Event, renderer: Renderer) -> None:
         """Raise LinkError where an event of the link ends the run."""

@@ -89,12 +89,7 @@ class Moment:
         place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
 
     def write(
-        self,
-        pipeline: Pipeline,
-        dispatcher: Dispatcher,
-        ahead: Ahead | None,
-        axis_ns: int,
-        descriptors: Sequence[int],
+        self, pipeline: Pipeline, dispatcher: Dispatcher, ahead: Ahead | None, axis_ns: int, descriptors: Sequence[int]
     ) -> None:
         """Write the moment before a wait for the descriptors, the first of which is that of the packets.
 

@@ -58,14 +58,7 @@ class FastRendering(Rendering):
 
 def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:
     """The rendering with its fast table; it takes long enough to be made before the loop needs it."""
-    return FastRendering(
-        rendering.device,
-        rendering.renderer,
-        rendering.configuration,
-        rendering.click_length_ns,
-        rendering.fit,
-        _make_fast_table(rendering, capabilities),
-    )
+    return FastRendering(**vars(rendering) | {"fast_table": _make_fast_table(rendering, capabilities)})
 
 
 def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTable | None:

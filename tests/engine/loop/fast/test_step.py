@@ -19,14 +19,7 @@ from engine.loop import CommandRecord, Fate
 from engine.render import WhenNotAchieved
 from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
-from tests.engine.loop.fast.scripts import (
-    LOUD_DB,
-    device_with_gaps,
-    random_frames,
-    random_rules,
-    report,
-    varied_clicks,
-)
+from tests.engine.loop.fast.scripts import LOUD_DB, device_with_gaps, random_frames, random_rules, report, varied_clicks
 from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
 from tests.engine.loop.rig import DEVICE, HELD, SLOTS, Rig, recording_of
 from tests.engine.made_rows import rows_of
