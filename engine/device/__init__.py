@@ -4,13 +4,11 @@ from engine.device.device import Device
 from engine.device.electrodes import Electrodes
 from engine.device.parts import (
     Actuator,
-    Bar,
     DeviceError,
     Finger,
     FittedValue,
     Limits,
     Spread,
-    Sweep,
     TouchAxis,
     Uncertainty,
     Zone,
@@ -20,7 +18,6 @@ from engine.device.transfer import Transfer
 
 __all__ = [
     "Actuator",
-    "Bar",
     "Device",
     "DeviceError",
     "Electrodes",
@@ -28,7 +25,6 @@ __all__ = [
     "FittedValue",
     "Limits",
     "Spread",
-    "Sweep",
     "Threshold",
     "TouchAxis",
     "Transfer",

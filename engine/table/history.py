@@ -25,7 +25,9 @@ def replace_table(new: Path, path: Path, *, keep: bool = True) -> None:
     That table is kept as the previous one; not without `keep`, for a table that only completes it.
     """
     if keep and path.exists():
-        _keep_as(path, previous_of(path))
+        newer = partial_path(path, "newer")
+        _copy(path, newer)
+        _rename(newer, previous_of(path))
     _rename(new, path)
 
 
@@ -52,12 +54,6 @@ def roll_back(path: Path) -> None:
 def remove_leftovers(path: Path) -> None:
     """Remove what killed processes left beside a table."""
     remove_partials(path, ("partial", "older", "newer"))
-
-
-def _keep_as(path: Path, kept: Path) -> None:
-    newer = partial_path(path, "newer")
-    _copy(path, newer)
-    _rename(newer, kept)
 
 
 def _rename(name: Path, path: Path) -> None:

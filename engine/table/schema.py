@@ -126,8 +126,5 @@ TEXT_ATTRIBUTES = (
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
 """Attribute of a table that holds best rows and clicks alone, made to be small."""
-WHOLE_ATTRIBUTES = (
-    *("format_revision", "clicks_up_to", IS_SHIPPED),
-    *("mesh_elements", "modes", "click_modes"),
-)
+WHOLE_ATTRIBUTES = (*("format_revision", "clicks_up_to", IS_SHIPPED), *("mesh_elements", "modes", "click_modes"))
 REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m", "mesh_longest_element_m")

@@ -19,15 +19,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table.error import TableError
 from engine.table.file import pieces
-from engine.table.schema import (
-    FIXED_SIZES,
-    REAL_ATTRIBUTES,
-    SCHEMA,
-    TEXT_ATTRIBUTES,
-    WHOLE_ATTRIBUTES,
-    ArrayKind,
-    Kind,
-)
+from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
 
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four

@@ -24,18 +24,6 @@ class SpoolFile(io.RawIOBase):
         if self._error is not None:
             raise self._error
 
-    def readable(self) -> bool:
-        """HDF5 reads its own structures back."""
-        return True
-
-    def writable(self) -> bool:
-        """Whether bytes can be written to it: always."""
-        return True
-
-    def seekable(self) -> bool:
-        """True: bytes can be read and written at any place."""
-        return True
-
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Go to a place."""
         self._place = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._place, io.SEEK_END: self._end}[whence]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import h5netcdf
 import h5py
@@ -36,19 +36,16 @@ class Table:
     """An open table: its device, clicks, receptances and best rows, and views of the sweep for any zone combination.
 
     `Table.open` makes one. It is a context manager: the file is closed at its end, all but the sweep stays usable.
+    `best_rows`: the rows of the sweep that zones play, none for a bar with one actuator. `clicks`: the tabulated ones,
+    one for each placement at the places; a table may have none.
     """
 
-    def __init__(self, path: Path, file: h5netcdf.File, device: Device, live: "_LiveParts") -> None:
+    def __init__(self, path: Path, file: h5netcdf.File, parts: "_LiveParts") -> None:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
-        self.device = device
+        self.device, self.best_rows, self.clicks, self._receptances = parts
         self.fingerprint = str(self.attributes["device_fingerprint"])
-        self.best_rows = live.best_rows
-        """The rows of the sweep that zones play; a bar with one actuator has none."""
-        self.clicks = live.clicks
-        """The tabulated clicks, one for each placement at the places; a table may have none."""
-        self._receptances = live.receptances
 
     @classmethod
     def open(
@@ -63,12 +60,12 @@ class Table:
         path = Path(path)
         sealed = check_bytes(path, verify)
         try:
-            device_there, live = _read_inside(path, sealed, verify)
+            parts = _read_inside(path, sealed, verify)
             file = h5netcdf.File(path, "r", decode_vlen_strings=True)
         except Exception as error:  # HDF5 and its readers raise errors of every kind on a malformed file
             raise _as_table_error(path, error) from error
         try:
-            table = cls(path, file, device_there, live)
+            table = cls(path, file, parts)
             if table.device.fingerprint != table.fingerprint or (device and device.fingerprint != table.fingerprint):
                 raise TableError(f"{path}: {_stale_text(table.device, device)}")
             if code_fingerprint and table.attributes["code_fingerprint"] != code_fingerprint:
@@ -238,15 +235,11 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
-class _LiveParts(NamedTuple):
-    """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
-
-    best_rows: BestRows
-    clicks: Clicks
-    receptances: Receptances | None
+_LiveParts = tuple[Device, BestRows, Clicks, Receptances | None]
+"""The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
 
-def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveParts]:
+def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:
     """What is in a table whose attributes, links and arrays are sound; nothing outside the file is opened."""
     with h5py.File(path, "r") as file:
         _check_format(path, file)
@@ -265,7 +258,7 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> tuple[Device, _LiveP
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
         is_packed = IS_SHIPPED in file.attrs and "receptances" not in groups
         receptances = None if is_packed else read_receptances(groups["receptances"])
-        return device, _LiveParts(rows, clicks, receptances)
+        return device, rows, clicks, receptances
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

@@ -107,12 +107,7 @@ def test_a_wrong_value_of_a_curve_is_refused_by_name(tmp_path: Path, before: str
 
 
 @pytest.mark.parametrize(
-    ("value", "says"),
-    [
-        ('"louder"', "android, oh-choi-2019"),
-        ("3", "android"),
-        ('"mine.toml"', "names no other file"),
-    ],
+    ("value", "says"), [('"louder"', "android, oh-choi-2019"), ("3", "android"), ('"mine.toml"', "names no other file")]
 )
 def test_what_is_no_curve_is_refused(tmp_path: Path, value: str, says: str) -> None:
     with pytest.raises(DeviceError, match=rf"threshold: .*{says}"):
