@@ -26,11 +26,7 @@ class Channels:
     """
 
     def __init__(
-        self,
-        number_of_actuators: int,
-        frequency_resolution_hz: float,
-        frequency_minimum: int,
-        frequency_maximum: int,
+        self, number_of_actuators: int, frequency_resolution_hz: float, frequency_minimum: int, frequency_maximum: int
     ) -> None:
         self.slew_per_s = 1
         """The slew in full scale a second, as it was armed when the last drive came."""

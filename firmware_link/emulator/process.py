@@ -12,12 +12,7 @@ from typing import Any
 from base.child import START_TIMEOUT_S, Child, Parent
 from base.work_folder import work_folder
 from firmware_link.emulator.device_server import DeviceServer
-from firmware_link.emulator.drive_log import (
-    DriveEvent,
-    ReceivedFrame,
-    decode_drive_event,
-    decode_received_frame,
-)
+from firmware_link.emulator.drive_log import DriveEvent, ReceivedFrame, decode_drive_event, decode_received_frame
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware

@@ -1,5 +1,7 @@
 """What an emulated device says: answers at once, STATUS and FAULT when they are due, LOG not too often."""
 
+from dataclasses import asdict
+
 from firmware_link.emulator.state import FULL_SCALE_PM, Device
 from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
 from firmware_link.protocol.messages import (
@@ -124,7 +126,7 @@ class Reports:
             device.status_due_us = now_us + STATUS_PERIOD_US
 
     def _send_status(self) -> None:
-        device, counters, framing = self._device, self._device.counters, self._framing_counters
+        device = self._device
         self._send(
             Status(
                 state=device.state,
@@ -133,15 +135,8 @@ class Reports:
                 device_time_us=device.now_us,
                 applied_time_us=self.applied_time_us,
                 high_voltage_dv=0,
-                applied=counters.applied,
-                ok=framing.ok,
-                crc=framing.crc,
-                framing=framing.framing,
-                length=framing.length,
-                overrun=framing.overrun,
-                stale=counters.stale,
-                refused=counters.refused,
-                trips=counters.trips,
+                **asdict(self._framing_counters),
+                **asdict(device.counters),
             )
         )
 

@@ -9,13 +9,7 @@ from collections.abc import Sequence
 from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.state import Device
-from firmware_link.protocol.messages import (
-    LONGEST_SENSE_MS,
-    MAXIMUM_SENSED_VALUES,
-    Acceleration,
-    Accelerometer,
-    Sense,
-)
+from firmware_link.protocol.messages import LONGEST_SENSE_MS, MAXIMUM_SENSED_VALUES, Acceleration, Accelerometer, Sense
 
 US_PER_MS = 1_000
 RECORDS = 64  # SENSE_RECORDS of core/sense.h: two full frames of two actuators, 20 ms at 3.2 kHz

@@ -4,14 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import (
-    DRIVE_SIZE,
-    MAXIMUM_SENSED_VALUES,
-    Acceleration,
-    Set,
-    SetFlag,
-    TimeRequest,
-)
+from firmware_link.protocol.messages import DRIVE_SIZE, MAXIMUM_SENSED_VALUES, Acceleration, Set, SetFlag, TimeRequest
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000

@@ -10,13 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from base.files import (
-    WriteError,
-    remove_all_partials,
-    remove_partials,
-    replace_file,
-    write_new_folder,
-)
+from base.files import WriteError, remove_all_partials, remove_partials, replace_file, write_new_folder
 from tests.tools.processes import NO_PROCESS
 
 
