@@ -41,27 +41,21 @@ class Board:
 
 def promise_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
     """What an event says of the levels that a command promises; None where they cannot be computed in time."""
-    found = _figures_of(table, record, board)
-    return None if found is None else {**found, "threshold": table.device.threshold.title}
-
-
-def _figures_of(table: Table, record: Record, board: Board | None) -> dict[str, Any] | None:
-    """The promise without the name of the threshold curve."""
     placement, level_db = record.placement, record.level_db
     if placement is None or level_db is None:
         return None
     if record.drive:
         return None if board is None else _of_drive(table, record.drive, board, placement, level_db)
     click = table.click_at(placement, level_db) if record.is_click else None
-    return None if click is None else _of_click(click)
+    return None if click is None else _of_click(table, click)
 
 
-def _of_click(click: ClickEntry) -> dict[str, Any]:
+def _of_click(table: Table, click: ClickEntry) -> dict[str, Any]:
     felt, quiet = (
         spread and _levels(spread.nominal_db, spread.low_db, spread.middle_db, spread.high_db)
         for spread in (click.felt, click.quiet)
     )
-    return _promise(felt, quiet, click.achieved, "sampled bars and fingers")
+    return _promise(table, felt, quiet, click.achieved, "sampled bars and fingers")
 
 
 def _of_drive(table: Table, drive: bytes, board: Board, placement: Placement, level_db: float) -> dict[str, Any]:
@@ -77,7 +71,7 @@ def _of_drive(table: Table, drive: bytes, board: Board, placement: Placement, le
     weakest = found_db[:, is_felt].min(axis=1)
     quiet = None if is_felt.all() else _over_cases(found_db[:, ~is_felt].max(axis=1))
     is_achieved = math.isinf(level_db) or float(weakest[0]) >= level_db - _REACHED_DB
-    return _promise(_over_cases(weakest), quiet, is_achieved, f"{CASES} cases of sampled fingers")
+    return _promise(table, _over_cases(weakest), quiet, is_achieved, f"{CASES} cases of sampled fingers")
 
 
 def _over_cases(level_db: Array) -> dict[str, float]:
@@ -89,7 +83,7 @@ def _levels(nominal_db: float | None, low_db: float, middle_db: float, high_db: 
     return {"nominal": nominal_db, "5 %": low_db, "50 %": middle_db, "95 %": high_db}
 
 
-def _promise(felt: Any, quiet: Any, is_achieved: bool, over: str) -> dict[str, Any]:
+def _promise(table: Table, felt: Any, quiet: Any, is_achieved: bool, over: str) -> dict[str, Any]:
     return {
         "felt_at_least_db": felt["5 %"],
         "quiet_at_most_db": quiet and quiet["95 %"],
@@ -98,4 +92,5 @@ def _promise(felt: Any, quiet: Any, is_achieved: bool, over: str) -> dict[str, A
         "felt_db": felt,
         "quiet_db": quiet,
         "over": over,
+        "threshold": table.device.threshold.title,
     }

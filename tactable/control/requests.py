@@ -180,10 +180,6 @@ def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect])
     return Region(name, tuple(rules), zones, region_m, is_enabled, _read_change(part), stays)
 
 
-def _read_remove(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> RemoveRegion:
-    return RemoveRegion(part.name("name"))
-
-
 def _read_define(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> DefineEffect:
     name = part.name("name")
     if "format" in part.left:
@@ -203,10 +199,6 @@ def _read_effect_file(part: RuleTable, name: str) -> DefineEffect:
     return DefineEffect(converted.effect, converted)
 
 
-def _read_settings(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> SceneSettings:
-    return SceneSettings(part.flag("enabled", True), part.flag("rule_file", True), _read_change(part))
-
-
 def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> TriggerRequest:
     effect = effects[part.word("effect", tuple(effects))]
     change_db = _read_change(part)
@@ -220,14 +212,6 @@ def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]
     return TriggerRequest(effect, None, part.position("at", device.bar.length_m), change_db)
 
 
-def _read_stop(_part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> StopRequest:
-    return StopRequest()
-
-
-def _read_role(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> RoleRequest:
-    return RoleRequest(part.integer("finger", 0, GREATEST_ID), part.word("role", ("quiet", "by rules")) == "quiet")
-
-
 def _read_subscribe(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Subscribe:
     streams = part.take_value("to")
     if not isinstance(streams, list) or any(each not in STREAMS for each in streams):
@@ -235,21 +219,21 @@ def _read_subscribe(part: RuleTable, _device: Device, _effects: Mapping[str, Eff
     return Subscribe(frozenset(streams))
 
 
-def _read_ping(_part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Ping:
-    return Ping()
-
-
 _READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect]], Request]] = {
     "hello": _read_hello,
     "region": _read_region,
-    "remove": _read_remove,
+    "remove": lambda part, *_: RemoveRegion(part.name("name")),
     "define": _read_define,
-    "settings": _read_settings,
+    "settings": lambda part, *_: SceneSettings(
+        part.flag("enabled", True), part.flag("rule_file", True), _read_change(part)
+    ),
     "trigger": _read_trigger,
-    "stop": _read_stop,
-    "role": _read_role,
+    "stop": lambda *_: StopRequest(),
+    "role": lambda part, *_: RoleRequest(
+        part.integer("finger", 0, GREATEST_ID), part.word("role", ("quiet", "by rules")) == "quiet"
+    ),
     "subscribe": _read_subscribe,
-    "ping": _read_ping,
+    "ping": lambda *_: Ping(),
 }
 
 

@@ -83,11 +83,7 @@ class ControlServer:
     """All programs. `hand_over` gives a part of a step to the loop and returns its outcome."""
 
     def __init__(
-        self,
-        scene: Scene,
-        device: Device,
-        hand_over: HandOver,
-        fingers: Callable[[], list[dict[str, Any]]],
+        self, scene: Scene, device: Device, hand_over: HandOver, fingers: Callable[[], list[dict[str, Any]]]
     ) -> None:
         self.scene = scene
         self._device, self._hand_over, self._fingers = device, hand_over, fingers
