@@ -3,10 +3,11 @@
 import os
 import select
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.faulty_device import C
+from firmware_link.protocol.errors import LinkError
 
 NS_PER_MS = 1_000_000
 READ_SIZE = 4096  # N_TTY_BUF_SIZE of Linux: one read takes what waits
@@ -14,13 +15,33 @@ READ_SIZE = 4096  # N_TTY_BUF_SIZE of Linux: one read takes what waits
 HOST_POLL_MS = 10
 
 
+def open_pseudo_terminal(
+    open_pair: Callable[[], tuple[int, int]] | None = None, name_of: Callable[[int], str] = os.ttyname
+) -> tuple[int, int, str]:
+    """Both sides of a new pseudo-terminal, and the name of the second. Raises LinkError where the system has none."""
+    try:
+        master, slave = (open_pair or os.openpty)()
+    except OSError as error:
+        raise LinkError(
+            f"/dev/ptmx: no pseudo-terminal can be opened ({error.strerror}): in a container or chroot mount devpts on "
+            "/dev/pts; else end programs that have many terminals"
+        ) from error
+    try:
+        return master, slave, name_of(slave)
+    except OSError as error:
+        os.close(master)
+        os.close(slave)
+        raise LinkError(
+            f"/dev/pts: the name of a pseudo-terminal is not there ({error.strerror}): mount devpts on /dev/pts"
+        ) from error
+
+
 class PseudoTerminal:
     """The master side of a new pseudo-terminal; `name` is that of the other side."""
 
     def __init__(self) -> None:
-        self._master, slave = os.openpty()
+        self._master, slave, self.name = open_pseudo_terminal()
         os.set_blocking(self._master, False)
-        self.name = os.ttyname(slave)
         os.close(slave)
         self._has_host = False
 

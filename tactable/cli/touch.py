@@ -138,7 +138,7 @@ def doctor(
     Every check that does not pass comes with its remedy. Exit status 1: a needed check failed; a slow one does not
     count as failed.
     """
-    from tactable.doctor.layers import check_layers, measure_layers
+    from tactable.doctor.layers import layers_of
     from tactable.doctor.machine import check_machine
     from tactable.doctor.ports import check_cards
     from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
@@ -159,7 +159,7 @@ def doctor(
         *check_tables(tables or sorted(Path().glob("*.nc"))),
         check_kernels(),
         check_fast_path(cache_folder()),
-        *(check_layers(measure_layers(bit_rate_hz)) if measures else ()),
+        *(layers_of(bit_rate_hz) if measures else ()),
     ]
     if as_json:
         print_json([{**asdict(check), "passed": check.passed} for check in checks])

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from engine.loop.latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
+from firmware_link.emulator.pty import open_pseudo_terminal
+from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, Transport, occupied_ns
 from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
@@ -82,6 +84,15 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
     ]
 
 
+def layers_of(bit_rate_hz: int) -> list[Check]:
+    """What the layers cost here; on a machine without pseudo-terminals, that they are missing."""
+    try:
+        return check_layers(measure_layers(bit_rate_hz))
+    except LinkError as error:
+        finding, _, remedy = str(error).partition("): ")
+        return [Check("pseudo-terminals", f"{finding})", f"{remedy}; `emulate` and `demo` need them", needed=False)]
+
+
 def check_layers(layers: Sequence[Layer]) -> list[Check]:
     """A check for each layer, and one that names the costliest."""
     checks = [Check(f"cost of the {layer.name}", _text(layer)) for layer in layers]
@@ -125,7 +136,7 @@ def _decoding_us() -> tuple[float, float]:
 
 def _terminal_us() -> tuple[float, float]:
     """Time from a write on one side until the other side can be read."""
-    master, slave = os.openpty()
+    master, slave, _ = open_pseudo_terminal()
     late = []
     try:
         os.set_blocking(master, False)

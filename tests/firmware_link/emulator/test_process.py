@@ -1,16 +1,19 @@
 """End to end: link, pyserial, a real pseudo-terminal, the emulator's process, and its log."""
 
+import errno
 import os
 import select
 import signal
 import time
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from firmware_link.emulator import Cause, Outcome, ReceivedFrame
 from firmware_link.emulator.fault_plan import FaultPlanError
 from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
+from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
@@ -103,6 +106,19 @@ def test_the_port_of_a_host_that_is_killed_is_let_go_and_a_stopped_one_keeps_it_
             assert log.events[-1].device_time_us <= last_us + 1_000 * LEASE_MS, how
         emulator.reboot()
         assert len(emulator.log().earlier) == 1
+
+
+def test_a_machine_without_pseudo_terminals_is_told_what_is_missing_and_how_to_have_it() -> None:
+    def fails(*_: object) -> Any:
+        raise OSError(errno.ENOENT, "No such file or directory")
+
+    with pytest.raises(LinkError, match=r"/dev/ptmx.*No such file.*mount devpts"):
+        open_pseudo_terminal(fails)
+    ends = os.pipe()
+    with pytest.raises(LinkError, match=r"/dev/pts.*No such file.*mount devpts"):
+        open_pseudo_terminal(lambda: ends, fails)
+    with pytest.raises(OSError, match="Bad file"):
+        os.fstat(ends[0])
 
 
 def test_faults_that_are_none_are_refused_before_anything_starts() -> None:
