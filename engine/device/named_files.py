@@ -5,13 +5,13 @@ text when the description is read. A path counts from the folder of the file tha
 as one that a page was given, names no files.
 """
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from base.files import shipped
 from engine.device.parts import DeviceError
+from engine.device.quantity import QuantityError, read_number
 from engine.device.texts import document_of
 from engine.device.toml_table import read_text
 
@@ -79,10 +79,10 @@ def read_impedance(path: Path, source: str) -> list[list[float]]:
     rows = []
     for k, line in numbered[1:]:
         try:
-            row = [float(cell) for cell in line.split(",")]
-        except ValueError:
+            row = [read_number(cell) for cell in line.split(",")]
+        except QuantityError:
             row = []
-        if len(row) != 3 or not all(map(math.isfinite, row)):
+        if len(row) != 3:
             raise DeviceError(f"{path}: line {k}: {line!r}: expected three numbers: {IMPEDANCE_HEADER}")
         rows.append(row)
     return rows

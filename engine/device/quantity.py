@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -48,11 +48,28 @@ _NAMES = {
     "": "a plain number",
 }
 GRAVITY_M_PER_S2 = 9.80665  # standard gravity: exact, by definition (3rd CGPM, 1901)
-_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_CREDIBLE = {
+    "m": (1e-12, 100.0),
+    "m/s^2": (1e-12, 1e6),
+    "kg": (1e-9, 1e3),
+    "s": (1e-9, 1e5),
+    "1/s": (1e-12, 1e6),
+    "Hz": (1e-3, 1e5),
+    "N/m": (1e-6, 1e12),
+    "N*s/m": (1e-9, 1e9),
+    "Pa": (1e4, 1e13),
+    "kg/m^3": (1.0, 1e5),
+    "": (1e-9, 1e6),
+}
+"""Least and greatest value above 0 by unit, far beyond any bar or touch: what lies outside is a slip, and overflows."""
+_GREATEST = 1e30
+"""Of a plain number: its square is finite."""
+_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 # Factors joined by * · or /, one-digit exponents: pint would evaluate '5 ** 9 ** 9' for minutes.
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"
 _TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
 _ANGLE = re.compile(rf"({_NUMBER}) ?(deg|rad)")
+_SIGNED, _MOST_PPM = ("drift", "gain", "offset"), 100_000
 _LONGEST_TEXT = 64  # "2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files
 _SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa")}
 """Scale and unit that people use, by SI unit."""
@@ -106,9 +123,43 @@ def read_quantity(text: object, unit: str) -> float:
     if dimension != wanted_dimension:
         raise QuantityError(f"{shown} is {_kind(dimension)}; {expected}")
     value = float(number) * (scale / wanted_scale)
-    if not math.isfinite(value):
-        raise QuantityError(f"{shown} is not finite; {expected}")
+    smallest, greatest = _CREDIBLE.get(unit, (0.0, _GREATEST))
+    if value and not smallest <= abs(value) <= greatest:
+        raise QuantityError(f"{shown} is beyond belief: {expected}, of {smallest:g} to {greatest:g} {unit}".rstrip())
     return value
+
+
+def read_number(text: str) -> float:
+    """The value of plain text such as "40" or "-1.5e3". Raises QuantityError.
+
+    `float` also takes "nan", "inf", "1_000" and the digits of other scripts.
+    """
+    match = re.fullmatch(_NUMBER, text.strip()) if len(text) <= _LONGEST_TEXT else None
+    if match is None or not abs(value := float(match[0])) <= _GREATEST:
+        raise QuantityError(f"{reprlib.repr(text)} is no number; expected one such as 40 or -1.5e3")
+    return value
+
+
+def read_words(text: str, words: Mapping[str, tuple[str, str]]) -> dict[str, float]:
+    """Values by field of a text such as "gain=3 %, drift=40"; `words` have the field and the unit of each.
+
+    The unit "ppm" stands for millionths and "number" for plain numbers. Raises QuantityError, which names the word.
+    """
+    found = dict[str, float]()
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        key, _, value = (piece.strip() for piece in part.partition("="))
+        if key not in words:
+            raise QuantityError(f"{reprlib.repr(key)} is not known; known are {', '.join(words)}")
+        field, unit = words[key]
+        try:
+            number = read_number(value) if unit in ("ppm", "number") else read_quantity(value, unit)
+        except QuantityError as error:
+            raise QuantityError(f"{key}: {error}") from None
+        if field in found or (number < 0 and key not in _SIGNED) or (unit == "ppm" and abs(number) > _MOST_PPM):
+            bounds = f"at most {_MOST_PPM} either way" if unit == "ppm" else "at least 0"
+            raise QuantityError(f"{key}={value}: expected once, and {bounds}")
+        found[field] = number * 1e-6 if unit == "ppm" else number
+    return found
 
 
 def read_angle_rad(text: object) -> float:

@@ -24,7 +24,7 @@ def text_with_values(text: str, values: Mapping[str, str | float], source: str) 
         for table in tables:
             if isinstance(table.get(last), dict):
                 table.pop(last)  # a value in its place would stand among the keys of the table before it
-            table[last] = int(value) if isinstance(value, str) and value.isdigit() else value
+            table[last] = int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
     return tomlkit.dumps(document)
 
 

@@ -64,7 +64,7 @@ def _read_covariance(part: TomlTable, count: int) -> tuple[tuple[float, ...], ..
     is_square = isinstance(rows, list) and len(rows) == count
     if not is_square or not all(isinstance(row, list) and len(row) == count for row in rows):
         raise part.error("covariance", rows, expected)
-    if not all(isinstance(value, float | int) and math.isfinite(value) for row in rows for value in row):
+    if not all(type(value) in (float, int) and math.isfinite(value) for row in rows for value in row):
         raise part.error("covariance", rows, expected)
     for i in range(count):
         for j in range(i + 1):

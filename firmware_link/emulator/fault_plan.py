@@ -11,6 +11,7 @@ from firmware_link.protocol.errors import LinkError
 _US = {"us": 1, "ms": 1_000, "s": 1_000_000}
 _TIME = re.compile(r"(?P<number>[0-9.]+(?:e-?[0-9]+)?)(?P<unit>us|ms|s)")
 PPB_PER_PPM = 1_000
+_MOST_BAUD, _MOST_PPM, _LONGEST_S = 1_000_000_000, 100_000, 86_400
 
 
 class FaultPlanError(LinkError):
@@ -123,7 +124,7 @@ def _parse_probability(value: str) -> float:
 
 
 def _parse_baud(value: str) -> int:
-    if not (value.isdecimal() and int(value)):
+    if not (value.isascii() and value.isdecimal() and 0 < int(value) <= _MOST_BAUD):
         raise ValueError(value)
     return int(value)
 
@@ -131,7 +132,10 @@ def _parse_baud(value: str) -> int:
 def _parse_drift(value: str) -> int:
     if not value.endswith("ppm"):
         raise ValueError(value)
-    return round(float(value.removesuffix("ppm")) * PPB_PER_PPM)
+    ppm = float(value.removesuffix("ppm"))
+    if not abs(ppm) <= _MOST_PPM:
+        raise ValueError(value)
+    return round(ppm * PPB_PER_PPM)
 
 
 def _parse_switch(value: str) -> bool:
@@ -144,7 +148,10 @@ def _parse_time_us(value: str) -> int:
     time = _TIME.fullmatch(value)
     if time is None:
         raise ValueError(value)
-    return round(float(time["number"]) * _US[time["unit"]])
+    time_us = float(time["number"]) * _US[time["unit"]]
+    if not time_us <= _LONGEST_S * _US["s"]:
+        raise ValueError(value)
+    return round(time_us)
 
 
 def _parse_timed(kind: TimedKind, rest: str) -> TimedFault:

@@ -58,7 +58,7 @@ def path_of(name: str) -> str:
     for port in find_ports():
         if name in (port.stable_id, port.path):
             return port.path
-    if Path(name).exists():
+    if name and Path(name).exists():
         return name
     raise LinkError(f"no serial port {name!r}: plug the device in, or choose one that `tactable list` shows")
 

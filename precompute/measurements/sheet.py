@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.device.quantity import QuantityError
+from engine.device.quantity import QuantityError, read_number
 from precompute.measurements.columns import SIMULATED, read_column
 from precompute.measurements.types import MeasurementError
 
@@ -151,7 +151,7 @@ def _read_cell(cell: str, empty_ok: bool, kind: type[float] | type[complex], whe
     if not cell and empty_ok:
         return np.nan
     try:
-        value = kind(cell if kind is float else cell.replace(" ", "").replace("i", "j"))
+        value = float(read_number(cell)) if kind is float else complex(cell.replace(" ", "").replace("i", "j"))
     except ValueError:
         value = np.nan
     if not np.isfinite(value):

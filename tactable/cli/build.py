@@ -40,6 +40,7 @@ LOOK_S = 0.5
 
 
 def build(
+    context: typer.Context,
     device_name: DeviceArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     clicks_up_to: ClicksUpTo = None,
@@ -73,7 +74,7 @@ def build(
     clicks of this device, a table with those of one finger comes first, after seconds: a run may play it at once, and
     solves the others.
     """
-    need_switch("--responses", responses is not None, force_of_actuators=force_of_actuators or None)
+    need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
     wanted = WantedTable(
         output=output,
         clicks_up_to=clicks_up_to,

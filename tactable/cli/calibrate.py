@@ -34,6 +34,7 @@ from tactable.cli.options import (
     Loss,
     OptionError,
     SensorMass,
+    need_switch,
     read_changes,
     read_choice,
     read_drives,
@@ -61,6 +62,7 @@ AppliedTable = Annotated[
 
 
 def calibrate(
+    context: typer.Context,
     device_name: DeviceArgument,
     measurements_path: Annotated[Path, typer.Argument(metavar="MEASUREMENTS", help=f"{_MEASUREMENTS}.")],
     output: Annotated[
@@ -125,8 +127,9 @@ def calibrate(
     from tactable.calibration.job import CalibrationJob
 
     device = find_device(device_name)
-    if not measures and (port_name or sensor_path or flaws or change):
-        raise OptionError("--port, --sensor, --flaws and --change belong to --measure; add it, or leave them out")
+    of_measure = ("port_name", "sensor_path", "places", "method", "most", "flaws", "change", "bit_rate_hz")
+    need_switch(context, "--measure", measures, *of_measure)
+    need_switch(context, "--apply", apply is not None, "despite_doubts", "clicks")
     accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
     mass_kg = read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg")
     usual = None

@@ -36,6 +36,7 @@ _BEFORE_OTHERS = -10
 
 
 def demo(
+    context: typer.Context,
     device_name: Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)] = "reference-a",
     recording_path: Annotated[
         Path | None, typer.Option("--recording", help="Touches in hid-recorder format; default: the shipped ones.")
@@ -66,7 +67,7 @@ def demo(
     The report compares what the table predicts with what the simulated bar does; exit status 3: they disagree. It
     takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
     """
-    need_switch("--control", control, control_socket=control_socket, control_port=control_port, control_osc=control_osc)
+    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     device = find_device(device_name)
     remove_all_partials(cache_folder())
     is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))

@@ -116,7 +116,8 @@ def diff(
     before: Annotated[Path, typer.Argument(metavar="BEFORE", help="A built table.")],
     after: Annotated[Path, typer.Argument(metavar="AFTER", help="The table to compare with it.")],
     limit_db: Annotated[
-        float, typer.Option("--limit", min=0.0, help="Ignore changes up to this many dB, or as much in per cent.")
+        float,
+        typer.Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent."),
     ] = DEFAULT_LIMIT_DB,
     as_json: AsJson = False,
 ) -> None:

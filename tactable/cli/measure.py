@@ -281,7 +281,7 @@ def read_grid(text: str) -> list[float] | None:
         return None
     if ":" not in text:
         return read_numbers("--frequencies", text, "70,110.5")
-    parts = read_numbers("--frequencies", text.replace(":", ","), "60:300:1")
+    parts = read_numbers("--frequencies", text, "60:300:1", ":")
     if len(parts) != 3 or not parts[0] < parts[1] or not parts[2] > 0:
         raise OptionError(f"--frequencies {text!r}: expected FROM:TO:STEP in Hz, such as 60:300:1")
     first, last, step = parts

@@ -105,14 +105,17 @@ BitRate = Annotated[
 ]
 
 _FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks
+_HIGHEST_HZ = 1e5  # as device files
 _Choice = TypeVar("_Choice", bound=Enum)
 
 
-def need_switch(switch: str, is_given: bool, **others: object) -> None:
-    """Refuse options that mean nothing without a switch. Raises OptionError; None stands for one that is not given."""
-    idle = [f"--{name.replace('_', '-')}" for name, value in others.items() if value is not None]
-    if idle and not is_given:
-        raise OptionError(f"{', '.join(idle)}: without {switch} there is nothing to set: give {switch} too")
+def need_switch(context: typer.Context, switch: str, is_given: bool, *names: str) -> None:
+    """Refuse parameters that the command line gives although they mean nothing without a switch. Raises OptionError."""
+    given = [each for each in names if (source := context.get_parameter_source(each)) and source.name == "COMMANDLINE"]
+    if given and not is_given:
+        shown = {each.name: each.opts[0] for each in context.command.params}
+        idle = ", ".join(text if (text := shown[each]).startswith("-") else text.upper() for each in given)
+        raise OptionError(f"{idle}: without {switch} there is nothing to set: give {switch} too")
 
 
 class OptionError(TactableError):
@@ -178,27 +181,32 @@ def read_level(text: str) -> float:
     """A level in dB above the detection threshold; infinite is full scale. Raises OptionError."""
     if text.strip() in ("full", "inf"):
         return math.inf
+    from engine.device.quantity import QuantityError, read_number
+    from engine.device.toml_table import HIGHEST_LEVEL_DB
+
     try:
-        level_db = float(text.removesuffix("dB"))
-    except ValueError:
+        level_db = read_number(text.removesuffix("dB"))
+    except QuantityError:
         level_db = math.nan
-    if not 0 <= level_db < math.inf:
-        raise OptionError(f"--level {text!r}: expected dB above threshold, 0 or more, such as 20, or full")
+    if not 0 <= level_db <= HIGHEST_LEVEL_DB:
+        raise OptionError(f"--level {text!r}: expected 0 to {HIGHEST_LEVEL_DB:g} dB above threshold, or full")
     return level_db
 
 
-def read_numbers(option: str, text: str, example: str = "1,0.6") -> list[float]:
-    """Numbers between commas. Raises OptionError."""
+def read_numbers(option: str, text: str, example: str = "1,0.6", mark: str = ",") -> list[float]:
+    """Numbers between commas, or another mark. Raises OptionError."""
+    from engine.device.quantity import QuantityError, read_number
+
     try:
-        return [float(part) for part in names_in(text)]
-    except ValueError:
+        return [read_number(part) for part in names_in(text.replace(mark, ","))]
+    except QuantityError:
         raise OptionError(f"{option} {text!r}: expected numbers, such as {option} {example}") from None
 
 
 def read_counts(option: str, text: str, least: int, most: int) -> list[int]:
     """Different whole numbers between commas, in rising order. Raises OptionError."""
     try:
-        counts = sorted({int(part) for part in names_in(text)})
+        counts = sorted({int(part) for part in names_in(text) if part.isascii() and "_" not in part})
     except ValueError:
         counts = []
     if not counts or not least <= counts[0] <= counts[-1] <= most:
@@ -269,14 +277,16 @@ def read_drives(text: str, device: "Device") -> list[list[float]]:
 
 
 def _read_frequency(text: str) -> float:
+    from engine.device.quantity import QuantityError, read_number
+
     if text.strip() == "-":
         return math.nan
     try:
-        value = float(text)
-    except ValueError:
+        value = read_number(text)
+    except QuantityError:
         value = math.nan
-    if not 0 < value < math.inf:
-        raise OptionError(f"--drives: {text!r}: expected a frequency in Hz, or - for still")
+    if not 0 < value <= _HIGHEST_HZ:
+        raise OptionError(f"--drives: {text!r}: expected a frequency of at most {_HIGHEST_HZ:g} Hz, or - for still")
     return value
 
 

@@ -138,8 +138,8 @@ def run(
 
     Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
     """
-    need_switch("--page", page, page_host=page_host, page_port=page_port)
-    need_switch("--control", control, control_socket=control_socket, control_port=control_port, control_osc=control_osc)
+    need_switch(context, "--page", page, "page_host", "page_port")
+    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     clock = SystemClock()
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)

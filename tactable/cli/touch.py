@@ -10,7 +10,7 @@ import typer
 from rich.table import Table as Grid
 
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
-from tactable.cli.options import AsJson, BitRate
+from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
 from tactable.digitizers.listing import list_devices as find_devices
 from tactable.doctor.touch import Machine
@@ -144,6 +144,7 @@ def doctor(
     from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
     from tactable.doctor.touch import examine, rules_text
 
+    need_switch(context, "--emit-udev", emit_udev, "device")
     machine = machine_of(context)
     if emit_udev:
         rules = rules_text(machine, device)

@@ -47,6 +47,12 @@ def _number(value: Value) -> float:
     return float(value)
 
 
+def _whole(value: Value) -> int:
+    if (number := _number(value)) % 1:
+        raise ValueError(value)
+    return int(number)
+
+
 def _switch(value: Value) -> bool:
     """On or off: T, F or a number; no text, since "0" and "off" would be true."""
     return value if isinstance(value, bool) else _number(value) != 0
@@ -57,12 +63,14 @@ def _place(value: Value) -> str:
 
 
 def _change(values: Sequence[Value]) -> dict[str, str]:
+    if len(values) > 1:
+        raise ValueError(values)
     return {"level_change": f"{_number(values[0]):+.2f} dB"} if values else {}
 
 
 def _trigger(values: Sequence[Value]) -> dict[str, Any]:
     effect, finger, *change = values
-    return {"type": "trigger", "effect": effect, "finger": round(_number(finger)), **_change(change)}
+    return {"type": "trigger", "effect": effect, "finger": _whole(finger), **_change(change)}
 
 
 def _trigger_at(values: Sequence[Value]) -> dict[str, Any]:
@@ -85,14 +93,19 @@ def _settings(values: Sequence[Value]) -> dict[str, Any]:
 
 def _quiet(values: Sequence[Value]) -> dict[str, Any]:
     finger, quiet = values
-    return {"type": "role", "finger": round(_number(finger)), "role": "quiet" if _switch(quiet) else "by rules"}
+    return {"type": "role", "finger": _whole(finger), "role": "quiet" if _switch(quiet) else "by rules"}
 
 
 def _hello(values: Sequence[Value]) -> dict[str, Any]:
     (port,) = values
-    if not 0 < _number(port) < 1 << 16:
+    if not 0 < _whole(port) < 1 << 16:
         raise ValueError(port)
     return {"type": "ping"}
+
+
+def _remove(values: Sequence[Value]) -> dict[str, Any]:
+    (name,) = values
+    return {"type": "remove", "name": name}
 
 
 def _json(values: Sequence[Value]) -> dict[str, Any]:
@@ -109,7 +122,7 @@ _MESSAGES: Mapping[str, tuple[str, Callable[[Sequence[Value]], dict[str, Any]]]]
     "trigger": ("effect, finger, and a change of level in dB if wanted", _trigger),
     "trigger_at": ("effect, place in mm, and a change of level in dB if wanted", _trigger_at),
     "region": ("name, start and stop in mm, then pairs of event and effect such as touch press", _region),
-    "remove": ("the name of a region", lambda values: {"type": "remove", "name": values[0]}),
+    "remove": ("the name of a region", _remove),
     "settings": ("enabled, rule_file (0 or 1), and a change of level in dB if wanted", _settings),
     "quiet": ("finger, and 1 for quiet or 0 for by rules", _quiet),
     "hello": ("the port that answers and events are to go to", _hello),
@@ -237,7 +250,7 @@ class OscControl(asyncio.DatagramProtocol):
                 message = message_of(address, values)
                 sender = self._sender(addr)
                 if address == HELLO:
-                    sender.reply_to = addr[0], round(_number(values[0]))
+                    sender.reply_to = addr[0], _whole(values[0])
                 sender.take_message(address, message)
             except (OscError, ValueError, TypeError) as error:
                 self.answer(addr, address, str(error))

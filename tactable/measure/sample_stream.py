@@ -25,6 +25,7 @@ from engine.device.quantity import QuantityError, read_quantity
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 
 _VERSION = 1
+_MOST = 1e30
 _PATIENCE_NS = 10_000_000_000  # for the whole header
 _READ_SIZE = 1 << 16
 _LONGEST_HEADER = 1 << 16
@@ -114,9 +115,10 @@ def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, n
     """The form that a header declares, and the scale (channel,) of its samples. Raises SensorError."""
     try:
         header = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         header = None
-    if not isinstance(header, dict) or header.get("tactable_samples") != _VERSION:
+    version = header.get("tactable_samples") if isinstance(header, dict) else None
+    if not isinstance(header, dict) or type(version) is not int or version != _VERSION:
         raise SensorError(f'{source}: does not begin with {{"tactable_samples": {_VERSION}, ...}}; declare the samples')
     _check_keys(header, _HEADER_KEYS, source)
     rate_hz = _quantity(header, "sample_rate", "Hz", source)
@@ -133,15 +135,17 @@ def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, n
             raise SensorError(f"{where}: name: {name!r}: expected each once of {', '.join(known)}")
         scale = _quantity(channel, "scale", "m/s^2" if name == ACCELERATION else "", where)
         greatest = channel.get("clips_at", math.inf)
-        if not isinstance(greatest, int | float) or not greatest > 0:
+        if type(greatest) not in (int, float) or not (0 < greatest <= _MOST or greatest == math.inf):
             raise SensorError(f"{where}: clips_at: {greatest!r}: expected the greatest sample, more than 0")
         names.append(name)
         scales.append(scale)
         clips_at.append(greatest * scale)
     if ACCELERATION not in names:
         raise SensorError(f"{source}: channels: has no channel named 'acceleration'; declare which one it is")
-    form = SensorForm(rate_hz, tuple(names), tuple(clips_at), bool(header.get("simulated", False)))
-    return form, np.array(scales)
+    is_simulated = header.get("simulated", False)
+    if not isinstance(is_simulated, bool):
+        raise SensorError(f"{source}: simulated: {is_simulated!r}: expected true or false")
+    return SensorForm(rate_hz, tuple(names), tuple(clips_at), is_simulated), np.array(scales)
 
 
 def _check_keys(values: Mapping[str, Any], known: set[str], where: str) -> None:

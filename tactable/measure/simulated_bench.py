@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Finger
 from engine.device.electrodes import board_bias
-from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_quantity
+from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
 from firmware_link.protocol.messages import PM_PER_M
 from precompute.model.assembly import assemble
@@ -64,18 +64,10 @@ class ConverterFlaws:
 
         Raises SensorError, which names the word and the known ones.
         """
-        found: dict[str, float] = {}
-        for part in filter(None, (part.strip() for part in text.split(","))):
-            key, _, value = (piece.strip() for piece in part.partition("="))
-            if key not in _WORDS:
-                raise SensorError(f"flaw {key!r} is not known; known are {', '.join(_WORDS)}")
-            name, unit = _WORDS[key]
-            try:
-                number = float(value) if unit == "ppm" else read_quantity(value, unit)
-            except (QuantityError, ValueError) as error:
-                raise SensorError(f"flaw {key}={value}: {error}") from None
-            found[name] = number * 1e-6 if key == "drift" else number
-        return replace(cls(), **found)  # type: ignore[arg-type]  # fields of plain numbers only
+        try:
+            return replace(cls(), **read_words(text, _WORDS))  # type: ignore[arg-type]  # fields of plain numbers only
+        except QuantityError as error:
+            raise SensorError(f"flaw {error}") from None
 
 
 _WORDS = {
@@ -88,7 +80,7 @@ _WORDS = {
     "hum": ("hum_m_per_s2", "m/s^2"),
     "mains": ("hum_hz", "Hz"),
     "clip": ("clips_at_m_per_s2", "m/s^2"),
-    "drops": ("drops_per_s", "ppm"),
+    "drops": ("drops_per_s", "number"),
     "stall": ("stalls_at_s", "s"),
 }
 assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}

@@ -1,6 +1,5 @@
 """The switches of the page: their positions, and the effect rules that follow from them."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -16,7 +15,7 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01  # as tables/effects/slider.toml
-_FINEST_M = 1e-5
+_FINEST_M, _FARTHEST_M = 1e-5, 100.0
 """A smaller move of an actuator is none."""
 HOLD_NS = 500_000_000  # the long press of iOS
 _NOTHING = Effect("nothing", (Segment(None, None),))
@@ -148,7 +147,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
 
 
 def _is_length(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return type(value) in (int, float) and abs(value) < _FARTHEST_M
 
 
 def moved(device: Device, choice: Choice) -> Device:

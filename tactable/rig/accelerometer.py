@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from base.errors import TactableError
 from engine.device import Device
-from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_quantity
+from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.framing import FramingCounters
@@ -61,16 +61,10 @@ class EmulatedAccelerometer:
     @classmethod
     def parse(cls, text: str) -> "EmulatedAccelerometer":
         """One of a text such as "at=35 mm, mass=2 g, drift=12000"; drift in millionths. Raises AccelerometerError."""
-        found: dict[str, float] = {}
-        for part in filter(None, (part.strip() for part in text.split(","))):
-            key, _, value = (piece.strip() for piece in part.partition("="))
-            if key not in _WORDS:
-                raise AccelerometerError(f"accelerometer: {key!r} is not known; known are {', '.join(_WORDS)}")
-            name, unit = _WORDS[key]
-            try:
-                found[name] = 1e-6 * float(value) if unit == "ppm" else read_quantity(value, unit)
-            except (QuantityError, ValueError) as error:
-                raise AccelerometerError(f"accelerometer: {key}={value}: {error}") from None
+        try:
+            found = read_words(text, _WORDS)
+        except QuantityError as error:
+            raise AccelerometerError(f"accelerometer: {error}") from None
         if "at_m" not in found:
             raise AccelerometerError("accelerometer: says no place; give one, such as at=35mm")
         return cls(**found)

@@ -33,9 +33,7 @@ def read_hjif(document: Part) -> Pattern:
     for perception in document.need("perceptions").items():
         modality = perception.get("perception_modality")
         word = "Vibrotactile" if modality is None else modality.word()
-        library = {
-            round(part.need("id").number()): part for part in perception.list_of("effect_library") if part.get("id")
-        }
+        library = {part.need("id").whole(): part for part in perception.list_of("effect_library") if part.get("id")}
         exponent = perception.number_of("perception_unit_exponent", 0.0)
         unit = 10.0 ** min(max(exponent, -_MOST_EXPONENT), _MOST_EXPONENT)
         for channel in perception.list_of("channels") or perception.list_of("tracks"):
@@ -67,7 +65,7 @@ class _Channel:
         word = part.text_of("effect_type", "Basis")
         if word == "Reference":
             number = part.need("id")
-            found = self._library.get(round(number.number()))
+            found = self._library.get(number.whole())
             if found is None or depth == _DEEPEST:
                 raise number.error("an effect of the library, and none that refers to itself")
             inner = Part(part.source, part.path, found.value)
@@ -140,6 +138,6 @@ def _place_of(channel: Part) -> str:
     """The place that a channel is for, in words."""
     name = channel.text_of("description")[:LONGEST_WORD]
     mask, vertices = channel.get("body_part_mask"), channel.get("vertices")
-    where = [] if mask is None else [f"body parts {round(mask.number()):#x}"]
+    where = [] if mask is None else [f"body parts {mask.whole():#x}"]
     where += [] if vertices is None else [f"{len(list(vertices.items()))} vertices"]
     return f"place {', '.join([*([name] if name else []), *where])}" if name or where else ""

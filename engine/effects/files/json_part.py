@@ -78,6 +78,13 @@ class Part:
             raise self.error("a number")
         return float(value)
 
+    def whole(self) -> int:
+        """A whole number."""
+        value = self.number()
+        if value != round(value):
+            raise self.error("a whole number")
+        return round(value)
+
     def time_s(self) -> float:
         """A time from 0 to LONGEST_S."""
         value = self.number()

@@ -1,13 +1,22 @@
 """Laws of quantities: text with a unit becomes the SI number, or a clause that says what was expected."""
 
 import math
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engine.device.quantity import _CREDIBLE as CREDIBLE
 from engine.device.quantity import _NAMES as KINDS
-from engine.device.quantity import QuantityError, interval_text, quantity_text, read_quantity
+from engine.device.quantity import (
+    QuantityError,
+    interval_text,
+    quantity_text,
+    read_number,
+    read_quantity,
+    read_words,
+)
 from engine.device.uncertainty import FITTED_UNITS
 
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
@@ -49,14 +58,38 @@ def test_values_come_out_in_si(text: str, unit: str, value: float) -> None:
     assert read_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 
 
-@given(st.floats(-1e200, 1e200), st.sampled_from(sorted(PREFIXES)))
+@given(st.floats(-1e20, 1e20), st.sampled_from(sorted(PREFIXES)))
 def test_a_prefix_multiplies(number: float, prefix: str) -> None:
-    assert read_quantity(f"{number!r} {prefix}m", "m") == pytest.approx(number * PREFIXES[prefix], rel=4e-16)
+    assert read_quantity(f"{number!r} {prefix}m/s", "m/s") == pytest.approx(number * PREFIXES[prefix], rel=4e-16)
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from([unit for unit in KINDS if unit]))
-def test_a_number_in_the_wanted_unit_is_read_exactly(number: float, unit: str) -> None:
-    assert read_quantity(f"{number!r} {unit}", unit) == number
+def test_a_number_in_the_wanted_unit_is_read_exactly_or_refused_as_beyond_belief(number: float, unit: str) -> None:
+    least, most = CREDIBLE.get(unit, (0.0, 1e30))
+    if number and not least <= abs(number) <= most:
+        with pytest.raises(QuantityError, match=re.escape(f"{least:g} to {most:g} {unit}")):
+            read_quantity(f"{number!r} {unit}", unit)
+    else:
+        assert read_quantity(f"{number!r} {unit}", unit) == number
+
+
+@pytest.mark.parametrize(
+    "text", ["", "nan", "inf", "-Infinity", "1_000", "\u0661", "0x10", "1e31", "1e999", "True", "5 m"]
+)
+def test_a_plain_number_is_of_decimal_digits_and_finite(text: str) -> None:
+    assert read_number(" -1.5e3 ") == -1500.0
+    with pytest.raises(QuantityError, match="is no number"):
+        read_number(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["x=1", "drift=nan", "drift=1e6", "noise=-1 m", "drops=-1", "drops=1,drops=2", "noise"]
+)
+def test_words_are_known_given_once_and_within_bounds(text: str) -> None:
+    words = {"drift": ("a", "ppm"), "noise": ("b", "m"), "drops": ("c", "number")}
+    assert read_words("drift=-40, noise=2 mm,drops=3,", words) == {"a": -40 * 1e-6, "b": 0.002, "c": 3.0}
+    with pytest.raises(QuantityError, match=text.split("=")[0]):
+        read_words(text, words)
 
 
 @pytest.mark.parametrize("written", [unit for unit in KINDS if unit])
@@ -97,8 +130,10 @@ def test_any_text_is_a_finite_number_or_refused(text: str) -> None:
             assert "expected" in str(error)
 
 
-@given(st.sampled_from(sorted(set(FITTED_UNITS.values()))), st.floats(1e-12, 1e12))
-def test_a_device_file_reads_what_is_written(unit: str, value: float) -> None:
+@given(st.sampled_from(sorted(set(FITTED_UNITS.values()))), st.floats(0, 1))
+def test_a_device_file_reads_what_is_written(unit: str, share: float) -> None:
+    least, most = CREDIBLE[unit]
+    value = min(max(least ** (1 - share) * most**share, 1.001 * least), 0.999 * most)
     assert read_quantity(quantity_text(value, unit, 12), unit) == pytest.approx(value, rel=1e-11)
 
 
