@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table as Grid
 
+from engine.device import TouchAxis
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
 from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
@@ -187,7 +188,8 @@ def map_axis(
     """
     from tactable.digitizers.record import learn_from_recording, learn_live, recording_named
 
-    bar_mm = None if device_name is None else 1e3 * find_device(device_name).bar.length_m
+    device = None if device_name is None else find_device(device_name)
+    bar_mm, before = (None, None) if device is None else (1e3 * device.bar.length_m, device.touch_axis)
     recorded = recording_named(name)
     if recorded is not None:
         learnt = learn_from_recording(recorded[0], bar_mm, recorded[1])
@@ -195,9 +197,9 @@ def map_axis(
         ERRORS.print("draw one finger along the bar, from its start to its end; Ctrl-C ends")
         learnt = learn_live(machine_of(context), name, bar_mm, note)
     if as_json:
-        print_json(map_json(learnt))
+        print_json(map_json(learnt, before))
     else:
-        print(digitizer_table(learnt))  # noqa: T201  # for a file
+        print(digitizer_table(learnt, before))  # noqa: T201  # for a file
     for text in learnt.notes:
         note(text)
 
@@ -224,7 +226,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
     OUT.print(cards)
 
 
-def map_json(learnt: LearntAxis) -> dict[str, Any]:
+def map_json(learnt: LearntAxis, before: TouchAxis | None) -> dict[str, Any]:
     """The learnt axis for JSON; a length is None if neither the device file nor the digitizer states it."""
     bar_mm = learnt.bar_mm
     return {
@@ -239,5 +241,5 @@ def map_json(learnt: LearntAxis) -> dict[str, Any]:
         "logical_at_start": learnt.first,
         "logical_at_end": learnt.last,
         "notes": list(learnt.notes),
-        "table": digitizer_table(learnt),
+        "table": digitizer_table(learnt, before),
     }

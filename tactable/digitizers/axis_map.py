@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from engine.device import TouchAxis
 from engine.touch import Digitizer, DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
 
@@ -154,8 +155,9 @@ def _margins(
     return (start / bar, end / bar), tuple(notes)
 
 
-def digitizer_table(learnt: LearntAxis) -> str:
-    """The table as text of a device file."""
+def digitizer_table(learnt: LearntAxis, before: TouchAxis | None = None) -> str:
+    """The table as text of a device file; `before`: of the device, whose times of release it keeps."""
+    times_s = () if before is None else (("silence", before.silence_s), ("debounce", before.debounce_s))
     return "\n".join(
         (
             "[digitizer] # learned by `tactable map`",
@@ -163,5 +165,6 @@ def digitizer_table(learnt: LearntAxis) -> str:
             f"flip = {str(learnt.flip).lower()}",
             f'start_margin = "{learnt.margin_text(learnt.start_margin)}"',
             f'end_margin = "{learnt.margin_text(learnt.end_margin)}"',
+            *(f'{key} = "{1e3 * time_s:g} ms"' for key, time_s in times_s if time_s),
         )
     )

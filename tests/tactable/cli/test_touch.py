@@ -396,10 +396,12 @@ def test_what_is_printed_is_what_a_device_file_reads(knows_size: bool) -> None:
     text = (device_folder() / "reference-a.toml").read_text().replace("279.4 mm", f"{TOUCH_MM + 40} mm")
     before, _, after = text.partition("[digitizer]")
     rest = after[after.index("\n[") :]
-    axis = Device.parse(f"{before}{digitizer_table(learnt)}\n{rest}", "test").touch_axis
+    own = replace(Device.parse(text, "test").touch_axis, silence_s=0.12, debounce_s=0.03)
+    axis = Device.parse(f"{before}{digitizer_table(learnt, own)}\n{rest}", "test").touch_axis
+    assert (axis.silence_s, axis.debounce_s) == (0.12, 0.03)
     assert (axis.axis, axis.flip) == ("x", True)
     assert axis.start_margin_m == pytest.approx(0.02 if knows_size else 0.0)
-    assert map_json(learnt)["table"] == digitizer_table(learnt)
+    assert map_json(learnt, own)["table"] == digitizer_table(learnt, own)
 
 
 def test_the_longest_stroke_of_a_recording_counts_and_one_that_tells_no_axis_is_refused(tmp_path: Path) -> None:
