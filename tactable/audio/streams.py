@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,37 +18,16 @@ _NS_PER_S = 1_000_000_000
 _LOOK_S, _MOST_IDLE = 0.1, 5
 
 
-class Stream(Protocol):
-    """A running stream of a card; `name`: the card's, in full."""
-
-    name: str
-
-    @property
-    def latency_s(self) -> float:
-        """Time from the callback to the converter or back, as the driver says."""
-
-    def start(self) -> None:
-        """Call back from now on, in a thread of the stream."""
-
-    def stop(self) -> None:
-        """Play what was handed over, and call back no more."""
-
-
 def open_output(
     name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_exact: bool = False
-) -> Stream:
+) -> "PortAudioStream | SimulatedStream":
     """A stream that plays what `callback` fills in; a simulated one for that name. Raises AudioError.
 
     is_exact: `name` is the whole name of the card.
     """
     if name == SIMULATED:
         return SimulatedStream(channels, rate_hz, block, callback)
-    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=False, is_exact=is_exact)
-
-
-def open_input(name: str, channels: int, rate_hz: int, block: int, callback: Callback) -> Stream:
-    """A stream that hands what it records to `callback`. Raises AudioError; no recording is simulated here."""
-    return _PortAudioStream(name, channels, rate_hz, block, callback, is_input=True)
+    return PortAudioStream(name, channels, rate_hz, block, callback, is_input=False, is_exact=is_exact)
 
 
 def wait_while_called(asked_to_end: Callable[[float], bool], blocks: Callable[[], int], name: str) -> None:
@@ -65,8 +44,11 @@ def wait_while_called(asked_to_end: Callable[[float], bool], blocks: Callable[[]
             raise AudioError(f"{name} takes and gives no more samples, as after an unplug: plug it in again")
 
 
-class _PortAudioStream:
-    """A stream in one direction, float32."""
+class PortAudioStream:
+    """A stream in one direction, float32; `name`: the card's, in full. Raises AudioError.
+
+    With `is_input` it hands what it records to `callback`, which otherwise fills in what is played.
+    """
 
     def __init__(
         self,
@@ -114,7 +96,7 @@ class _PortAudioStream:
         return float(self._stream.latency)
 
     def start(self) -> None:
-        """Call back from now on."""
+        """Call back from now on, in a thread of the stream."""
         self._stream.start()
 
     def stop(self) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from base.child import Parent
 from tactable.audio.board import CardPace
 from tactable.audio.names import AudioError, AudioInput, parse_input
-from tactable.audio.streams import Samples, open_input, wait_while_called
+from tactable.audio.streams import PortAudioStream, Samples, wait_while_called
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
 
@@ -77,7 +77,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     source = parse_input(arguments["sensor"], arguments["actuators"])
     taker = Taker(source, arguments["actuators"], arguments["pipe"])
     channels = max(source.acceleration, *source.loopbacks, 0) + 1
-    stream = open_input(source.name, channels, source.rate_hz, round(_BLOCK_S * source.rate_hz), taker.take_block)
+    block = round(_BLOCK_S * source.rate_hz)
+    stream = PortAudioStream(source.name, channels, source.rate_hz, block, taker.take_block, is_input=True)
     try:
         stream.start()
     except Exception as error:
