@@ -57,8 +57,6 @@ class LatencyRecorder:
     """The stamps of the last `capacity` commands, in memory that is allocated once."""
 
     def __init__(self, capacity: int = 65_536) -> None:
-        if capacity < 1:
-            raise ValueError(f"capacity is {capacity}; expected at least 1")
         self.count = 0
         """Commands recorded since the start."""
         self._stamps_ns = np.zeros((capacity, len(Stage)), np.int64)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,8 +50,6 @@ def test_any_two_stages_can_be_compared() -> None:
     assert recorder.summarise(Stage.FRAME, Stage.COMMAND) == Percentiles(1, 12, 12, 12, 12, 12, 12, 12)
 
 
-def test_without_samples_there_is_no_summary_and_a_recorder_of_nothing_is_refused() -> None:
+def test_without_samples_there_is_no_summary() -> None:
     assert LatencyRecorder().summarise() is None
     assert Percentiles.of([np.nan]) is None
-    with pytest.raises(ValueError, match="capacity is 0"):
-        LatencyRecorder(0)
