@@ -3,27 +3,9 @@
 from dataclasses import asdict
 
 from firmware_link.emulator.state import FULL_SCALE_PM, Device
+from firmware_link.protocol import messages
 from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode_message
-from firmware_link.protocol.messages import (
-    ACCELEROMETER,
-    LINEARISES,
-    SCHEMA_HASH,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Acceleration,
-    Accelerometer,
-    Ack,
-    Fault,
-    FaultCode,
-    Features,
-    Hello,
-    Log,
-    LogCode,
-    LogLevel,
-    Result,
-    Status,
-    Time,
-)
+from firmware_link.protocol.layout import Message
 
 STATUS_PERIOD_US = 100_000  # 65 bytes each: 6 % of 115 200 bit/s
 # A new drive is reported this soon; more often would crowd a slow line.
@@ -46,7 +28,7 @@ class Reports:
         self._device, self._framing_counters = device, framing_counters
         self._encoder = FrameEncoder()
         self._outgoing: list[bytes] = []
-        self._fault, self._fault_sequence, self._fault_time_us = FaultCode.NONE, 0, 0
+        self._fault, self._fault_sequence, self._fault_time_us = messages.FaultCode.NONE, 0, 0
 
     def take_outgoing(self) -> bytes:
         """Everything said since the last call."""
@@ -56,16 +38,16 @@ class Reports:
     def send_hello(self, nonce: int, held_basis_hash: int) -> None:
         """Say what the device is and can do."""
         configuration = self._device.configuration
-        self._send(
-            Hello(
-                version_major=VERSION_MAJOR,
-                version_minor=VERSION_MINOR,
+        self.send(
+            messages.Hello(
+                version_major=messages.VERSION_MAJOR,
+                version_minor=messages.VERSION_MINOR,
                 nonce=nonce,
                 boot_id=configuration.boot_id,
-                schema_hash=SCHEMA_HASH,
-                features=(Features.WAVEFORMS if configuration.basis_capacity_bytes else Features(0))
-                | (ACCELEROMETER if configuration.sensor_rate_mhz else Features(0))
-                | (LINEARISES if configuration.electrode_bias else Features(0)),
+                schema_hash=messages.SCHEMA_HASH,
+                features=(messages.Features.WAVEFORMS if configuration.basis_capacity_bytes else messages.Features(0))
+                | (messages.ACCELEROMETER if configuration.sensor_rate_mhz else messages.Features(0))
+                | (messages.LINEARISES if configuration.electrode_bias else messages.Features(0)),
                 firmware_major=0,
                 firmware_minor=2,
                 firmware_patch=0,
@@ -83,42 +65,40 @@ class Reports:
             )
         )
 
-    def send_ack(self, acknowledged_type: int, sequence: int, result: Result) -> None:
+    def send_ack(self, acknowledged_type: int, sequence: int, result: messages.Result) -> None:
         """Answer a request."""
-        self._send(Ack(acknowledged_type, sequence, result))
+        self.send(messages.Ack(acknowledged_type, sequence, result))
 
     def send_time(self, host_sent_ns: int) -> None:
         """Answer a time request."""
-        self._send(Time(host_sent_ns, self._device.now_us, self._device.now_us))
+        self.send(messages.Time(host_sent_ns, self._device.now_us, self._device.now_us))
 
-    def send_log(self, level: LogLevel, code: LogCode, value: int) -> None:
+    def send_log(self, level: messages.LogLevel, code: messages.LogCode, value: int) -> None:
         """Tell something, unless the last LOG was just now."""
         now_us = self._device.now_us
         if now_us >= self._log_allowed_us:
             self._log_allowed_us = now_us + LOG_SPACING_US
-            self._send(Log(level, code, value, now_us))
+            self.send(messages.Log(level, code, value, now_us))
 
-    def send_sensed(self, message: Accelerometer | Acceleration) -> None:
-        """Say what the accelerometer is, or what it read."""
-        self._send(message)
-
-    def raise_fault(self, fault: FaultCode) -> None:
+    def raise_fault(self, fault: messages.FaultCode) -> None:
         """Send FAULT from now on until it is settled."""
         self._fault, self._fault_sequence = fault, self._encoder.next_sequence()
         self._fault_time_us = self.fault_due_us = self._device.now_us
 
-    def settle_fault(self, ack: Ack) -> bool:
+    def settle_fault(self, ack: messages.Ack) -> bool:
         """The host acknowledged; False where it meant another message."""
-        if (ack.acknowledged_type, ack.acknowledged_sequence) != (Fault.type_byte, self._fault_sequence):
+        if (ack.acknowledged_type, ack.acknowledged_sequence) != (messages.Fault.type_byte, self._fault_sequence):
             return False
-        self._fault, self.fault_due_us = FaultCode.NONE, None
+        self._fault, self.fault_due_us = messages.FaultCode.NONE, None
         return True
 
     def send_due(self) -> None:
         """Send what is due."""
         device, now_us = self._device, self._device.now_us
         if self.fault_due_us is not None and self.fault_due_us <= now_us:
-            self._outgoing.append(encode_message(Fault(self._fault, self._fault_time_us), self._fault_sequence))
+            self._outgoing.append(
+                encode_message(messages.Fault(self._fault, self._fault_time_us), self._fault_sequence)
+            )
             self.fault_due_us = now_us + FAULT_PERIOD_US
         if device.status_due_us is not None and device.status_due_us <= now_us:
             self._send_status()
@@ -127,8 +107,8 @@ class Reports:
 
     def _send_status(self) -> None:
         device = self._device
-        self._send(
-            Status(
+        self.send(
+            messages.Status(
                 state=device.state,
                 fault=self._fault,
                 applied_sequence=self.applied_sequence,
@@ -140,5 +120,6 @@ class Reports:
             )
         )
 
-    def _send(self, message: Hello | Ack | Time | Log | Status | Accelerometer | Acceleration) -> None:
+    def send(self, message: Message) -> None:
+        """Say this, under the next sequence number."""
         self._outgoing.append(self._encoder.encode(message))

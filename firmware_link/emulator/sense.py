@@ -40,7 +40,7 @@ class Accelerations:
             configuration.sensor_scale_nm_per_s2,
             configuration.sensor_greatest,
         )
-        self._reports.send_sensed(Accelerometer(rate_mhz, scale, greatest, self._lost))
+        self._reports.send(Accelerometer(rate_mhz, scale, greatest, self._lost))
         return Outcome.ACCEPTED
 
     def take_sample(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
@@ -77,5 +77,5 @@ class Accelerations:
             count += 1
         values = tuple(value for _, _, record in self._records[:count] for value in record)
         del self._records[:count]
-        self._reports.send_sensed(Acceleration(self._frame, first, at, len(values), values))
+        self._reports.send(Acceleration(self._frame, first, at, len(values), values))
         self._frame = (self._frame + 1) % _U16

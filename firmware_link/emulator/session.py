@@ -7,29 +7,9 @@ from firmware_link.emulator.memory import Memory
 from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.sense import Accelerations
 from firmware_link.emulator.state import Device
+from firmware_link.protocol import messages
 from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import (
-    MAGIC,
-    Ack,
-    Arm,
-    BasisBegin,
-    BasisChunk,
-    BasisCommit,
-    DeviceState,
-    FaultCode,
-    HelloRequest,
-    KeepAlive,
-    LogCode,
-    LogLevel,
-    Play,
-    Result,
-    Sense,
-    Set,
-    Stop,
-    TimeRequest,
-    decode_body,
-)
 
 US_PER_MS = 1_000
 US_PER_S = 1_000_000
@@ -49,7 +29,7 @@ class Session:
         """Act on a body that the framing accepted, and count the outcome."""
         counters = self._device.counters
         try:
-            sequence, message = decode_body(body)
+            sequence, message = messages.decode_body(body)
         except MessageError:
             counters.refused += 1
             return
@@ -58,64 +38,64 @@ class Session:
         counters.refused += outcome is Outcome.REFUSED
         self.received.append(ReceivedFrame(self._device.now_us, message.wire_name, sequence, outcome))
 
-    def silence(self, state: DeviceState, cause: Cause) -> None:
+    def silence(self, state: messages.DeviceState, cause: Cause) -> None:
         """Silence, in a new state."""
         self._drive.silence(cause)
         self._device.enter(state)
 
-    def latch(self, fault: FaultCode, cause: Cause) -> None:
+    def latch(self, fault: messages.FaultCode, cause: Cause) -> None:
         """Silence, and nothing more without a new handshake."""
-        self.silence(DeviceState.LATCHED, cause)
+        self.silence(messages.DeviceState.LATCHED, cause)
         self._reports.raise_fault(fault)
 
     def _dispatch(self, message: Message, sequence: int) -> Outcome:
         match message:
-            case Set():
+            case messages.Set():
                 return self._drive.set(message, sequence)
-            case Play():
+            case messages.Play():
                 return self._drive.play(message, sequence)
-            case KeepAlive():
+            case messages.KeepAlive():
                 return self._drive.keep_alive(message, sequence)
-            case HelloRequest():
+            case messages.HelloRequest():
                 return self._greet(message)
-            case Arm():
+            case messages.Arm():
                 return self._acknowledge(message, sequence, self._arm(message, sequence))
-            case Stop():
-                self.silence(DeviceState.LATCHED, Cause.STOP)
-                return self._acknowledge(message, sequence, Result.OK)
-            case TimeRequest():
+            case messages.Stop():
+                self.silence(messages.DeviceState.LATCHED, Cause.STOP)
+                return self._acknowledge(message, sequence, messages.Result.OK)
+            case messages.TimeRequest():
                 self._reports.send_time(message.host_sent_ns)
                 return Outcome.ACCEPTED
-            case BasisBegin() | BasisChunk() | BasisCommit():
+            case messages.BasisBegin() | messages.BasisChunk() | messages.BasisCommit():
                 return self._memory.keep(message, sequence)
-            case Sense():
+            case messages.Sense():
                 return self._sense.ask_for_stream(message)
-            case Ack() if self._reports.settle_fault(message):
+            case messages.Ack() if self._reports.settle_fault(message):
                 return Outcome.ACCEPTED
         return Outcome.REFUSED
 
-    def _greet(self, request: HelloRequest) -> Outcome:
-        if request.magic != MAGIC:
+    def _greet(self, request: messages.HelloRequest) -> Outcome:
+        if request.magic != messages.MAGIC:
             return Outcome.REFUSED
         device, reports, store = self._device, self._reports, self._memory.store
-        self.silence(DeviceState.IDLE, Cause.NEW_SESSION)
+        self.silence(messages.DeviceState.IDLE, Cause.NEW_SESSION)
         store.end_transfer()
         self._sense.cut()
         reports.send_hello(request.nonce, store.held_hash)
         if not reports.was_greeted:
             reports.was_greeted = True
-            reports.send_log(LogLevel.INFORMATION, LogCode.BOOTED, 0)
+            reports.send_log(messages.LogLevel.INFORMATION, messages.LogCode.BOOTED, 0)
         device.want_status(device.now_us)
         return Outcome.ACCEPTED
 
-    def _arm(self, arm: Arm, sequence: int) -> Result:
+    def _arm(self, arm: messages.Arm, sequence: int) -> messages.Result:
         device, configuration = self._device, self._device.configuration
         if arm.boot_id != configuration.boot_id:
-            return Result.WRONG_BOOT
-        if device.state not in (DeviceState.IDLE, DeviceState.ARMED):
-            return Result.WRONG_STATE
+            return messages.Result.WRONG_BOOT
+        if device.state not in (messages.DeviceState.IDLE, messages.DeviceState.ARMED):
+            return messages.Result.WRONG_STATE
         if not (arm.slew_limit_per_s and 1 <= arm.lease_ms <= configuration.longest_lease_ms):
-            return Result.OUT_OF_RANGE
+            return messages.Result.OUT_OF_RANGE
         limits = tuple(min(limit, configuration.amplitude_limit) for limit in arm.amplitude_limits)
         self._drive.channels.limit(limits, min(arm.slew_limit_per_s, configuration.slew_limit_per_s))
         self._lease.armed_us = arm.lease_ms * US_PER_MS
@@ -123,9 +103,9 @@ class Session:
         on_times_s = [limit_s for limit_s in (arm.longest_drive_s, configuration.longest_drive_s) if limit_s]
         device.longest_drive_us = min(on_times_s) * US_PER_S if on_times_s else None
         self._lease.refresh(sequence, device.now_us)
-        device.enter(DeviceState.ARMED)
-        return Result.OK
+        device.enter(messages.DeviceState.ARMED)
+        return messages.Result.OK
 
-    def _acknowledge(self, message: Message, sequence: int, result: Result) -> Outcome:
+    def _acknowledge(self, message: Message, sequence: int, result: messages.Result) -> Outcome:
         self._reports.send_ack(message.type_byte, sequence, result)
-        return Outcome.ACCEPTED if result is Result.OK else Outcome.REFUSED
+        return Outcome.ACCEPTED if result is messages.Result.OK else Outcome.REFUSED

@@ -5,28 +5,15 @@ from firmware_link.host.line import Line
 from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
 from firmware_link.host.memory import RETRY_NS, BasisTransfer
 from firmware_link.host.request import RepeatedRequest
+from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, check_actuators
 from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder
-from firmware_link.protocol.messages import (
-    MAGIC,
-    SCHEMA_HASH,
-    VERSION_MAJOR,
-    VERSION_MINOR,
-    Ack,
-    Arm,
-    Features,
-    Hello,
-    HelloRequest,
-    Result,
-    Time,
-    TimeRequest,
-)
 
 US_PER_MS = 1_000
 FIRST_EXCHANGES = 16
 # A device that was rebooted or latched since it was greeted answers with these.
-_FORGOTTEN = (Result.WRONG_BOOT, Result.WRONG_STATE)
+_FORGOTTEN = (messages.Result.WRONG_BOOT, messages.Result.WRONG_STATE)
 
 
 class Handshake:
@@ -48,8 +35,10 @@ class Handshake:
         self._configuration, self._encoder, self._line = configuration, encoder, line
         self._connected_ns = now_ns
         self._request = RepeatedRequest(encoder, line, now_ns)
-        self._greeting = HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, now_ns % 2**32)
-        self._arm: Arm | None = None
+        self._greeting = messages.HelloRequest(
+            messages.MAGIC, messages.VERSION_MAJOR, messages.VERSION_MINOR, now_ns % 2**32
+        )
+        self._arm: messages.Arm | None = None
         self._transfer: BasisTransfer | None = None
 
     def due_ns(self) -> int:
@@ -65,13 +54,13 @@ class Handshake:
             return self._request.next_frame(self._greeting, RETRY_NS, now_ns, before=DELIMITER)
         if self.state is LinkState.ARMING and self._arm is not None:
             return self._request.next_frame(self._arm, RETRY_NS, now_ns)
-        return self._request.next_frame(TimeRequest(now_ns), RETRY_NS, now_ns)
+        return self._request.next_frame(messages.TimeRequest(now_ns), RETRY_NS, now_ns)
 
-    def is_answered_by(self, hello: Hello) -> bool:
+    def is_answered_by(self, hello: messages.Hello) -> bool:
         """Whether a HELLO answers this session's greeting."""
         return hello.nonce == self._greeting.nonce
 
-    def greeted(self, hello: Hello, now_ns: int) -> Greeted:
+    def greeted(self, hello: messages.Hello, now_ns: int) -> Greeted:
         """Take the answer to the greeting: hand the basis over next, if there is one that the device does not hold."""
         configuration, number_of_actuators = self._configuration, hello.number_of_actuators
         _check_fit(hello, configuration)
@@ -88,7 +77,7 @@ class Handshake:
             self._transfer = BasisTransfer(basis, self._encoder, self._line)
         return Greeted(capabilities)
 
-    def is_timed_by(self, time: Time, now_ns: int) -> bool:
+    def is_timed_by(self, time: messages.Time, now_ns: int) -> bool:
         """Whether a TIME answers a request of this session."""
         return self._connected_ns <= time.host_sent_ns <= now_ns
 
@@ -99,7 +88,7 @@ class Handshake:
             self.state = LinkState.ARMING
             self.arming_device_us = clock.device_time_us(now_ns)
 
-    def acknowledged(self, ack: Ack, now_ns: int) -> bool:
+    def acknowledged(self, ack: messages.Ack, now_ns: int) -> bool:
         """Take the answer to a step of the basis or to ARM; False for any other."""
         if self._transfer is not None and self._transfer.is_answered_by(ack):
             _check_accepted(ack, "take the basis", "it")
@@ -107,7 +96,7 @@ class Handshake:
                 self._transfer = None
                 self._synchronise(now_ns)
             return True
-        if (self.state, ack.acknowledged_type) != (LinkState.ARMING, Arm.type_byte):
+        if (self.state, ack.acknowledged_type) != (LinkState.ARMING, messages.Arm.type_byte):
             return False
         _check_accepted(ack, "arm", "the limits")
         self.state = LinkState.READY
@@ -120,7 +109,7 @@ class Handshake:
 
 def check_basis(capabilities: Capabilities, basis: Basis) -> None:
     """Raises LinkError for a basis that the device cannot hold or play, MessageError for one of more actuators."""
-    if Features.WAVEFORMS not in capabilities.features:
+    if messages.Features.WAVEFORMS not in capabilities.features:
         raise LinkError("the device plays no clicks: connect another device or configure no basis")
     check_actuators(basis, capabilities.number_of_actuators)
     if len(basis.data) > capabilities.basis_capacity_bytes:
@@ -136,16 +125,17 @@ def check_basis(capabilities: Capabilities, basis: Basis) -> None:
         )
 
 
-def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
-    if hello.version_major != VERSION_MAJOR:
+def _check_fit(hello: messages.Hello, configuration: LinkConfiguration) -> None:
+    if hello.version_major != messages.VERSION_MAJOR:
         raise LinkError(
             f"the device speaks protocol {hello.version_major}.{hello.version_minor}, this host "
-            f"{VERSION_MAJOR}.{VERSION_MINOR}: install the firmware that belongs to this version of tactable"
+            f"{messages.VERSION_MAJOR}.{messages.VERSION_MINOR}: install the firmware that belongs to this version of "
+            "tactable"
         )
-    if hello.schema_hash != SCHEMA_HASH:
+    if hello.schema_hash != messages.SCHEMA_HASH:
         raise LinkError(
-            f"the device defines its messages otherwise (schema {hello.schema_hash:08x}, this host {SCHEMA_HASH:08x}): "
-            "install the firmware that belongs to this version of tactable"
+            f"the device defines its messages otherwise (schema {hello.schema_hash:08x}, this host "
+            f"{messages.SCHEMA_HASH:08x}): install the firmware that belongs to this version of tactable"
         )
     if hello.number_of_actuators < configuration.number_of_actuators:
         raise LinkError(
@@ -160,7 +150,7 @@ def _check_fit(hello: Hello, configuration: LinkConfiguration) -> None:
     configuration.check_rate(hello.number_of_actuators)
 
 
-def _check_accepted(ack: Ack, request: str, remedy: str) -> None:
-    if ack.result is not Result.OK:
+def _check_accepted(ack: messages.Ack, request: str, remedy: str) -> None:
+    if ack.result is not messages.Result.OK:
         refusal = LinkLostError if ack.result in _FORGOTTEN else LinkError
         raise refusal(f"the device refused to {request} ({ack.result.name}): connect again, or correct {remedy}")

@@ -45,7 +45,6 @@ from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.host.handshake import Handshake, check_basis
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import (
-    AccelerationReceived,
     Armed,
     BasisReplaced,
     Capabilities,
@@ -57,30 +56,15 @@ from firmware_link.host.link_values import (
 )
 from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
-from firmware_link.host.reports import Reports
+from firmware_link.host.reports import Report, Reports
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
+from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, EncodedClick
 from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS
-from firmware_link.protocol.messages import (
-    DRIVE_SIZE,
-    Acceleration,
-    Accelerometer,
-    Ack,
-    DeviceState,
-    Fault,
-    Hello,
-    Log,
-    Result,
-    Status,
-    Stop,
-    Time,
-    TimeRequest,
-    decode_body,
-)
 
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
@@ -114,7 +98,7 @@ class Link:
         return self._handshake.capabilities
 
     @property
-    def status(self) -> Status | None:
+    def status(self) -> messages.Status | None:
         """The last STATUS of this session; None before the first."""
         return self._reports.status
 
@@ -219,7 +203,7 @@ class Link:
             if isinstance(item, Signal) or self.state is LinkState.DISCONNECTED:
                 continue
             try:
-                sequence, message = decode_body(item)
+                sequence, message = messages.decode_body(item)
             except MessageError:
                 self.counters.unexpected += 1
                 continue
@@ -258,10 +242,10 @@ class Link:
                 self._outbox.next_frame(now_ns)
                 or self._memory.next_frame(now_ns)
                 or self._sensing.next_frame(now_ns)
-                or self._request.next_frame(TimeRequest(now_ns), EXCHANGE_PERIOD_NS, now_ns)
+                or self._request.next_frame(messages.TimeRequest(now_ns), EXCHANGE_PERIOD_NS, now_ns)
             )
         elif self.state is LinkState.STOPPING:
-            frames = self._request.next_frame(Stop(), STOP_RETRY_NS, now_ns)
+            frames = self._request.next_frame(messages.Stop(), STOP_RETRY_NS, now_ns)
         elif self.state in _HANDSHAKING:
             frames = self._handshake.next_frame(now_ns)
         if self._reports.acknowledgements:
@@ -292,33 +276,34 @@ class Link:
     def _act_on(self, message: Message, sequence: int, now_ns: int) -> Event | None:
         handshake = self._handshake
         match message:
-            case Hello() if self.state is LinkState.GREETING and handshake.is_answered_by(message):
+            case messages.Hello() if self.state is LinkState.GREETING and handshake.is_answered_by(message):
                 greeted = handshake.greeted(message, now_ns)
                 self.state = handshake.state
-                self._outbox.start(bytes(DRIVE_SIZE * message.number_of_actuators), handshake.lease_ms, self.clock)
+                silent_drive = bytes(messages.DRIVE_SIZE * message.number_of_actuators)
+                self._outbox.start(silent_drive, handshake.lease_ms, self.clock)
                 return greeted
-            case Time() if handshake.is_timed_by(message, now_ns):
+            case messages.Time() if handshake.is_timed_by(message, now_ns):
                 times = (message.host_sent_ns, message.device_received_us, message.device_sent_us, now_ns)
                 self.clock.update(Exchange(*times))
                 if self.state is LinkState.SYNCHRONISING:
                     handshake.clock_compared(self.clock, now_ns)
                     self.state = handshake.state
                 return None
-            case Ack():
+            case messages.Ack():
                 return self._acknowledged(message, now_ns)
-            case Status() | Fault() | Log():
+            case messages.Status() | messages.Fault() | messages.Log():
                 return self._reported(message, sequence, now_ns)
-            case Accelerometer() if self._sensing.is_wanted and self.capabilities is not None:
+            case messages.Accelerometer() if self._sensing.is_wanted and self.capabilities is not None:
                 configuration, actuators = self.configuration, self.capabilities.number_of_actuators
                 line = (configuration.transport, configuration.bit_rate_hz)
                 return self._sensing.described(message, *line, actuators, now_ns)
-            case Acceleration() if self._sensing.is_wanted:
-                return AccelerationReceived(message, now_ns)
+            case messages.Acceleration() if self._sensing.is_wanted:
+                return message
         self.counters.unexpected += 1
         return None
 
-    def _acknowledged(self, ack: Ack, now_ns: int) -> Event | None:
-        is_accepted = ack.result is Result.OK
+    def _acknowledged(self, ack: messages.Ack, now_ns: int) -> Event | None:
+        is_accepted = ack.result is messages.Result.OK
         self.counters.acknowledged += is_accepted
         self.counters.refused += not is_accepted
         if self._memory.is_answered_by(ack):
@@ -335,21 +320,21 @@ class Link:
                 return Armed()
             # A long basis on a slow line takes longer than the patience; each answer shows that it goes on.
             self._extend_patience(now_ns)
-        elif is_accepted and (self.state, ack.acknowledged_type) == (LinkState.STOPPING, Stop.type_byte):
+        elif is_accepted and (self.state, ack.acknowledged_type) == (LinkState.STOPPING, messages.Stop.type_byte):
             self._end_session(LinkState.STOPPED)
             return Stopped()
         return None
 
-    def _reported(self, message: Status | Fault | Log, sequence: int, now_ns: int) -> Event | None:
-        event = self._reports.take_report(message, sequence, now_ns)
+    def _reported(self, message: Report, sequence: int, now_ns: int) -> Event | None:
+        event = self._reports.take_report(message, sequence)
         if self.state is not _READY:
             return event
         match message:
-            case Status():
+            case messages.Status():
                 self._patience_end_ns = now_ns + SILENCE_NS
-                if message.state in (DeviceState.IDLE, DeviceState.LATCHED):
+                if message.state in (messages.DeviceState.IDLE, messages.DeviceState.LATCHED):
                     self._end_session(LinkState.STOPPED)
-            case Fault():
+            case messages.Fault():
                 # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
                 if message.device_time_us < self._handshake.arming_device_us:
                     return None

@@ -13,8 +13,7 @@ from firmware_link.protocol.messages import (
     FaultCode,
     Features,
     Hello,
-    LogCode,
-    LogLevel,
+    Log,
     Result,
     Status,
     encode_amplitude,
@@ -139,30 +138,11 @@ class Armed:
 
 
 @dataclass(frozen=True)
-class StatusReceived:
-    """The device's state and counters; in READY, one that is not armed ends the session: it was rebooted or latched."""
-
-    status: Status
-    host_received_ns: int
-
-
-@dataclass(frozen=True)
 class FaultReceived:
     """The device disarmed itself; the link acknowledges, and stays STOPPED until `connect`."""
 
     fault: FaultCode
     device_time_us: int
-
-
-@dataclass(frozen=True)
-class LogReceived:
-    """The device sent a LOG."""
-
-    level: LogLevel
-    code: LogCode
-    value: int
-    device_time_us: int
-    text: str
 
 
 @dataclass(frozen=True)
@@ -191,14 +171,6 @@ class AccelerometerDescribed:
 
 
 @dataclass(frozen=True)
-class AccelerationReceived:
-    """Samples of the device's accelerometer came."""
-
-    samples: Acceleration
-    host_received_ns: int
-
-
-@dataclass(frozen=True)
 class Stopped:
     """The device acknowledged STOP."""
 
@@ -206,15 +178,16 @@ class Stopped:
 Event = (
     Greeted
     | Armed
-    | StatusReceived
+    | Status
     | FaultReceived
-    | LogReceived
+    | Log
     | BasisReplaced
     | BasisRefused
     | AccelerometerDescribed
-    | AccelerationReceived
+    | Acceleration
     | Stopped
 )
+"""A Status that is not armed ends a session that is READY: the device was rebooted or latched."""
 
 
 @dataclass

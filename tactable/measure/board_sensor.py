@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from engine.loop import Clock
-from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, Event
+from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import Acceleration
@@ -114,8 +114,8 @@ class BoardSensor:
 
     def take_event(self, event: Event) -> None:
         """Take an event of the link."""
-        if isinstance(event, AccelerationReceived):
-            self._take_frame(event.samples)
+        if isinstance(event, Acceleration):
+            self._take_frame(event)
 
     def read(self) -> Block | None:
         """New samples, or None."""

@@ -20,10 +20,11 @@ from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.limits import encode_scaled
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState, StatusReceived
+from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.messages import Status
 
 
 class Listener(Protocol):
@@ -164,8 +165,8 @@ class DrivenDevice:
             if self._accelerometer is not None:
                 self._accelerometer.take_event(event)
             # The STATUS of a change; later ones name the renewals of the drive.
-            if isinstance(event, StatusReceived) and event.status.applied_sequence == self.session.link.drive_sequence:
-                self.applied_device_us = event.status.applied_time_us
+            if isinstance(event, Status) and event.applied_sequence == self.session.link.drive_sequence:
+                self.applied_device_us = event.applied_time_us
         self.session.send()
         if self.session.link.state is not LinkState.READY:
             faults = "".join(f" ({event.fault.name})" for event in events if isinstance(event, FaultReceived))

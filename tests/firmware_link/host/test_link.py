@@ -16,13 +16,12 @@ from firmware_link.host.link_values import (
     Greeted,
     LinkConfiguration,
     LinkState,
-    LogReceived,
     Stopped,
 )
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.errors import LinkError, MessageError
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Features, LogCode, encode_drive
+from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Features, Log, LogCode, encode_drive
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
@@ -319,7 +318,7 @@ def test_what_the_device_says_of_itself_comes_in_si_units_and_with_words() -> No
     assert capabilities.frequency_resolution_hz == pytest.approx(0.01)
     assert capabilities.frequency_maximum_hz == pytest.approx(655.35)
     assert capabilities.full_scales_m == pytest.approx((0.52e-6, 0.52e-6))
-    logs = [item for item in rig.events if isinstance(item, LogReceived)]
+    logs = [item for item in rig.events if isinstance(item, Log)]
     assert [log.code for log in logs] == [LogCode.BOOTED, LogCode.BASIS_TAKEN]
     assert "reset cause 0" in logs[0].text
     assert f"{BASIS.hash:#010x}" in logs[1].text

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from firmware_link.emulator import DeviceConfiguration
-from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed, LinkConfiguration
+from firmware_link.host.link_values import AccelerometerDescribed, LinkConfiguration
 from firmware_link.host.sensing import LEASE_MS
 from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.messages import ACCELEROMETER, Sense
+from firmware_link.protocol.messages import ACCELEROMETER, Acceleration, Sense
 from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig, decode_messages
 from tests.tools.virtual import MS
 
@@ -30,11 +30,11 @@ class SensingRig(VirtualRig):
         if self.now_ns % (2 * STEP_NS) < STEP_NS:
             self.firmware.sense(self.line.device_us() % 4_000, [1, 2], self.line.device_us() * 48 // 1_000)
 
-    def sensed(self) -> list[AccelerationReceived]:
-        return [event for event in self.events if isinstance(event, AccelerationReceived)]
+    def sensed(self) -> list[Acceleration]:
+        return [event for event in self.events if isinstance(event, Acceleration)]
 
     def samples(self) -> int:
-        return sum(event.samples.number_of_values // 3 for event in self.sensed())
+        return sum(event.number_of_values // 3 for event in self.sensed())
 
 
 def asked_of(rig: VirtualRig) -> list[Sense]:

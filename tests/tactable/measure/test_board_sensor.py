@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_link.host.link_values import AccelerationReceived, AccelerometerDescribed
+from firmware_link.host.link_values import AccelerometerDescribed
 from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure import DrivenDevice
@@ -84,8 +84,8 @@ def a_sensor(scales: tuple[float, ...] = (1.0, 1.0), number_of_actuators: int = 
     return BoardSensor(described, DEVICE, scales, number_of_actuators, SYNTHESIS_HZ, clock, is_simulated=False)
 
 
-def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> AccelerationReceived:
-    return AccelerationReceived(Acceleration(index, number, sample, len(values), values), 0)
+def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> Acceleration:
+    return Acceleration(index, number, sample, len(values), values)
 
 
 def test_samples_have_the_units_of_their_form_and_displacements_those_of_the_device() -> None:
