@@ -4,18 +4,20 @@ import math
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table as Grid
 
-from engine.device import TouchAxis
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
 from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
 from tactable.digitizers.listing import list_devices as find_devices
 from tactable.doctor.touch import Machine
 from tactable.shipped import cache_folder, find_device
+
+if TYPE_CHECKING:
+    from engine.device import TouchAxis
 
 DigitizerName = Annotated[
     str,
@@ -226,7 +228,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
     OUT.print(cards)
 
 
-def map_json(learnt: LearntAxis, before: TouchAxis | None) -> dict[str, Any]:
+def map_json(learnt: LearntAxis, before: "TouchAxis | None") -> dict[str, Any]:
     """The learnt axis for JSON; a length is None if neither the device file nor the digitizer states it."""
     bar_mm = learnt.bar_mm
     return {

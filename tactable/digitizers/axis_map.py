@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from engine.device import TouchAxis
 from engine.touch import Digitizer, DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
+
+if TYPE_CHECKING:
+    from engine.device import TouchAxis
 
 # The centre of a finger cannot reach the edge of the bar: nearer than half a fingertip counts as at the edge.
 FINGERTIP_MM = 6.0
@@ -155,7 +157,7 @@ def _margins(
     return (start / bar, end / bar), tuple(notes)
 
 
-def digitizer_table(learnt: LearntAxis, before: TouchAxis | None = None) -> str:
+def digitizer_table(learnt: LearntAxis, before: "TouchAxis | None" = None) -> str:
     """The table as text of a device file; `before`: of the device, whose times of release it keeps."""
     times_s = () if before is None else (("silence", before.silence_s), ("debounce", before.debounce_s))
     return "\n".join(
