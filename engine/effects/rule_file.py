@@ -152,8 +152,7 @@ def read_rule(part: RuleTable, effects: Mapping[str, Effect], device: Device) ->
     """A rule, whose effect is one of `effects`."""
     on = Trigger(part.word("on", tuple(Trigger)))
     effect = effects[part.word("effect", tuple(effects))]
-    last = effect.envelope[-1]
-    if on is Trigger.LIFT and last.duration_ns is None and not last.is_click:
+    if on is Trigger.LIFT and effect.is_endless:
         held = f"its envelope ends with {HELD!r}, but a finger that has left holds nothing: give it a duration"
         raise part.error("effect", effect.name, held)
     zones, region_m = read_place(part, device)

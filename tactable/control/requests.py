@@ -13,7 +13,7 @@ from typing import Any
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
-from engine.effects import Effect, EffectError, Rule, SceneSettings
+from engine.effects import Effect, EffectError, Role, Rule, SceneSettings, TriggeredEffect
 from engine.effects.files import FORMATS, Converted, decode_effect_file
 from engine.effects.files.conversion import FULL_LEVEL_DB
 from engine.effects.files.json_part import Part, read_json
@@ -76,26 +76,8 @@ class DefineEffect:
 
 
 @dataclass(frozen=True)
-class TriggerRequest:
-    """An effect now, at a finger (`contact_id`) or at a place."""
-
-    effect: Effect
-    contact_id: int | None
-    position_m: float | None
-    level_change_db: float
-
-
-@dataclass(frozen=True)
 class StopRequest:
     """End all effects that the program triggered."""
-
-
-@dataclass(frozen=True)
-class RoleRequest:
-    """A finger is kept quiet until it lifts or the lease ends, or follows its rules again."""
-
-    contact_id: int
-    is_quiet: bool
 
 
 @dataclass(frozen=True)
@@ -116,9 +98,9 @@ Request = (
     | RemoveRegion
     | DefineEffect
     | SceneSettings
-    | TriggerRequest
+    | TriggeredEffect
     | StopRequest
-    | RoleRequest
+    | Role
     | Subscribe
     | Ping
 )
@@ -140,19 +122,22 @@ def decode_line(line: bytes) -> tuple[int | None, dict[str, Any]]:
     return number, values
 
 
-def read_request(values: Mapping[str, Any], device: Device, effects: Mapping[str, Effect]) -> Request:
-    """The request in the keys of a message; `effects` are those it may name. Raises ControlError."""
+def read_request(values: Mapping[str, Any], device: Device, effects: Mapping[str, Effect], owner: int) -> Request:
+    """The request of the program `owner` in the keys of a message; `effects` are those it may name.
+
+    Raises ControlError.
+    """
     part = RuleTable("message", "", dict(values))
     try:
         part.path = kind = part.word("type", tuple(_READERS))
-        request = _READERS[kind](part, device, effects)
+        request = _READERS[kind](part, device, effects, owner)
         part.refuse_rest()
     except EffectError as error:
         raise ControlError(str(error)) from None
     return request
 
 
-def _read_hello(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Hello:
+def _read_hello(part: RuleTable, *_: object) -> Hello:
     version = part.integer("version", 1, 1 << 31)
     if version != VERSION:
         raise part.error("version", version, f"this run speaks version {VERSION}: use a client of that version")
@@ -162,7 +147,7 @@ def _read_hello(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]
     return Hello(part.name("name"), lease_s)
 
 
-def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> Region:
+def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect], _owner: int) -> Region:
     name = part.name("name")
     zones, region_m = read_place(part, device)
     if zones is None and region_m is None:
@@ -180,7 +165,7 @@ def _read_region(part: RuleTable, device: Device, effects: Mapping[str, Effect])
     return Region(name, tuple(rules), zones, region_m, is_enabled, _read_change(part), stays)
 
 
-def _read_define(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> DefineEffect:
+def _read_define(part: RuleTable, *_: object) -> DefineEffect:
     name = part.name("name")
     if "format" in part.left:
         return _read_effect_file(part, name)
@@ -199,27 +184,26 @@ def _read_effect_file(part: RuleTable, name: str) -> DefineEffect:
     return DefineEffect(converted.effect, converted)
 
 
-def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]) -> TriggerRequest:
+def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect], owner: int) -> TriggeredEffect:
     effect = effects[part.word("effect", tuple(effects))]
     change_db = _read_change(part)
     if ("finger" in part.left) == ("at" in part.left):
         raise part.error("finger", part.left.get("finger"), "give either a finger or 'at', a place such as '40 mm'")
     if "finger" in part.left:
-        return TriggerRequest(effect, part.integer("finger", 0, GREATEST_ID), None, change_db)
-    last = effect.envelope[-1]
-    if last.duration_ns is None and not last.is_click:
+        return TriggeredEffect(effect, owner, part.integer("finger", 0, GREATEST_ID), None, change_db)
+    if effect.is_endless:
         raise part.error("effect", effect.name, "is held, but at a place no finger holds it: give a finger")
-    return TriggerRequest(effect, None, part.position("at", device.bar.length_m), change_db)
+    return TriggeredEffect(effect, owner, None, part.position("at", device.bar.length_m), change_db)
 
 
-def _read_subscribe(part: RuleTable, _device: Device, _effects: Mapping[str, Effect]) -> Subscribe:
+def _read_subscribe(part: RuleTable, *_: object) -> Subscribe:
     streams = part.take_value("to")
     if not isinstance(streams, list) or any(each not in STREAMS for each in streams):
         raise part.error("to", streams, f"expected a list of {', '.join(STREAMS)}; empty: no events")
     return Subscribe(frozenset(streams))
 
 
-_READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect]], Request]] = {
+_READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect], int], Request]] = {
     "hello": _read_hello,
     "region": _read_region,
     "remove": lambda part, *_: RemoveRegion(part.name("name")),
@@ -229,8 +213,8 @@ _READERS: Mapping[str, Callable[[RuleTable, Device, Mapping[str, Effect]], Reque
     ),
     "trigger": _read_trigger,
     "stop": lambda *_: StopRequest(),
-    "role": lambda part, *_: RoleRequest(
-        part.integer("finger", 0, GREATEST_ID), part.word("role", ("quiet", "by rules")) == "quiet"
+    "role": lambda part, _device, _effects, owner: Role(
+        part.integer("finger", 0, GREATEST_ID), part.word("role", ("quiet", "by rules")) == "quiet", owner
     ),
     "subscribe": _read_subscribe,
     "ping": lambda *_: Ping(),

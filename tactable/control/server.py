@@ -32,10 +32,8 @@ from tactable.control.requests import (
     Region,
     RemoveRegion,
     Request,
-    RoleRequest,
     StopRequest,
     Subscribe,
-    TriggerRequest,
     decode_line,
     read_request,
 )
@@ -188,7 +186,7 @@ class ControlServer:
         number = None
         try:
             number, values = decode_line(line)
-            request = read_request(values, self._device, self.scene.effects)
+            request = read_request(values, self._device, self.scene.effects, program.number)
             if program.hello is None and not isinstance(request, Hello):
                 raise ControlError(f"type: {values['type']!r}: the first message must be a hello: {_GREETING}")
             return {"answer": number, "ok": True, **await self._act(program, request)}
@@ -217,10 +215,13 @@ class ControlServer:
             case SceneSettings():
                 scene.set_settings(program.number, request)
                 await self._step()
-            case TriggerRequest():
-                await self._trigger(program, request)
-            case RoleRequest():
-                await self._set_role(program, request)
+            case TriggeredEffect():
+                program.is_lasting |= request.effect.is_endless
+                await self._trigger(request)
+            case Role():
+                program.is_lasting |= request.is_quiet
+                if await self._step(ControlStep(role=request)) is Outcome.NO_FINGER:
+                    raise self._no_finger("role.finger", request.contact_id)
             case StopRequest():
                 await self._step(ControlStep(stopped_owner=program.number))
             case Subscribe():
@@ -245,11 +246,8 @@ class ControlServer:
             "regions": list(self.scene.regions),
         }
 
-    async def _trigger(self, program: _Program, request: TriggerRequest) -> None:
-        place = request.contact_id, request.position_m
-        trigger = TriggeredEffect(request.effect, program.number, *place, request.level_change_db)
-        program.is_lasting |= request.effect.is_endless
-        outcome = await self._step(ControlStep(trigger=trigger))
+    async def _trigger(self, request: TriggeredEffect) -> None:
+        outcome = await self._step(ControlStep(trigger=request))
         if outcome is Outcome.NO_FINGER:
             raise self._no_finger("trigger.finger", request.contact_id)
         if outcome is Outcome.QUIET:
@@ -259,13 +257,6 @@ class ControlServer:
             raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
         if outcome is Outcome.OFF_BAR:
             raise ControlError(f"trigger.at: {request.position_m:g} m: the bar ends before it since its table changed")
-
-    async def _set_role(self, program: _Program, request: RoleRequest) -> None:
-        role = Role(request.contact_id, request.is_quiet, program.number)
-        program.is_lasting |= request.is_quiet
-        outcome = await self._step(ControlStep(role=role))
-        if outcome is Outcome.NO_FINGER:
-            raise self._no_finger("role.finger", request.contact_id)
 
     def _no_finger(self, key: str, contact_id: int | None) -> ControlError:
         there = ", ".join(str(each["finger"]) for each in self._fingers()) or "none does"

@@ -102,7 +102,7 @@ def test_a_datagram_that_would_never_end_or_is_too_much_is_refused() -> None:
 def test_each_address_is_a_message_of_the_channel(name: str) -> None:
     message = message_of(PREFIX + name, ASKED[name])
     MESSAGE.validate(message)
-    read_request(message, find_device("reference-a"), named_effects())
+    read_request(message, find_device("reference-a"), named_effects(), 1)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ DEVICE, EFFECTS = find_device("reference-a"), named_effects()
 
 
 def read(message: dict[str, object]) -> Request:
-    return read_request({key: value for key, value in message.items() if key != "id"}, DEVICE, EFFECTS)
+    return read_request({key: value for key, value in message.items() if key != "id"}, DEVICE, EFFECTS, 1)
 
 
 @pytest.mark.parametrize("message", VALID, ids=lambda message: message["type"])
@@ -41,7 +41,7 @@ def test_what_the_schema_refuses_the_reader_refuses(seed: int) -> None:
         message = edited(random_)
         try:
             number, values = decode_line(json.dumps(message).encode())
-            read_request(values, DEVICE, EFFECTS)
+            read_request(values, DEVICE, EFFECTS, 1)
         except ControlError as error:
             refused += 1
             assert len(str(error)) < 1200
