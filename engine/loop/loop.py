@@ -238,7 +238,7 @@ class Loop:
         counters.replaced = self._session.link.counters.coalesced
         digitizer = pipeline.digitizer.counters
         counters.frames, counters.lost_frames = digitizer.frames, digitizer.lost_frames
-        counters.joined, counters.left_out = pipeline.counters.joined, pipeline.counters.left_out
+        counters.joined, counters.left_out = pipeline.joined, pipeline.left_out
         if observer is not None:
             for record in records:
                 observer.observe(record, counters)

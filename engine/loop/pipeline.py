@@ -27,7 +27,6 @@ against. The stamps are measurements and decide nothing.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
@@ -65,16 +64,6 @@ def open_pipeline(
     return Pipeline(digitizer, device, player, renderer, stamp_ns)
 
 
-@dataclass
-class PlacementCounters:
-    """How often something was wanted for fingers that do not all get a place of their own."""
-
-    joined: int = 0
-    """Some fingers were so close that they are one to the bar."""
-    left_out: int = 0
-    """There were more fingers than are placed."""
-
-
 class Pipeline:
     """Decodes, tracks, plays and renders the reports of one digitizer on one bar.
 
@@ -107,7 +96,8 @@ class Pipeline:
         """Stamps of the last report: its frame was complete; what is wanted was known."""
         self.due_ns: float = math.inf
         """When `commands_due` has something to do; infinite: time alone changes nothing."""
-        self.counters = PlacementCounters()
+        self.joined = self.left_out = 0
+        """How often fingers were wanted that are one to the bar, and more fingers than are placed."""
         self._release_ns: int | None = None  # when the digitizer has a frame that no report brings
         self._stamp_ns = stamp_ns
 
@@ -229,8 +219,8 @@ class Pipeline:
             return False
         self.wanted = _new(Wanted, wanted)
         if player.placement is not None:
-            self.counters.joined += player.joined > 0
-            self.counters.left_out += player.left_out > 0
+            self.joined += player.joined > 0
+            self.left_out += player.left_out > 0
         if not is_over or player.placement is not None:  # a click is awaited also beyond its own end
             self.answerer.stop_waiting()
         self._note_due()

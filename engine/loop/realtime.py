@@ -147,7 +147,7 @@ def _take(step: Step, system: System, processor: int | None, stack: ExitStack) -
                 _still_collector(stack)
                 return Outcome(step, "collected, frozen and off")
     except (OSError, AttributeError) as error:  # refused, or not a call of this system
-        return Outcome(step, f"refused: {error}", _REMEDIES[step])
+        return Outcome(step, f"refused: {error}", _REMEDIES.get(step, ""))
 
 
 def _take_processor(system: System, processor: int | None, stack: ExitStack) -> Outcome:
@@ -176,8 +176,6 @@ _REMEDIES = {
     Step.PRIORITY: LIMITS_REMEDY,
     Step.MEMORY: LIMITS_REMEDY,
     Step.AFFINITY: "name a processor that this process may use",
-    Step.SWITCH_INTERVAL: "",
-    Step.COLLECTOR: "",
 }
 
 
