@@ -54,9 +54,10 @@ def build_header() -> str:
 
 
 def _enum_text(kind: type[Enum]) -> str:
-    name = _snake(kind.__name__)
+    name = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()  # in snake case
     members = "".join(f"    TACTABLE_{name.upper()}_{member.name} = {member.value},\n" for member in kind)
-    return f"/* {_sentence(kind)} */\nenum tactable_{name} {{\n{members}}};\n"
+    sentence = (kind.__doc__ or "").partition("\n")[0]
+    return f"/* {sentence} */\nenum tactable_{name} {{\n{members}}};\n"
 
 
 def _layouts_text(layouts: list[Layout]) -> str:
@@ -100,7 +101,7 @@ def _message_text(layout: Layout) -> str:
 
 
 def _members(words: list[tuple[str, Word]]) -> list[str]:
-    return [f"    {_c_type(word)}{name};{_comment(word)}" for name, word in words]
+    return [f"    {_c_type(word)}{name};{f' /* {word.unit} */' * bool(word.unit)}" for name, word in words]
 
 
 def _reader(layout: Layout) -> list[str]:
@@ -188,14 +189,6 @@ def _name(layout: Layout) -> str:
     return layout.message.wire_name.lower()
 
 
-def _snake(name: str) -> str:
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
-
-
-def _sentence(kind: type[Enum]) -> str:
-    return (kind.__doc__ or "").partition("\n")[0]
-
-
 def _each(layout: Layout) -> int:
     return layout.length(1) - layout.length(0)
 
@@ -215,10 +208,6 @@ def _get(word: Word, at: str) -> str:
 
 def _size(word: Word) -> int:
     return word.block_size or int(word.kind[1:]) // 8
-
-
-def _comment(word: Word) -> str:
-    return f" /* {word.unit} */" if word.unit else ""
 
 
 if __name__ == "__main__":

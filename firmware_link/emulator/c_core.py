@@ -5,6 +5,7 @@
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -19,25 +20,7 @@ _NEVER_US = 2**64 - 1  # the C core's word for "nothing is due", UINT64_MAX
 _TAKE_SIZE = 65_536  # taken until it is empty: bounds one call, not what was sent
 _i16_p, _u16_p, _u32_p = (ctypes.POINTER(kind) for kind in (ctypes.c_int16, ctypes.c_uint16, ctypes.c_uint32))
 # As host/host.h declares them: the options of a device, then the functions, each with its result and its arguments.
-_OPTIONS = (
-    "boot_id",
-    "number_of_actuators",
-    "longest_lease_ms",
-    "frequency_resolution_uhz",
-    "frequency_minimum",
-    "frequency_maximum",
-    "amplitude_limit",
-    "slew_limit_per_s",
-    "synthesis_rate_hz",
-    "basis_capacity_bytes",
-    "longest_waveform_ms",
-    "longest_drive_s",
-    "board",
-    "sensor_rate_mhz",
-    "sensor_scale_nm_per_s2",
-    "sensor_greatest",
-    "electrode_bias",
-)
+_OPTIONS = [field.name for field in fields(DeviceConfiguration) if field.name != "full_scales_pm"]
 _SIGNATURES = {
     "host_open": (ctypes.c_void_p, _u32_p, _u32_p, ctypes.c_bool),
     "host_close": (None, ctypes.c_void_p),

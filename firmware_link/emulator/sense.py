@@ -35,12 +35,8 @@ class Accelerations:
             self.end_us = self._device.now_us + min(sense.lease_ms, LONGEST_SENSE_MS) * US_PER_MS
         else:
             self.end()
-        rate_mhz, scale, greatest = (
-            configuration.sensor_rate_mhz,
-            configuration.sensor_scale_nm_per_s2,
-            configuration.sensor_greatest,
-        )
-        self._reports.send(Accelerometer(rate_mhz, scale, greatest, self._lost))
+        scale, greatest = configuration.sensor_scale_nm_per_s2, configuration.sensor_greatest
+        self._reports.send(Accelerometer(configuration.sensor_rate_mhz, scale, greatest, self._lost))
         return Outcome.ACCEPTED
 
     def take_sample(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:

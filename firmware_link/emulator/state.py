@@ -15,6 +15,8 @@ LONGEST_WAVEFORM_MS = 1_000
 class DeviceConfiguration:
     """What the emulated board is; frequencies in steps of the resolution, slew in full scale a second.
 
+    Its fields but `full_scales_pm` are the options of host/host.h, in this order.
+
     Without `full_scales_pm` each is FULL_SCALE_PM. A `basis_capacity_bytes` of 0 is a device without waveforms, a
     `longest_drive_s` of 0 one without its own limit, a `sensor_rate_mhz` of 0 one without an accelerometer, an
     `electrode_bias` of 0 one that does not linearise.

@@ -76,7 +76,8 @@ class SerialPort(DescriptorPort):
             # pyserial only finds, opens and configures: its own write() busy-waits while the line is full.
             self._serial = serial.Serial(self.path, bit_rate_hz, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:
-            remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if _is_refused(error) else ""
+            is_refused = isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM)
+            remedy = f"; to get {self.path}, {permission_remedy(self.path)}" if is_refused else ""
             raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
             # Not to collect bytes: an FTDI does so for 16 ms by default, and for 1 ms then.
@@ -91,10 +92,6 @@ class SerialPort(DescriptorPort):
     def close(self) -> None:
         """Close the port; a second close does nothing."""
         self._serial.close()
-
-
-def _is_refused(error: Exception) -> bool:
-    return isinstance(error, OSError) and error.errno in (errno.EACCES, errno.EPERM)
 
 
 def permission_remedy(path: str) -> str:

@@ -111,7 +111,8 @@ class Layout:
         self._repeated_of = attrgetter(self.repeated[0]) if self.repeated else None
         self._repeated_codes = _codes(self.repeated[1].words) if self.repeated else ""
         self._repeated_size = struct.calcsize(f"<{self._repeated_codes}")
-        self.definition = self._compute_definition()
+        name = f"{message.wire_name} {message.type_byte:#04x} {message.sender}"
+        self.definition = f"{name}: {', '.join(self.field_texts())}"
         self.seed = 0 if message.has_fixed_seed else zlib.crc32(self.definition.encode("ascii"))
 
     @property
@@ -132,7 +133,9 @@ class Layout:
         """Body of a message; raises MessageError for a value that does not fit its word."""
         try:
             for name, word in self._blocks:
-                _check_length(name, word, getattr(message, name))
+                # `struct` would fill a short block up and cut a long one.
+                if (size := len(getattr(message, name))) != word.block_size:
+                    raise MessageError(f"{name} has {size} bytes; expected {word.block_size}")
             body = self._fixed.pack(self._type_byte, sequence, *self._values_of(message))
             return body if self._repeated_of is None else body + self._encode_repeated(self._repeated_of(message))
         except struct.error as error:
@@ -163,10 +166,6 @@ class Layout:
             texts.append(f"[{', '.join(_word_text(name, word) for name, word in self.repeated[1].words)}]")
         return texts
 
-    def _compute_definition(self) -> str:
-        name = f"{self.message.wire_name} {self.message.type_byte:#04x} {self.message.sender}"
-        return f"{name}: {', '.join(self.field_texts())}"
-
     def _encode_repeated(self, values: Any) -> bytes:
         if not self.repeated_is_raw:
             return struct.pack(f"<{len(values)}{self._repeated_codes}", *values)
@@ -190,12 +189,6 @@ def _getter(names: Sequence[str]) -> Callable[[Message], tuple[Any, ...]]:
     if len(names) < 2:
         return lambda message: tuple(getattr(message, name) for name in names)
     return attrgetter(*names)
-
-
-def _check_length(name: str, word: Word, value: bytes) -> None:
-    """`struct` would fill a short block up and cut a long one."""
-    if len(value) != word.block_size:
-        raise MessageError(f"{name} has {len(value)} bytes; expected {word.block_size}")
 
 
 def _word_text(name: str, word: Word) -> str:

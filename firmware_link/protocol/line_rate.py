@@ -1,6 +1,5 @@
 """Capacity of a line: how long a write occupies a transport, and the commands a second that it carries."""
 
-from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link.protocol.framing import encode_message
@@ -29,29 +28,22 @@ class Transport(Enum):
 SENSED_SHARE = 0.8
 
 
-@dataclass(frozen=True)
-class _Packets:
-    """A transport of packets: each takes as long, however full it is."""
-
-    size: int
-    period_ns: int
-
-
+# Bytes of a packet, and the time that each takes, however full it is.
 _PACKETS = {
     # One bulk packet a frame: a busy bus gives no more.
-    Transport.USB_FULL_SPEED: _Packets(64, NS_PER_MS),
-    Transport.USB_HIGH_SPEED: _Packets(512, NS_PER_MS // 8),
+    Transport.USB_FULL_SPEED: (64, NS_PER_MS),
+    Transport.USB_HIGH_SPEED: (512, NS_PER_MS // 8),
     # A DH5 packet takes five slots of 625 us and its answer one; of its 339 bytes RFCOMM and L2CAP leave 330.
-    Transport.BLUETOOTH: _Packets(330, 6 * 625_000),
+    Transport.BLUETOOTH: (330, 6 * 625_000),
 }
 
 
 def occupied_ns(transport: Transport, bit_rate_hz: int, size: int) -> int:
     """Duration for which `size` bytes written at once occupy the line."""
-    packets = _PACKETS.get(transport)
-    if packets is None:
+    if transport is Transport.UART:
         return size * UART_BITS_PER_BYTE * NS_PER_S // bit_rate_hz
-    return -(-size // packets.size) * packets.period_ns
+    packet_size, period_ns = _PACKETS[transport]
+    return -(-size // packet_size) * period_ns
 
 
 def command_rate_hz(transport: Transport, bit_rate_hz: int, number_of_actuators: int, lease_ms: int) -> float:
