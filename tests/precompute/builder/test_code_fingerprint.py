@@ -1,8 +1,10 @@
 """What makes tables stale: every module that numbers come from, and nothing else of the project."""
 
 from functools import cache
+from pathlib import Path
 
 import grimp
+import pytest
 
 from precompute.builder.code_fingerprint import code_fingerprint, fingerprint_of, numeric_modules
 
@@ -59,3 +61,21 @@ def test_every_version_of_python_comes_to_the_same() -> None:
     source = "def f(a, *b, c=None, **d):\n    return None if a else f\"{d['key']!r:>{c}} it's \\n {{}}\", {**d}\n"
     digest = "4363f5792290ebe3824f4e99370b962d702fea5b5ebefc78d8cba2f8db6b9d9b"
     assert fingerprint_of({"m": source}) == digest
+
+
+def test_what_is_kept_counts_for_the_same_sources_alone_and_is_kept_where_it_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    find, kept = code_fingerprint.__wrapped__, tmp_path / "tactable" / "code-fingerprint"
+    found = find()
+    sources, said = kept.read_text().split()
+    assert found == said == code_fingerprint()
+    kept.write_text(f"{sources} {'0' * 64}\n")
+    assert find() == "0" * 64
+    for other in (f"{'0' * 64} {'0' * 64}\n", "damaged", ""):
+        kept.write_text(other)
+        assert find() == found and kept.read_text().split() == [sources, found]
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert find() == found
