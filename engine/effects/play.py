@@ -7,21 +7,6 @@ from engine.touch import Touch
 class Play:
     """An effect under way: its present level, whether that is a click, and when it changes."""
 
-    __slots__ = (
-        "_click_length_ns",
-        "_condition_end_ns",
-        "_effect",
-        "_is_held",
-        "_level_change_db",
-        "_next",
-        "began_at",
-        "change_ns",
-        "click_ns",
-        "level_db",
-        "owner",
-        "trigger",
-    )
-
     def __init__(
         self,
         effect: Effect,

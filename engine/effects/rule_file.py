@@ -23,12 +23,8 @@ class RuleTable(TomlTable):
     family = EffectError
 
 
-def _tell_nobody(_text: str) -> None:
-    """The default of `tell`."""
-
-
 def read_effects(
-    path: Path, device: Device, named: Mapping[str, Effect] = NO_EFFECTS, tell: Callable[[str], None] = _tell_nobody
+    path: Path, device: Device, named: Mapping[str, Effect] = NO_EFFECTS, tell: Callable[[str], None] = lambda _: None
 ) -> Effects:
     """Read and validate a rule file for a device, whose zones it names. Raises EffectError; OSError without a file.
 
@@ -44,7 +40,7 @@ def parse_effects(
     device: Device,
     named: Mapping[str, Effect] = NO_EFFECTS,
     folder: Path | None = None,
-    tell: Callable[[str], None] = _tell_nobody,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Effects:
     """Validate the rules in `text`; `source` names it in errors. Raises EffectError.
 
@@ -65,7 +61,7 @@ def parse_effects(
 def read_vocabulary(path: Path) -> dict[str, Effect]:
     """Read a file of effects without rules, by name. Raises EffectError; OSError without a file."""
     top = RuleTable.parse(read_text(path, EffectError), str(path))
-    effects = _read_effects(top.tables("effect"), path.parent, _tell_nobody)
+    effects = _read_effects(top.tables("effect"), path.parent, lambda _: None)
     top.refuse_rest()
     return effects
 

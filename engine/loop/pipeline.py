@@ -42,22 +42,19 @@ from engine.touch.sources import Described
 _new = tuple.__new__
 
 
-def _no_stamp() -> int:
-    return 0
-
-
 def open_pipeline(
     described: Described,
     device: Device,
     effects: Effects,
     renderer: Renderer,
-    stamp_ns: Callable[[], int] = _no_stamp,
+    stamp_ns: Callable[[], int] = lambda: 0,
     click_length_ns: int = DEFAULT_CLICK_NS,
     report_id: int | None = None,
 ) -> "Pipeline":
     """The pipeline of a digitizer on a bar with these rules; raises DescriptorError and DigitizerError.
 
-    It follows the touch surface with the report `report_id`; None: the one that reports.
+    It follows the touch surface with the report `report_id`; None: the one that reports. Without `stamp_ns` stamps are
+    0.
     """
     digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id, report_id)
     player = EffectPlayer(effects, click_length_ns)
@@ -68,8 +65,7 @@ class Pipeline:
     """Decodes, tracks, plays and renders the reports of one digitizer on one bar.
 
     Times are nanoseconds on the source's axis and must not decrease. Before each `step` and `control` the caller takes
-    what time alone brings until then from `commands_due`. `stamp_ns` reads the clock of the stamps; without it they are
-    0.
+    what time alone brings until then from `commands_due`. `stamp_ns` reads the clock of the stamps.
     """
 
     def __init__(
@@ -78,7 +74,7 @@ class Pipeline:
         device: Device,
         player: EffectPlayer,
         renderer: Renderer,
-        stamp_ns: Callable[[], int] = _no_stamp,
+        stamp_ns: Callable[[], int],
     ) -> None:
         self.digitizer, self.device, self.player = digitizer, device, player
         self.answerer = Answerer(renderer)
