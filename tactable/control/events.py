@@ -25,21 +25,18 @@ class Events:
 
     def __init__(self, table: Table, region_at: RegionAt) -> None:
         self.table = table
-        self._board: Board | None = None
+        self.board: Board | None = None
+        """The connected board, as which the bytes of drives are read."""
         self._region_at = region_at
         self._touches: tuple[Touch, ...] = ()
-
-    def take_board(self, board: Board) -> None:
-        """Read the bytes of drives as the connected board does."""
-        self._board = board
 
     def adopt(self, table: Table) -> bool:
         """Take another table, as the run does; False for one that the run refuses."""
         if [zone.name for zone in table.device.zones] != [zone.name for zone in self.table.device.zones]:
             return False
-        if self._board is not None:
+        if self.board is not None:
             try:
-                scales_for(table.device, self._board.full_scales_m)
+                scales_for(table.device, self.board.full_scales_m)
             except RendererError:
                 return False
         self.table = table
@@ -56,7 +53,7 @@ class Events:
                 yield {"event": "touches", "time_ns": record.time_ns, "fingers": self.fingers()}
             if record.drive_sequence is not None:  # a command was written
                 is_promised = has_promises and (not is_drive[index] or index == last_drive)
-                promise = promise_of(self.table, record, self._board) if is_promised else None
+                promise = promise_of(self.table, record, self.board) if is_promised else None
                 yield {**self._played(record), "promise": promise}
 
     def fingers(self) -> list[dict[str, Any]]:

@@ -158,7 +158,7 @@ async def serve(served: ControlOf, table: Table, reader: RingReader, parent: Par
     def begin_run(document: dict[str, Any]) -> None:
         if "board" in document:
             resolution_hz, full_scales_m = document["board"]
-            events.take_board(Board(resolution_hz, tuple(full_scales_m)))
+            events.board = Board(resolution_hz, tuple(full_scales_m))
         else:
             task = asyncio.create_task(_begin_run(server, events, document["run"]))
             runs.add(task)

@@ -86,7 +86,7 @@ def test_of_drives_that_are_read_at_once_the_last_has_a_promise_and_nobody_waits
         record_of(table, FINGERS, AT_NS, is_click=True),
     ]
     events = Events(table, lambda _position_m, _zone: None)
-    events.take_board(board_of(table))
+    events.board = board_of(table)
     for has_promises in (True, False):
         said = [each for each in events.read(records, has_promises=has_promises) if each["event"] == "played"]
         for each in said:
