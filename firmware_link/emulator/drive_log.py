@@ -110,8 +110,3 @@ def decode_drive_event(item: Mapping[str, Any]) -> DriveEvent:
         channels=tuple(ChannelTarget(**channel) for channel in item["channels"]),
         waveform=None if waveform is None else PlayedWaveform(**waveform | {"data": bytes.fromhex(waveform["data"])}),
     )
-
-
-def decode_received_frame(item: Mapping[str, Any]) -> ReceivedFrame:
-    """The received frame of a JSON object; raises KeyError, TypeError or ValueError for anything else."""
-    return ReceivedFrame(item["device_time_us"], item["message"], item["sequence"], Outcome(item["outcome"]))

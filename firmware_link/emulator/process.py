@@ -12,7 +12,7 @@ from typing import Any
 from base.child import START_TIMEOUT_S, Child, Parent
 from base.work_folder import work_folder
 from firmware_link.emulator.device_server import DeviceServer
-from firmware_link.emulator.drive_log import DriveEvent, ReceivedFrame, decode_drive_event, decode_received_frame
+from firmware_link.emulator.drive_log import DriveEvent, Outcome, ReceivedFrame, decode_drive_event
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -113,7 +113,7 @@ def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:
         number_of_actuators=number_of_actuators,
         host_ns_at_device_zero=boot["host_ns_at_device_zero"],
         events=tuple(decode_drive_event(item) for item in boot["events"]),
-        received=tuple(decode_received_frame(item) for item in boot["received"]),
+        received=tuple(ReceivedFrame(**item | {"outcome": Outcome(item["outcome"])}) for item in boot["received"]),
         counters=boot["counters"],
     )
 
