@@ -85,9 +85,8 @@ class Dispatcher:
             return
         if self.is_sent:
             self.counters.commands += 1
-            available_ns, read_ns, frame_ns, state_ns, command_ns, _ = record.stamps_ns
             written_ns = 0 if self.session.wants_to_write() else self._now_ns()
-            stamps_ns = (available_ns, read_ns, frame_ns, state_ns, command_ns, written_ns)
+            stamps_ns = (*record.stamps_ns[:5], written_ns)
             fate, sequence = Fate.WRITTEN, self.session.link.drive_sequence
             settled = record._replace(stamps_ns=stamps_ns, fate=fate, drive_sequence=sequence)
         else:

@@ -129,34 +129,17 @@ class RingWriter:
         position_m = placement.position_m
         count, fingers = min(len(touches), MOST_TOUCHES), _FINGERS[len(position_m)]
         room = _SLOT_SIZE - _GUARD.size - _FIXED.size - fingers.size - count * _TOUCH.size - len(drive) - len(play)
-        body = b"".join(
-            (
-                _FIXED.pack(
-                    *record.stamps_ns,
-                    _NONE if record.report_index is None else record.report_index,
-                    _NO_LEVEL if record.level_db is None else record.level_db,
-                    record.is_click,
-                    _NONE if record.drive_sequence is None else record.drive_sequence,
-                    counters.reports,
-                    counters.frames,
-                    counters.state_changes,
-                    counters.commands,
-                    counters.replaced,
-                    counters.lost_frames,
-                    sum(1 << finger for finger in placement.felt),
-                    len(position_m),
-                    count,
-                    len(drive),
-                    len(play),
-                    min(len(report), room),
-                ),
-                fingers.pack(*position_m),
-                *[_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]],
-                drive,
-                play,
-                report[:room],
-            )
-        )
+        index = _NONE if record.report_index is None else record.report_index
+        level_db = _NO_LEVEL if record.level_db is None else record.level_db
+        sequence = _NONE if record.drive_sequence is None else record.drive_sequence
+        wanted = (index, level_db, record.is_click, sequence)
+        of_reports = (counters.reports, counters.frames, counters.state_changes)
+        of_commands = (counters.commands, counters.replaced, counters.lost_frames)
+        felt = sum(1 << finger for finger in placement.felt)
+        sizes = (len(position_m), count, len(drive), len(play), min(len(report), room))
+        fixed = _FIXED.pack(*record.stamps_ns, *wanted, *of_reports, *of_commands, felt, *sizes)
+        packed = [_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]]
+        body = b"".join((fixed, fingers.pack(*position_m), *packed, drive, play, report[:room]))
         start = _HEAD_SIZE + self.written % self._slots * _SLOT_SIZE
         self.written += 1
         end = start + _GUARD.size + len(body)
