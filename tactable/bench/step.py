@@ -47,10 +47,7 @@ RULES = {"a drive while touched": HELD, "a row while touched": IN_ZONES, "a clic
 
 
 def run_step_bench(
-    table: Table,
-    recordings: Mapping[str, Recording],
-    rules: Mapping[str, Effects] = RULES,
-    rounds: int = ROUNDS,
+    table: Table, recordings: Mapping[str, Recording], rules: Mapping[str, Effects] = RULES, rounds: int = ROUNDS
 ) -> dict[str, Any]:
     """Time every report of each recording `rounds` times under each set of rules, all by their names.
 

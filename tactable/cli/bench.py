@@ -6,12 +6,7 @@ from typing import Annotated
 import typer
 
 from tactable.cli.console import show
-from tactable.cli.options import (
-    AsJson,
-    DeviceArgument,
-    DeviceOption,
-    OptionalTable,
-)
+from tactable.cli.options import AsJson, DeviceArgument, DeviceOption, OptionalTable
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 

@@ -26,10 +26,7 @@ _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
 
 
 def show(
-    path: EffectFile,
-    output: PictureOutputs = None,
-    level: FullLevel = _DEFAULT_LEVEL,
-    as_json: AsJson = False,
+    path: EffectFile, output: PictureOutputs = None, level: FullLevel = _DEFAULT_LEVEL, as_json: AsJson = False
 ) -> None:
     """Read an effect file, say of each event whether it is played, and draw it.
 

@@ -33,8 +33,7 @@ _SHOWN = 20  # a screen's worth; the summary file has all
 
 def fleet(
     source: Annotated[
-        Path,
-        typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, .toml or .csv (docs/fleet.md)."),
+        Path, typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, .toml or .csv (docs/fleet.md).")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
     scheduler: Annotated[

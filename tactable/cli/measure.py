@@ -136,12 +136,7 @@ def measure(
         if gravity:
             checked = _check_gravity(device, apparatus, options)
         records = measure_walk(
-            device,
-            walk,
-            apparatus,
-            how,
-            raw,
-            lambda *at: None if as_json else tell_reading(device, *at),
+            device, walk, apparatus, how, raw, lambda *at: None if as_json else tell_reading(device, *at)
         )
         losses = apparatus.losses
     write_records(device, form, records, mass_kg, output, peaks, keep_spoiled)

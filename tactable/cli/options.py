@@ -51,12 +51,10 @@ DrivesOf = Annotated[
     ),
 ]
 ControlSocket = Annotated[
-    Path | None,
-    typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR."),
+    Path | None, typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR.")
 ]
 ControlPort = Annotated[
-    int | None,
-    typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any."),
+    int | None, typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any.")
 ]
 ControlOsc = Annotated[
     int | None,
@@ -100,8 +98,7 @@ PortName = Annotated[
 _BIT_RATES = 9_600, 12_000_000
 """The slowest carries some commands a second, and the fastest is USB's full speed."""
 BitRate = Annotated[
-    int,
-    typer.Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s."),
+    int, typer.Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s.")
 ]
 
 _FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks

@@ -184,13 +184,7 @@ def run(
 
 
 def _play(
-    live: Live,
-    source: Source,
-    clock: Clock,
-    stop: StopRequest,
-    seconds: float,
-    where: dict[str, Any],
-    as_json: bool,
+    live: Live, source: Source, clock: Clock, stop: StopRequest, seconds: float, where: dict[str, Any], as_json: bool
 ) -> None:
     """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values."""
     start_ns, digitizer = clock.now_ns(), live.digitizer

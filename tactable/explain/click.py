@@ -224,11 +224,7 @@ def _table_words(table: Table, explained: Explained) -> str:
 
 def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
     grid = Grid(
-        "played softer",
-        "amplitude",
-        "quiet 95 % dB",
-        "threshold passed",
-        caption="quiet fingers get softer by as much",
+        "played softer", "amplitude", "quiet 95 % dB", "threshold passed", caption="quiet fingers get softer by as much"
     )
     for each in softer:
         quiet = "" if each.quiet is None else f"{each.quiet.high_db:z.1f}"

@@ -76,14 +76,8 @@ def draw_gravities(axes: "Axes") -> None:
 
 def draw_scaled(secondary: Callable[..., Any], side: str, factor: float) -> Any:
     """Draw a second axis whose values are `factor` times the first's; `secondary` makes it."""
-
-    def forth(value: Any) -> Any:
-        return np.asarray(value) * factor
-
-    def back(value: Any) -> Any:
-        return np.asarray(value) / factor
-
-    return secondary(side, functions=(forth, back))
+    functions = (lambda value: np.asarray(value) * factor, lambda value: np.asarray(value) / factor)
+    return secondary(side, functions=functions)
 
 
 def finish_picture(

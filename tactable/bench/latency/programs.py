@@ -33,14 +33,7 @@ def exchange_ns(program: Path | None, first: int, second: int) -> int | None:
 
 
 def start_echo_engine(
-    program: Path,
-    touch: int,
-    link: int,
-    every: int,
-    size: int,
-    samples: Path,
-    steps: Collection[Step],
-    processor: int,
+    program: Path, touch: int, link: int, every: int, size: int, samples: Path, steps: Collection[Step], processor: int
 ) -> "subprocess.Popen[bytes]":
     """Start the C echo engine on two descriptors, with the real-time steps that a C program can take.
 

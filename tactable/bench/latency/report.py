@@ -136,12 +136,7 @@ def measure(
 
 
 def _measure_rounds(
-    bench: Bench,
-    plan: Plan,
-    seconds: float,
-    rounds: int,
-    stall: Stall | None,
-    on_progress: Callable[[str], None],
+    bench: Bench, plan: Plan, seconds: float, rounds: int, stall: Stall | None, on_progress: Callable[[str], None]
 ) -> dict[Condition, list[Measured]]:
     """Every segment of every round by its condition, each under the background load of its part of the round."""
     measured: dict[Condition, list[Measured]] = {}
