@@ -14,7 +14,7 @@ from base.errors import TactableError
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
-from tactable.cli.console import print_error, print_json, remark, say, shown_progress
+from tactable.cli.console import print_error, print_json, remark, say, show, shown_progress
 from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
     AsJson,
@@ -159,10 +159,8 @@ def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
     roll_back(table_path)
     with Table.open(table_path) as table:
         summary = {"table": str(table_path), "created": table.attributes["created"], "device": table.device.name}
-    if as_json:
-        print_json(summary)
-    else:
-        say(f"{table_path}: back to the table of {summary['created']}, for {summary['device']}")
+    told = f"{table_path}: back to the table of {summary['created']}, for {summary['device']}"
+    show(summary, as_json, lambda *_: say(told))
 
 
 def _print_built(path: Path, device: Device, responses: Path | None, cost: "BuildCost", as_json: bool) -> None:

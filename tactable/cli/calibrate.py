@@ -229,10 +229,8 @@ def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
     fitted = job.fit(lambda _step, _fraction: None)
     job.write(fitted)
     doubts = job.doubts_of(fitted.report)
-    if as_json:
-        print_json(calibration_json(job, fitted.report, doubts))
-    else:
-        print_calibration(OUT, fitted.report, str(job.folder), doubts)
+    document = calibration_json(job, fitted.report, doubts)
+    show(document, as_json, lambda out, _: print_calibration(out, fitted.report, str(job.folder), doubts))
     return doubts
 
 

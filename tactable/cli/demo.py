@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from base.files import remove_all_partials
-from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, shown_progress
+from tactable.cli.console import EXIT_DOUBTFUL, print_json, remark, say, show, shown_progress
 from tactable.cli.options import (
     DEVICE_HELP,
     AsJson,
@@ -140,10 +140,8 @@ def report_demo(
     with table:
         report = run_demo(table, recording, effects)
     draw_demo(report, figure)
-    if as_json:
-        print_json({**demo_json(report), "figure": str(figure), "shipped_table": beside})
-    else:
-        print_demo(OUT, report, figure)
+    document = {**demo_json(report), "figure": str(figure), "shipped_table": beside}
+    show(document, as_json, lambda out, _: print_demo(out, report, figure))
     if not report.agrees:
         raise typer.Exit(EXIT_DOUBTFUL)
 

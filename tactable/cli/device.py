@@ -10,13 +10,12 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from base.plain import to_plain
-from tactable.cli.console import print_json, say, show
+from tactable.cli.console import say, show
 from tactable.cli.options import (
     AsJson,
     DeviceArgument,
     OptionError,
     ThresholdCurve,
-    names_in,
     read_option,
     read_placement,
     with_threshold,
@@ -76,11 +75,7 @@ def modes(
 def _finger_places(device: "Device", text: str) -> list[float]:
     if not text:
         return [device.bar.length_m / 2]
-    placement = read_placement(device, text, "")
-    if placement is not None:
-        return list(placement.position_m)
-    zones = [device.zones[device.zone_index(name)] for name in names_in(text)]
-    return [(zone.start_m + zone.stop_m) / 2 for zone in zones]
+    return list(read_placement(device, text, "").position_m)
 
 
 def _mode_json(mode: "Mode") -> dict[str, float | None]:
@@ -159,10 +154,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
             if min(levels.values()) < level_db
         ],
     }
-    if as_json:
-        print_json(found)
-    else:
-        _say_check(found)
+    show(found, as_json, lambda *_: _say_check(found))
 
 
 def _say_check(found: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from engine.table import Table
 from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
-from tactable.cli.console import OUT, print_error, print_json, shown_work
+from tactable.cli.console import print_error, show, shown_work
 from tactable.cli.options import (
     AsJson,
     DrivesOf,
@@ -76,10 +76,7 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
     from tactable.explain.best_row import ExplainedRow, best_row_json, print_best_row
 
     explained = ExplainedRow(table, placement, level_db)
-    if as_json:
-        print_json(best_row_json(explained))
-    else:
-        print_best_row(OUT, explained)
+    show(best_row_json(explained), as_json, lambda out, _: print_best_row(out, explained))
 
 
 def _explain_click(
@@ -90,10 +87,7 @@ def _explain_click(
 
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
         explained = explain_click(ClickSource(table, tolerance_m), placement, level_db, rivals=alternatives)
-    if as_json:
-        print_json(click_json(table, explained))
-    else:
-        print_click(OUT, table, explained)
+    show(click_json(table, explained), as_json, lambda out, _: print_click(out, table, explained))
 
 
 def _explain_drive(
@@ -106,10 +100,8 @@ def _explain_drive(
         raise OptionError(f"--tolerance: a steady drive is solved for {1e3 * TOLERANCE_M:g} mm; leave the option out")
     with shown_work("solving the drive for these positions", as_json):
         figures = designer_of(table, device).solve(placement.position_m, placement.is_felt, level_db)
-    if as_json:
-        print_json(placed_drive_json(table, figures, device.threshold))
-    else:
-        print_placed_drive(OUT, table, figures, device.threshold)
+    found = placed_drive_json(table, figures, device.threshold)
+    show(found, as_json, lambda out, _: print_placed_drive(out, table, figures, device.threshold))
 
 
 def diff(
@@ -131,9 +123,6 @@ def diff(
     except (TactableError, OSError) as error:
         print_error(error)
         raise typer.Exit(EXIT_TROUBLE) from None
-    if as_json:
-        print_json(diff_json(found))
-    else:
-        print_diff(OUT, found)
+    show(diff_json(found), as_json, lambda out, _: print_diff(out, found))
     if found.differs:
         raise typer.Exit(EXIT_DIFFERS)

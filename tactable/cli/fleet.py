@@ -10,7 +10,7 @@ import typer
 from rich.table import Table as Grid
 from rich.text import Text
 
-from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, say, shown_progress
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, say, show, shown_progress
 from tactable.cli.options import (
     Also,
     AsJson,
@@ -82,10 +82,7 @@ def fleet(
         outcomes = run_fleet(units, options, output, pool, created=created, progress=progress)
     summary = summarise(units, outcomes)
     _write_summary(summary, output)
-    if as_json:
-        print_json(summary_json(summary))
-    else:
-        print_fleet(summary, _summary_paths(output)[0])
+    show(summary_json(summary), as_json, lambda *_: print_fleet(summary, _summary_paths(output)[0]))
     if summary.failed:
         raise typer.Exit(EXIT_DOUBTFUL)
 

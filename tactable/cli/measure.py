@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tactable.cli.console import EXIT_DOUBTFUL, note, print_json, remark, say
+from tactable.cli.console import EXIT_DOUBTFUL, note, remark, say, show
 from tactable.cli.options import (
     AsJson,
     BitRate,
@@ -145,10 +145,7 @@ def measure(
         summary["transfer"] = write_transfers(transfer, device, form, records, mass_kg)
     summary["gravity"] = None if checked is None else {"gain": checked.gain, "offset": checked.offset_m_per_s2}
     summary["lost"] = None if losses is None else {"frames": losses.frames, "samples": losses.samples}
-    if as_json:
-        print_json(summary)
-    else:
-        _print_summary(summary)
+    show(summary, as_json, lambda *_: _print_summary(summary))
     if summary["spoiled"]:
         raise typer.Exit(EXIT_DOUBTFUL)
 

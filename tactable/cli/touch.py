@@ -60,11 +60,9 @@ def record(
         recording = record_source(source, bus, SystemClock(), stop, seconds)
     write_recording(recording, output)
     duration_s = recording.reports[-1].time_s if recording.reports else 0.0
-    if as_json:
-        summary = {"recording": str(output), "name": recording.name, "reports": len(recording.reports)}
-        print_json({**summary, "duration_s": duration_s})
-    else:
-        say(f"{output}: {len(recording.reports)} reports in {duration_s:.1f} s")
+    count = len(recording.reports)
+    summary = {"recording": str(output), "name": recording.name, "reports": count, "duration_s": duration_s}
+    show(summary, as_json, lambda *_: say(f"{output}: {count} reports in {duration_s:.1f} s"))
 
 
 def replay(

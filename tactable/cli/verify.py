@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, say, show
 from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, ask, with_simulation
 from tactable.cli.options import (
     AsJson,
@@ -83,26 +83,16 @@ def verify(
         most, basis = device.limits.amplitude, table.clicks.basis if table.clicks else None
         named = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, mass_kg, clicks=basis)
         chosen = with_simulation(device, named, flaws, change, seed)
-        played = plan_played(
-            table,
-            random_placements(device, Anywhere(placements=placements, seed=seed + 1)),
-            level_db,
-            read_drives_of(drives),
-        )
+        asked = random_placements(device, Anywhere(placements=placements, seed=seed + 1))
+        played = plan_played(table, asked, level_db, read_drives_of(drives))
         with open_apparatus(device, chosen, ask) as apparatus:
-            options, where = (
-                SteppedSineOptions(),
-                fixed_places(device, sensor_path, even_places(device, places).tolist()),
-            )
-            points = verify_table(table, played, where, apparatus, options, mass_kg)
+            where = fixed_places(device, sensor_path, even_places(device, places).tolist())
+            points = verify_table(table, played, where, apparatus, SteppedSineOptions(), mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)
     if outputs.paths:
         _draw(summary, outputs)
-    if as_json:
-        print_json(summary)
-    else:
-        _print(summary)
+    show(summary, as_json, lambda *_: _print(summary))
     if summary["verdict"] != "kept":
         raise typer.Exit(EXIT_DOUBTFUL)
 

@@ -17,10 +17,10 @@ from precompute.predict.rise_time import LONGEST_RISE_S
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
     """Each finger of a placement by its position and, in brackets, its zone, such as "35 mm (I)"."""
-    edges = ZoneEdges(device)
-    zones = [edges.zone_at(at_m) for at_m in placement.position_m]
-    names = ["" if zone is None else f" ({device.zones[zone].name})" for zone in zones]
-    return [f"{1e3 * at_m:.4g} mm{name}" for at_m, name in zip(placement.position_m, names, strict=True)]
+    return [
+        f"{1e3 * finger['position_m']:.4g} mm" + ("" if finger["zone"] is None else f" ({finger['zone']})")
+        for finger in placement_json(device, placement)
+    ]
 
 
 def finger_roles(device: Device, placement: Placement) -> list[str]:
