@@ -4,7 +4,7 @@ Both solve the same random placements in turn, and are played on the same fresh 
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -36,17 +36,15 @@ BROKEN_DB = 0.5
 _PERCENTS = (5, 50, 95)
 
 
-def run_clicks_bench(
-    device: Device, placements: int, cases: Sequence[tuple[int, int]] = CASES, seed: int = 1
-) -> dict[str, Any]:
+def run_clicks_bench(device: Device, placements: int) -> dict[str, Any]:
     """Solve that many random placements of each case by both solvers."""
     options = DEFAULT_OPTIONS.waited_for
     ours, program = ClickSolver(device, options), ProgramSolver(device, options)
     fresh = SampledPlants(sample_scenarios(device, FRESH, FRESH_SEED), lines_for(device, options.length_s))
     ours.solve_entry(Placement.on(device, [device.bar.length_m / 2]))  # kernels are compiled before they are timed
     rows = []
-    for felt, quiet in cases:
-        asked = Anywhere(placements, fingers=felt + quiet, feeling=felt, seed=seed)
+    for felt, quiet in CASES:
+        asked = Anywhere(placements, fingers=felt + quiet, feeling=felt, seed=1)
         found = [_compare(ours, program, fresh, placement) for placement in random_placements(device, asked)]
         rows.append({"felt": felt, "quiet": quiet, **_summary(np.array(found))})
     return {

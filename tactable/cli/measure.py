@@ -24,7 +24,7 @@ from tactable.shipped import find_device
 if TYPE_CHECKING:
     from engine.device import Device
     from tactable.measure.apparatus import Apparatus, ApparatusOptions
-    from tactable.measure.gravity import GravityCheck
+    from tactable.measure.faults import GravityCheck
     from tactable.measure.sensor import SensorForm
     from tactable.measure.stepped_sine import Reading, SteppedSineOptions
     from tactable.measure.walk import Stop, StopRecord
@@ -176,7 +176,7 @@ def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "
 
 def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSineOptions") -> "GravityCheck":
     """Read the sensor lying level, and turned over."""
-    from tactable.measure.gravity import check_gravity
+    from tactable.measure.faults import check_gravity
     from tactable.measure.stepped_sine import SteppedSine
 
     def mean() -> float:

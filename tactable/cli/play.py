@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _STEP_NS = 100_000_000  # a signal is noticed within it; the link renews its lease by itself
 _NS_PER_S = 1_000_000_000
+_POINTS = 11  # each tenth of the bar: a row of text each
 _EACH = "One value for all actuators, or one for each, between commas"
 
 
@@ -128,13 +129,16 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
         "simulated_bar": None,
     }
     if is_simulated:
+        import numpy as np
+
         from tactable.measure.bar_levels import simulate_levels
 
-        levels = simulate_levels(device, asked)
+        position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
+        peak_m_per_s2, level_db = simulate_levels(device, asked, position_m)
         summary["simulated_bar"] = {
-            "position_m": levels.position_m.tolist(),
-            "peak_m_per_s2": levels.peak_m_per_s2.tolist(),
-            "level_db": levels.level_db.tolist(),
+            "position_m": position_m.tolist(),
+            "peak_m_per_s2": peak_m_per_s2.tolist(),
+            "level_db": level_db.tolist(),
             "threshold": device.threshold.title,
         }
     return summary

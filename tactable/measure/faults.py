@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
@@ -129,6 +130,30 @@ def find_faults(
     if has_offset(float(fit.mean[channel])):
         found.append(Fault.OFFSET)
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class GravityCheck:
+    """Gain less 1, and offset in m/s^2, with the faults that they are."""
+
+    gain: float
+    offset_m_per_s2: float
+    faults: tuple[Fault, ...]
+
+
+def check_gravity(level_m_per_s2: float, turned_m_per_s2: float) -> GravityCheck:
+    """The check of a sensor that passes direct current, from its means lying level and turned over.
+
+    Level it reads g (1 + gain) + offset, turned over -g (1 + gain) + offset (ISO 16063-16).
+    """
+    gain = (level_m_per_s2 - turned_m_per_s2) / (2 * GRAVITY_M_PER_S2) - 1
+    offset = (level_m_per_s2 + turned_m_per_s2) / 2
+    found = {
+        Fault.TURNED: gain < -1,
+        Fault.GAIN: gain >= -1 and abs(gain) > MOST_GAIN,
+        Fault.OFFSET: abs(offset) > MOST_OFFSET_M_PER_S2,
+    }
+    return GravityCheck(gain, offset, tuple(fault for fault, is_there in found.items() if is_there))
 
 
 def find_late(latencies_s: Sequence[float]) -> tuple[Fault, ...]:

@@ -33,8 +33,7 @@ from precompute.model.response import solve_response
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.places import solve_place_receptances
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
-from tactable.measure.faults import find_late
-from tactable.measure.gravity import check_gravity
+from tactable.measure.faults import check_gravity, find_late
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from tactable.measure import AskedDrive, DrivenDevice
-from tactable.measure.faults import GRAVITY_M_PER_S2, Fault
-from tactable.measure.gravity import check_gravity
+from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, check_gravity
 from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
