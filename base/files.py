@@ -128,6 +128,8 @@ def sync(path: Path) -> None:
 
 def partial_path(path: Path, kind: str = "partial") -> Path:
     """A hidden name beside `path` that no other process uses."""
+    if not path.name:
+        raise WriteError(f"{path}: is a folder; give the name of a file in it")
     return path.with_name(f".{path.name}.{os.getpid()}.{kind}")
 
 

@@ -69,7 +69,7 @@ def new(
     """
     path = output or Path(f"{name}.toml")
     if path.suffix != ".toml":
-        raise OptionError(f"-o {path}: a device file is TOML; name it {path.with_suffix('.toml')}")
+        raise OptionError(f"-o {path}: a device file is TOML; name it {path.stem or name}.toml")
     if path.exists() or path.is_symlink():
         raise OptionError(f"{path}: exists already and is not overwritten; choose another name, or edit the file")
     given = {"stiffness": stiffness, "damping": damping, "mass": mass, "full_scale": full_scale}

@@ -144,6 +144,8 @@ REFUSED = [
     (f"{FIT} --fit finger.mass --fit bar.density", "finger.mass: changes none of these readings"),
     (f"{FIT} --port simulated --bit-rate 9600", "--port, --bit-rate: without --measure"),
     (f"{FIT} --no-clicks --despite-doubts", "--despite-doubts, --clicks: without --apply"),
+    ("build reference-a -o ''", ".: is a folder; give the name of a file"),
+    ("new x --length 30cm --width 1cm --thickness 1mm --actuators 30%,70% -o ''", "name it x.toml"),
     ("build reference-a -o o.nc --sensor-mass 2g", "--sensor-mass: without --responses"),
     ("doctor my-panel", "DEVICE: without --emit-udev"),
     (f"{FIT} --apply none.nc", "none.nc", "there is no such table"),
