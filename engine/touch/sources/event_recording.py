@@ -21,8 +21,8 @@ from engine.touch.sources.recording import Recording, RecordingError, Report
 
 # `key: [numbers]` at the start of a line, also over several lines; an event has no key.
 _NUMBERS = re.compile(r"^(?:- )*(?:(\w+): *)?\[([^][]*)\]", re.MULTILINE)
-_NODE, _NAME = re.compile(r"^- node:", re.MULTILINE), re.compile(r"^name: *\"?(.*?)\"?$", re.MULTILINE)
-_COMMENT = re.compile(r"[ \t]*#.*$", re.MULTILINE)
+_NODE, _NAME = re.compile(r"^- node:", re.MULTILINE), re.compile(r"^name:(.*)$", re.MULTILINE)
+_COMMENT = re.compile(r"(?:^|(?<=[ \t]))#.*$", re.MULTILINE)
 _TIME = re.compile(r"[0-9]{1,12}\.[0-9]{1,6}")
 _MOST_SLOTS, _WIDEST = 256, 10_000_000
 """More than any panel: a greater range is a slip, and would not fit the fields of a report."""
@@ -137,7 +137,7 @@ def read_libinput(path: Path, text: str) -> Recording:
     for start, stop in pairwise([*starts, len(text)]):
         part, before = text[start:stop], text.count("\n", 0, start)
         node, name = _Node(str(path)), _NAME.search(part)
-        node.name = "" if name is None else name[1]
+        node.name = "" if name is None else name[1].strip(" \t\"")
         for found in _NUMBERS.finditer(part):
             try:
                 _take_numbers(node, found[1], [int(word, 0) for word in found[2].split(",") if word.strip()])
