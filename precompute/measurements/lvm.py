@@ -48,7 +48,7 @@ def parse_lvm(text: str, device: Device, sensor_mass_kg: float, source: str) -> 
             expected = "expected X_Value as the first column, and the same in all others of this name"
             raise MeasurementError(f"{source}: {label}: X_Value: {[row[i] for i in axes]}: {expected}")
     kept = [i for i in range(len(titles)) if i not in axes]
-    units = {i: unit for i, unit in zip(kept, tags.get("Y_Unit_Label", []), strict=False) if unit}
+    units = {i: unit for i, unit in enumerate(tags.get("Y_Unit_Label", []), 1) if unit}  # above their columns
     named = [titles[i] if split_title(titles[i])[1] or i not in units else f"{titles[i]} ({units[i]})" for i in kept]
     sheet = Sheet(
         titles=[f"frequency ({min(x_units, default='Hz')})", *named],

@@ -61,6 +61,11 @@ def read_sheet(text: str, source: str, example: str) -> Sheet:
         titles, rows, labels = [name.strip() for name in named], [titles, *rows], [f"row {lines[0][0]}", *labels]
     while titles and not titles[-1] and all(len(row) < len(titles) or not row[len(titles) - 1] for row in rows):
         titles, rows = titles[:-1], [row[: len(titles) - 1] for row in rows]  # a separator ends each line
+    units = rows[0] if rows and len(rows[0]) == len(titles) else []
+    if any(units) and not any(split_title(title)[1] for title in titles) and not any(map(_NUMBERS.fullmatch, units)):
+        pairs = zip(titles, units, strict=True)  # the units have a line of their own
+        titles = [f"{title} ({unit.strip('[]()')})" if unit else title for title, unit in pairs]
+        rows, labels = rows[1:], labels[1:]
     sheet = Sheet(titles, rows, labels, any(SIMULATED in comment for comment in comments))
     return check_sheet(sheet, source, has_commas=separator == ",")
 

@@ -19,7 +19,7 @@ from precompute.measurements.types import MeasurementError
 Array = NDArray[np.float64]
 
 FREQUENCY = re.compile(r"f|freq\.?|frequency|frequenz|fréquence|frequence", re.IGNORECASE)
-PLACE = re.compile(r"(?<![^\W_])(?<![.,])(\d+(?:[.,]\d+)?) ?(mm|cm|m|%)(?![^\W_])(?![/^])")
+PLACE = re.compile(r"((?:(?<![^\s_])[-+]|(?<![^\W_])(?<![.,]))\d+(?:[.,]\d+)?) ?(mm|cm|m|%)(?![^\W_])(?![/^])")
 _OF_A_FREQUENCY = re.compile(r"(?<![\w.,])\d+(?:[.,]\d+)? ?k?Hz(?!\w)")
 _UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _PARTS = {
@@ -100,11 +100,14 @@ def _stacked(
             raise MeasurementError(f"{source}: {sheet.labels[row]}: {what}: has a part of a reading; give both or none")
         kept = (hz > 0) & ~empty[0]
         labels += [f"{label}: {what}" for label, is_kept in zip(sheet.labels, kept, strict=True) if is_kept]
-        moving = {
-            f"frequency {a.name}": hz if i == which else np.full(len(hz), np.nan)
-            for i, a in enumerate(device.actuators)
+        still = [f" {actuator.name}" for i, actuator in enumerate(device.actuators) if i != which]
+        own = others | {f"frequency {device.actuators[which].name}": hz, "position": np.full(len(hz), place_m)}
+        own |= {
+            name: np.full(len(hz), np.nan)
+            for name in [*own, *(f"frequency{each}" for each in still)]
+            if name.endswith(tuple(still))
         }
-        for name, value in (values | moving | others | {"position": np.full(len(hz), place_m)}).items():
+        for name, value in (values | own).items():
             rows.setdefault(name, []).append(value[kept])
     return {name: np.concatenate(value) for name, value in rows.items()}, labels
 

@@ -1,6 +1,7 @@
 """Laws of tables as others write them: a form changes no reading, and what cannot be one is named."""
 
 import io
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,8 +59,12 @@ def assert_read(found: Measurements) -> None:
         wide("{mm} mm {name} Magnitude (m/s²),{name}_{mm}mm_Phase [deg]", polar),
         wide("FRF {name} at {mm} mm (m/s^2)", lambda value: (str(value).strip("()").replace("j", "i"),)),
         wide("{name} {mm} mm re (m/s^2),{name} {mm} mm im (m/s^2)", parts, "0" + ",0" * 8 + "\n"),
+        PARTS.replace(" (Hz)", "")
+        .replace(" (m/s^2)", "")
+        .replace("\n", "\n" + ",".join(["Hz"] + 8 * ["[m/s²]"]) + "\n", 1),
+        re.sub(r"(?m)^(?=f)", "amplitude left (%),", re.sub(r"(?m)^(?=\d)", "100,", PARTS)),
     ],
-    ids=["parts", "polar", "complex", "with the line of 0 Hz"],
+    ids=["parts", "polar", "complex", "with the line of 0 Hz", "units in a line", "amplitude of one actuator"],
 )
 def test_a_wide_table_holds_the_readings_of_its_places(text: str) -> None:
     assert_read(parse_csv(text, DEVICE, 0.0, "x.csv"))
@@ -79,10 +84,16 @@ def test_files_of_other_programs_are_the_same_table(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_bytes(wide("{name} {mm} mm re (m/s²),{name} {mm} mm im (m/s²)", parts).encode("cp1252"))
     titles, *rows = (line.split(",") for line in PARTS.strip().split("\n"))
     end = "***End_of_Header***"
+    channels = [cell for title in titles[1:] for cell in ("X_Value", title.removesuffix(" (m/s^2)"))]
     lvm = [
-        *("LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tOne", end, ""),
-        *("Channels\t8", "X_Dimension" + "\tFrequency" * 8, end, "\t".join(["X_Value", *titles[1:], "Comment"])),
-        *("\t".join(row).replace(".", ",") for row in rows),
+        *("LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tMulti", end, "", "Channels\t8"),
+        *(
+            "Y_Unit_Label" + "\tm/s^2\t" * 8,
+            "X_Dimension" + "\tFrequency\t" * 8,
+            end,
+            "\t".join([*channels, "Comment"]),
+        ),
+        *("\t".join(each for cell in row[1:] for each in (row[0], cell)).replace(".", ",") for row in rows),
     ]
     (tmp_path / "x.lvm").write_text("\n".join(lvm), encoding="utf-8")
     content = {f"{name}_acceleration_m_s2": VALUE[i].T for i, name in enumerate(NAMES)}
@@ -105,6 +116,7 @@ def read_here(path: Path) -> Measurements:
         (PARTS.replace("left 20.5 mm real", "20.5 mm real"), "names no actuator"),
         (PARTS.replace("left 20.5 mm real", "left real"), "names no place"),
         (PARTS.replace("left 140.0", "left 20.5"), "is there twice"),
+        (PARTS.replace("left 20.5", "left -20.5"), "-20.5 mm"),
         (PARTS.replace("real (m/s^2)", "real (kg)", 1), "'left 20.5 mm real (kg)'"),
         (PARTS.replace("left 20.5 mm imaginary", "left 99 mm imaginary"), "give all the same"),
         (PARTS + "250,1,,1,1,1,1,1,1\n", "row 5"),
