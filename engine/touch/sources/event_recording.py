@@ -137,7 +137,7 @@ def read_libinput(path: Path, text: str) -> Recording:
     for start, stop in pairwise([*starts, len(text)]):
         part, before = text[start:stop], text.count("\n", 0, start)
         node, name = _Node(str(path)), _NAME.search(part)
-        node.name = "" if name is None else name[1].strip(" \t\"")
+        node.name = "" if name is None else name[1].strip(' \t"')
         for found in _NUMBERS.finditer(part):
             try:
                 _take_numbers(node, found[1], [int(word, 0) for word in found[2].split(",") if word.strip()])
