@@ -100,13 +100,12 @@ def _stacked(
             raise MeasurementError(f"{source}: {sheet.labels[row]}: {what}: has a part of a reading; give both or none")
         kept = (hz > 0) & ~empty[0]
         labels += [f"{label}: {what}" for label, is_kept in zip(sheet.labels, kept, strict=True) if is_kept]
-        still = [f" {actuator.name}" for i, actuator in enumerate(device.actuators) if i != which]
-        own = others | {f"frequency {device.actuators[which].name}": hz, "position": np.full(len(hz), place_m)}
-        own |= {
-            name: np.full(len(hz), np.nan)
-            for name in [*own, *(f"frequency{each}" for each in still)]
-            if name.endswith(tuple(still))
-        }
+        own = others | {f"frequency {a.name}": np.full(len(hz), np.nan) for a in device.actuators}
+        for i, actuator in enumerate(device.actuators):  # the others are still
+            for name in (f"amplitude {actuator.name}", f"phase {actuator.name}"):
+                if name in own and i != which:
+                    own[name] = np.full(len(hz), np.nan)
+        own |= {f"frequency {device.actuators[which].name}": hz, "position": np.full(len(hz), place_m)}
         for name, value in (values | own).items():
             rows.setdefault(name, []).append(value[kept])
     return {name: np.concatenate(value) for name, value in rows.items()}, labels
