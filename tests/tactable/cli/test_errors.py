@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from base.errors import TactableError
+from engine.table import Table
 from precompute.clicks.program import ProgramError
 from precompute.parallel.pool import WorkerError
 from tactable.cli import touch
@@ -123,7 +124,10 @@ def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no
                 os.kill(workers[0], signal.SIGKILL)
             out, err = process.communicate()
         assert (process.returncode, out) == (130 if is_interrupt else 1, ""), err
-        assert is_interrupt or err.startswith("tactable: ")
-        assert err.count("\n") == (not is_interrupt), err
+        first, *line = err.splitlines()
+        assert first.startswith("bar.nc: usable, with the clicks of one finger"), err
+        assert len(line) == (not is_interrupt) and all(each.startswith("tactable: ") for each in line), err
         assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
-        assert not (tmp_path / "bar.nc").exists()
+        with Table.open(tmp_path / "bar.nc") as table:  # whole
+            assert table.clicks
+        (tmp_path / "bar.nc").unlink()
