@@ -45,7 +45,10 @@ def test_no_placement_is_tabulated_twice_or_without_a_felt_finger(pitch_m: float
     assert tabulated_keys(places, 0) == []
 
 
-def test_clicks_are_the_same_by_however_many_processes() -> None:
+@pytest.mark.machine(stall_s=None)
+def test_clicks_are_the_same_by_however_many_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for few in ("_PAYS", "_TOGETHER"):  # each of these four clicks for itself
+        monkeypatch.setattr(f"precompute.clicks.tabulated.{few}", 1)
     device, places = shipped("reference-a"), Places(LENGTH_M, 6)
     keys = [(2, 7), (3, 6), (3, 7), (5,)]
     one, two = (
