@@ -111,7 +111,7 @@ class TouchAxis:
     silence_s: float | None = None
     """Time without a frame after which every contact has lifted; None: as the Linux kernel does."""
     debounce_s: float = 0.0
-    """A lift that is shorter is none."""
+    """A contact that lifts for less than this time stays down."""
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,8 @@ class Pipeline:
         self.due_ns: float = math.inf
         """When `commands_due` has something to do; infinite: time alone changes nothing."""
         self.joined = self.left_out = 0
-        """How often fingers were wanted that are one to the bar, and more fingers than are placed."""
-        self._release_ns: int | None = None  # when the digitizer has a frame that no report brings
+        """Counts of fingers joined because they lie too close, and of fingers beyond the greatest number."""
+        self._release_ns: int | None = None  # when `digitizer.expire` next has a frame
         self._stamp_ns = stamp_ns
 
     @property
@@ -180,7 +180,7 @@ class Pipeline:
         self._note_due()
 
     def _follow_surface(self) -> None:
-        """Track the contacts of the surface that is decoded from now on; the one before had none."""
+        """Track the contacts of another surface; the previous surface has no contact down."""
         self.tracker = FingerTracker(self.device, self.digitizer.surface)
         fit_releases(self.digitizer, self.device)
 

@@ -1,4 +1,4 @@
-"""Descriptor of an interface to its digitizer: of the surface that was chosen, else of the best one."""
+"""Choice of a touch surface: the descriptor of an interface to the digitizer of the chosen or the best surface."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _KIND_PREFERENCE = (SurfaceKind.TOUCH_SCREEN, SurfaceKind.MULTI_POINT, SurfaceKi
 def open_digitizer(
     descriptor: bytes, vendor_id: int = 0, product_id: int = 0, report_id: int | None = None
 ) -> Digitizer:
-    """The digitizer of an interface: of the surface with that report, or without one of the best until another reports.
+    """Open the digitizer of an interface: the surface with `report_id`, or the best one until another surface reports.
 
     Fingers come before a stylus, a touch screen before a touch pad. Raises `DescriptorError` when the descriptor is
     broken, `DigitizerError` when it holds no such surface.

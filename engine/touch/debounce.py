@@ -31,7 +31,7 @@ class Debounce:
         self.settings = (hold_ns, column, near)
         self.contacts: tuple[Contact, ...] = ()
         """Those of the panel's last frame."""
-        self._numbers: dict[int, int] = {}  # the panel's number of each contact that touches: the one shown
+        self._numbers: dict[int, int] = {}  # shown number by the panel's number
         self._shown: dict[int, Contact] = {}  # by the number shown
         self._gaps: dict[int, int] = {}  # contacts without touch: when they lifted, the longest gone first
 
@@ -71,7 +71,7 @@ class Debounce:
         shown[number] = contact if number == contact.contact_id else contact._replace(contact_id=number)
 
     def _number_of(self, contact: Contact, shown: dict[int, Contact]) -> int:
-        """The number of the nearest contact in a gap, which ends; else one that nothing shown has."""
+        """The number of the nearest contact in a gap, whose gap ends; without a near one, an unused number."""
         _, column, near = self.settings
         away = {number: abs(self._shown[number][column] - contact[column]) for number in self._gaps}
         number = min(away, key=away.__getitem__, default=None)

@@ -85,16 +85,16 @@ class Surface:
 
     @property
     def report_id(self) -> int:
-        """The report that brings its contacts, by which it is chosen; 0 where the interface has no report IDs."""
+        """ID of the report with its contacts, by which a surface is chosen; 0 for an interface without report IDs."""
         return next(report.report_id for report in self.reports if report.contacts)
 
     @property
     def label(self) -> str:
-        """What it is, in words."""
+        """Kind of the surface in words."""
         return self.kind.name.lower().replace("_", " ") + " for pens" * self.is_stylus
 
     def name(self, vendor_id: int, product_id: int) -> str:
-        """The name that chooses it, such as 17ef:6161#38: vendor, product and report ID in hex."""
+        """Name of the surface for commands, such as 17ef:6161#38: vendor, product and report ID in hex."""
         return f"{vendor_id:04x}:{product_id:04x}#{self.report_id:02x}"
 
     @property
@@ -245,7 +245,10 @@ def _field(use: FieldUse, declared: Declarations) -> Field:
 
 
 def _device_mode(application: Application, declared: Declarations) -> Field | None:
-    """The mode switch of an application: its own; else the first one apart after it, or any apart; never another's."""
+    """Device Mode of an application: its own field, else that of a configuration collection, the next one first.
+
+    A Device Mode in another touch application is never taken.
+    """
     surfaces = [each for each in declared.applications if each.usage in _APPLICATIONS]
     others = {use for each in surfaces if each is not application for use in each.features}
     end = max((use.offset for uses in application.inputs.values() for use in uses), default=0)

@@ -135,7 +135,7 @@ class _Waiting:
 
 
 class Digitizer:
-    """The frame assembler of one surface of an interface: of the first, until another one of `surfaces` reports.
+    """Frame assembler of one touch surface: the first of `surfaces`, until another of them reports.
 
     Not thread-safe. `decode_report` and `expire` never raise. Times are nanoseconds of one monotonic clock.
     """
@@ -152,7 +152,7 @@ class Digitizer:
         self.on_surface: Callable[[], None] = _do_nothing
         """Called when another surface is decoded from now on."""
         self.on_foreign: Callable[[str], None] = _do_nothing
-        """Called with a notice once, when many reports have come and none of the surface."""
+        """Called once with a notice after FOREIGN_NOTICED reports without one of the decoded surface."""
         self._number = (vendor_id, product_id)
         self._decode_surface(surfaces[0])
 
@@ -171,7 +171,7 @@ class Digitizer:
         }
         self.uses_report_ids = surface.uses_report_ids
         self.release_after_ns = RELEASE_AFTER_NS if self.quirks.releases_when_silent else None
-        """Silence that releases every contact; None: no silence does."""
+        """Time without a frame after which every contact is released; None: contacts are never released by time."""
         self.debounce: Debounce | None = None
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
@@ -221,7 +221,7 @@ class Digitizer:
 
     @property
     def foreign_notice(self) -> str | None:
-        """Which reports come in place of the surface's, and what to do; None where it reports, or nothing does."""
+        """A sentence naming the foreign reports and the remedy; None once the surface, or nothing, has reported."""
         if not self.foreign_ids or self.counters.frames:
             return None
         ids = ", ".join(f"{report_id:02x}" for report_id in sorted(self.foreign_ids))
@@ -232,7 +232,7 @@ class Digitizer:
         )
 
     def _decode_foreign(self, report_id: int, report: bytes, now_ns: int) -> TouchFrame | None:
-        """Take a report that is not of the surface: of another one, to which it may turn, or of none."""
+        """Count a report of another surface or of no surface, or turn to the surface that it belongs to."""
         has_contact = any(slot.memory[1] for plan in self.plans.values() for slot in plan.slots)
         for surface in () if self.is_chosen or has_contact else self.surfaces:
             is_pen = surface.is_stylus and not self.surface.is_stylus
@@ -247,7 +247,7 @@ class Digitizer:
         return None
 
     def expire(self, now_ns: int) -> TouchFrame | None:
-        """The frame that time alone brings by now: an empty one after a silence, or one without a lift that lasted."""
+        """Frame due by time alone: no contact after a silence, or no longer one whose debounce time has passed."""
         due_ns = self.due_ns
         if due_ns is None or now_ns < due_ns:
             return None

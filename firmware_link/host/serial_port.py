@@ -81,7 +81,7 @@ class SerialPort(DescriptorPort):
             raise LinkError(f"cannot open {self.path} at {bit_rate_hz} bit/s: {error}{remedy}") from error
         try:
             # Not to collect bytes: an FTDI does so for 16 ms by default, and for 1 ms then.
-            with contextlib.suppress(OSError, ValueError, NotImplementedError):  # drivers refuse in each of these ways
+            with contextlib.suppress(OSError, ValueError, RuntimeError):  # drivers and pyserial refuse in these ways
                 self._serial.set_low_latency_mode(True)
             super().__init__(self.path, self._serial.fileno())
             _report_hang_up(self._descriptor)

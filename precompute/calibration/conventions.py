@@ -32,7 +32,7 @@ from precompute.measurements.types import Kind, Measurements
 Array = NDArray[np.float64]
 
 _FACTORS = {"full_scale": 1.9, "damping": 10.0}
-"""Greatest credible factor between the value before and the fitted one, by what the parameter's name ends in."""
+"""Greatest credible factor between the fitted value and that of the device file, by the end of the parameter's name."""
 _FACTOR = 3.0  # as above: values of sheets, scales and rulers are seldom wrong by more
 _CONSTANTS = (
     (math.sqrt(0.5), 0.04, "RMS values for peak values: multiply them by 1.414"),
@@ -90,7 +90,7 @@ class _Change:
         return (min(self.sign) < 0) + self.is_conjugate + (self.order > 0) + (self.delay_s != 0)
 
     def undo(self, read: Measurements) -> Measurements:
-        """The readings that the file says, of a drive that gives what was read."""
+        """The readings as the stated convention has them, of the changed drive that would cause them."""
         jw = 2j * np.pi * np.nan_to_num(read.frequency_hz, nan=1.0)
         amplitude = read.amplitude.conj() if self.is_conjugate else read.amplitude
         drive = self.factor * amplitude * np.array(self.sign) / jw**self.order * np.exp(-jw * self.delay_s)
@@ -234,7 +234,7 @@ def _words(device: Device, change: _Change, factor: float) -> Iterator[str]:
 
 
 def _constant_text(factor: float) -> str:
-    """What readings are that are too large by a factor; empty where no usual mistake is near."""
+    """Usual mistake that makes readings too large by this factor; empty without one near it."""
     away = [(abs(math.log(factor / usual)), reach, text) for usual, reach, text in _CONSTANTS]
     return min([(off, text) for off, reach, text in away if off <= reach], default=(0.0, ""))[1]
 
@@ -252,7 +252,7 @@ def implausible_changes(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
         if min(before, value) <= 0:
             continue
         usual = _constant_text(value / before) if "full_scale" in parameter["name"] else ""
-        nearest = math.sqrt(before * value)  # as near to the one before as to the constant
+        nearest = math.sqrt(before * value)  # geometric mean: equally far from the value before and from the constant
         if low <= limit * before and high * limit >= before and not (usual and (low > nearest or high < nearest)):
             continue
         texts = [quantity_text(each, parameter["unit"]) for each in (value, before)]

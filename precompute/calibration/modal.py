@@ -76,7 +76,7 @@ class ModesMisfit(MisfitModel):
         return np.concatenate([of_frequency, of_damping[self._is_damped]])
 
     def model_at(self, coordinate: Array) -> tuple[ModelModes, NDArray[np.int64]]:
-        """The model's modes, and the index (mode,) of the one that each measured mode is paired with."""
+        """Modes of the model, and the index (mode,) of the model's mode paired with each measured one."""
         found = self._solve(self._values_at(coordinate))
         return found, _pair(found, self._modes)
 
@@ -242,7 +242,7 @@ def modal_report(calibration: ModalCalibration) -> dict[str, Any]:
 
 
 def _doubt(calibration: ModalCalibration) -> str:
-    """A sentence with the remedy where the modes are missed by more than their errors, or a shape is another one's."""
+    """A sentence with the remedy where modes are off by more than their errors, or a shape belongs to no model mode."""
     modes, off = calibration.modes, calibration.off
     errors = np.nan_to_num(off / np.stack([modes.frequency_error, modes.damping_error]))
     values = len(modes) + int((~np.isnan(modes.damping_ratio)).sum())

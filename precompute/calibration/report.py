@@ -40,7 +40,7 @@ def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> d
 
 
 def report_of_fit(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> dict[str, Any]:
-    """What is said of the parameters, whatever they were fitted to; `accuracy`: of the readings that are advised."""
+    """The part of a report about parameters, for any kind of fit; `accuracy`: of the proposed readings."""
     return {
         "device": calibration.device.name,
         "loss": calibration.loss.value,

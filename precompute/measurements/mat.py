@@ -90,7 +90,7 @@ def load_arrays(path: Path) -> Content:
             )
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # such as of a name that is there twice
+            warnings.simplefilter("error")  # such as for a duplicate name
             kinds = scipy.io.whosmat(str(path), appendmat=False)
             wrong = [f"{name} is a {kind}" for name, _, kind in kinds if kind not in (*_NUMBERS, "char")]
             if not wrong and sum(math.prod(shape) for _, shape, _ in kinds) <= _MOST_NUMBERS:

@@ -186,7 +186,7 @@ def _read_universal(path: Path, device: Device, sensor_mass_kg: float) -> Modes:
             # Hysteretic damping is a loss factor, twice the damping ratio of the same width.
             damping = float(part["modal_damp_vis"]) or float(part["modal_damp_his"]) / 2
             rows.append((float(part["freq"]), damping or np.nan, where, part))
-        elif (pole := complex(part["eig"])).imag >= 0:  # of two conjugate ones, one
+        elif (pole := complex(part["eig"])).imag >= 0:  # one of each conjugate pair
             rows.append((abs(pole) / (2 * np.pi), -pole.real / (abs(pole) or 1.0) or np.nan, where, part))
     if not rows:
         raise MeasurementError(f"{path}: has no dataset 55 of a mode; export modes, or write a CSV file: {_EXAMPLE}")

@@ -28,7 +28,7 @@ _ROUNDS, _FOLDS = 6, 5
 _FEWEST_LINES = 10
 _LEAST_MISFIT = 1e-5  # relative: files have six digits
 _FLOOR = 1e-3  # of the greatest response: smaller ones are weighted like it
-_POLYNOMIAL = np.arange(3)  # what modes beyond the band do to accelerations
+_POLYNOMIAL = np.arange(3)  # residual of the modes beyond the band
 _UNSURE, _MOST_DAMPING = 0.5, 0.5  # relative error of a damping, and a damping, beyond which a pole is no mode
 
 

@@ -43,7 +43,7 @@ def read_response_unit(text: str) -> ResponseUnit:
 
     Raises QuantityError.
     """
-    plain = _without_brackets(text[:_LONGEST])  # what is longer is none
+    plain = _without_brackets(text[:_LONGEST])  # no unit is longer
     of_gravity = re.sub(r"(?<![A-Za-z_])([mµμ]?)g(?![A-Za-z_])", r"\1g_0", plain, flags=re.IGNORECASE)
     capitals = re.sub(r"\bn\b", "N", of_gravity.lower()) if text == text.upper() else plain
     for candidate in (plain, of_gravity, capitals):
@@ -77,5 +77,5 @@ def _without_brackets(text: str) -> str:
 
 
 def _opened(found: re.Match[str]) -> str:
-    """What a pair of brackets holds; behind a stroke, every factor changes sides."""
+    """Content of a pair of brackets; after a slash every factor is inverted."""
     return f"/{found[2].translate(_INVERSE)}" if found[1] else found[2]

@@ -236,7 +236,7 @@ def _read_response(
 
 
 def _check_kind(part: Mapping[str, Any], where: str) -> None:
-    """Refuse what is no complex response across the bar."""
+    """Refuse a dataset that is no complex response across the bar."""
     if int(part["ord_data_type"]) not in _COMPLEX:
         text = "a response is complex, 5 or 6; magnitudes alone have no phase"
         raise MeasurementError(f"{where}: ord_data_type: {part['ord_data_type']}: {text}")

@@ -13,7 +13,7 @@ LONGEST_S = 120.0
 LONGEST_WORD = 64  # of names; a row of a report stays a row
 
 _STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\[\s\S])*"?)|,(?=\s*[\]}])')
-"""A string, which need not end so that none is looked at twice, or a comma that half of Apple's own samples have."""
+"""A string, also an unterminated one so that the scan stays linear, or a trailing comma, as in Apple's samples."""
 _GREATEST = 1e300  # Python reads 1e999 as infinity; what is less can still be scaled and compared
 
 

@@ -188,7 +188,7 @@ def select_digitizer(name: str, found: Sequence[HidDigitizer]) -> HidDigitizer:
 
 
 def split_surface(name: str) -> tuple[str, int | None]:
-    """The name of a digitizer or recording, and the report ID of a surface behind it in hex; None where there is none.
+    """Split a name such as 17ef:6161#38 into the digitizer or recording and the report ID; None without a report ID.
 
     Raises `DigitizerError` where what follows the `#` is no report ID.
     """
@@ -224,7 +224,7 @@ def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> Digitize
 
 
 def find_event_node(system: HidSystem, device: HidDigitizer) -> str | None:
-    """The input node to which the kernel's driver of the device sends contacts in slots; None where there is none."""
+    """Path of the device's input node with multitouch slots, which a kernel driver fills; None without one."""
     inputs = system.sysfs / Path(device.path).name / "device" / "input"
     for node in sorted(inputs.glob("input*/event*")) if system.has_nodes else ():
         try:
