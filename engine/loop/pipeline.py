@@ -94,7 +94,6 @@ class Pipeline:
         """When `commands_due` has something to do; infinite: time alone changes nothing."""
         self.joined = self.left_out = 0
         """Counts of fingers joined because they lie too close, and of fingers beyond the greatest number."""
-        self._release_ns: int | None = None  # when `digitizer.expire` next has a frame
         self._stamp_ns = stamp_ns
 
     @property
@@ -120,12 +119,10 @@ class Pipeline:
 
     def commands_due(self, time_ns: int) -> Iterator[Command]:
         """Yield each command that time alone brings by `time_ns`, in order; `wanted` is what that command is for."""
-        while (release_ns := self._release_ns) is not None and release_ns <= time_ns:
+        while (release_ns := self.digitizer.due_ns) is not None and release_ns <= time_ns:
             yield from self._advance_effects(release_ns)
             frame = self.digitizer.expire(release_ns)
-            if frame is None:
-                break
-            if self._follow(frame):
+            if frame is not None and self._follow(frame):
                 yield from self._answers()
         yield from self._advance_effects(time_ns)
         latest_ns = self.answerer.latest_ns
@@ -187,7 +184,6 @@ class Pipeline:
     def _follow(self, frame: TouchFrame) -> bool:
         """Take the fingers of a frame; whether something else is wanted."""
         time_ns = frame.time_ns
-        self._release_ns = self.digitizer.due_ns
         touches = self.touches = self.tracker.track(frame)
         if self.player.take_touches(touches, time_ns):
             return self._take_wanted()
@@ -223,7 +219,7 @@ class Pipeline:
         return True
 
     def _note_due(self) -> None:
-        due_ns, release_ns = self.player.next_change_ns, self._release_ns
+        due_ns, release_ns = self.player.next_change_ns, self.digitizer.due_ns
         if release_ns is not None and (due_ns is None or release_ns < due_ns):
             due_ns = release_ns
         latest_ns = self.answerer.latest_ns

@@ -171,3 +171,17 @@ def test_the_compiled_step_follows_changes_of_the_bar(fast_library: ctypes.CDLL,
     assert fast.trace == slow.trace
     assert fast.log == slow.log
     assert fast.loop.counters == slow.loop.counters and slow.loop.counters.swaps > 5
+
+
+@pytest.mark.parametrize("silence_s", [0.05, 0.5])
+def test_another_silence_counts_for_the_fingers_that_are_down(silence_s: float) -> None:
+    """Time that is due brings a release: nothing is due in vain, for which the loop would not wait."""
+    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=HELD)
+    pipeline = open_pipeline(rig.recording, DEVICE, HELD, rig.renderer)
+    pipeline.step(rig.recording.reports[0].data, 0)
+    axis = replace(DEVICE.touch_axis, silence_s=silence_s)
+    pipeline.change_table(rendering_for(rig, replace(DEVICE, touch_axis=axis)))
+    assert pipeline.due_ns == 1e9 * silence_s
+    assert list(pipeline.commands_due(round(1e9 * silence_s) - 1)) == [] and pipeline.touches
+    assert list(pipeline.commands_due(round(1e9 * silence_s))) == [SILENCE]
+    assert pipeline.is_at_rest
