@@ -31,14 +31,14 @@ ROOT = Path(__file__).parents[1]
 SLOWEST = (
     "tests/tactable/rig/test_ready.py",
     "tests/test_house.py",
-    "tests/tactable/rig/test_demo.py",
+    "tests/tactable/rig/test_demo_run.py",
     "tests/test_docs.py",
     "tests/test_notebooks.py",
 )
 """Files that a run begins with, so that the workers end together."""
 KERNELS = (
-    *("engine.steady.search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
-    *("precompute.sweep.kernels", "precompute.predict.rise_time", "precompute.predict.performance"),
+    *("engine.steady.drive_search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
+    *("precompute.sweep.sweep_kernels", "precompute.predict.rise_time", "precompute.predict.performance"),
     "precompute.sampling.bars",
 )
 """Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from engine.device.file import (
+from engine.device.description import (
     DeviceTable,
     check_bands,
     check_damping,

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.errors import TactableError
+from engine.device.actuator_transfer import Transfer
 from engine.device.electrodes import Electrodes
-from engine.device.transfer import Transfer
 
 
 class DeviceError(TactableError, ValueError):

@@ -30,7 +30,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
-from engine.effects.player import DEFAULT_CLICK_NS
+from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.loop.answerer import NOTHING, Answerer, Wanted
 from engine.render import SILENCE, Command, Renderer, Rendering
 from engine.table import ClickEntry

@@ -13,7 +13,7 @@ from engine.loop.observer import LoopCounters
 from engine.render import Renderer
 from firmware_link.host.link_values import Event, FaultReceived, Greeted, LinkState
 from firmware_link.host.session import Port, Session
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 _ENDED = (LinkState.STOPPED, LinkState.DISCONNECTED)
 # Without a port nothing else wakes the loop for a request to stop.

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from base.errors import TactableError
-from engine.loop.latency import Stamps
+from engine.loop.command_latency import Stamps
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS

@@ -1,7 +1,7 @@
 """Table rows to commands within the limits of the connected device."""
 
-from engine.render.commands import SILENCE, Command, DriveCommand, PlayCommand, RendererError
 from engine.render.limits import Drive, LimitError, clamp, link_configuration
+from engine.render.link_commands import SILENCE, Command, DriveCommand, PlayCommand, RendererError
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import Renderer, WhenNotAchieved
 

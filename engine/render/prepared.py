@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from engine.device import Device
 from engine.effects import Drives, Effects
-from engine.effects.player import DEFAULT_CLICK_NS
+from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.render.board_fit import BoardFit, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
-from engine.render.clicks import RenderedClicks
-from engine.render.commands import RendererError
+from engine.render.click_renderer import RenderedClicks
 from engine.render.limits import link_configuration
+from engine.render.link_commands import RendererError
 from engine.render.renderer import Renderer, Steady, WhenNotAchieved
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.table import Table

@@ -2,16 +2,16 @@
 
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
 table holds the receptances, and a solve takes less time than a report of most digitizers. Until the kernels of the
-solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Zones play rows of the table's
-sweep, which are looked up (engine.table.best_rows).
+solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain_solver). Zones play rows of the
+table's sweep, which are looked up (engine.table.best_rows).
 """
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from engine.device import Device
-from engine.render.commands import SILENCE, DriveCommand, Rendered
 from engine.render.limits import clamp, encode_scaled
+from engine.render.link_commands import SILENCE, DriveCommand, Rendered
 from engine.steady import Receptances
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
@@ -19,8 +19,8 @@ from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.host.link_values import Capabilities
 
 if TYPE_CHECKING:
-    from engine.steady.plain import PlainSolver
-    from engine.steady.solver import SteadySolver
+    from engine.steady.plain_solver import PlainSolver
+    from engine.steady.steady_solver import SteadySolver
 
 MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
 
@@ -71,10 +71,10 @@ class SteadyDrives:
 def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -> "PlainSolver | SteadySolver":
     """The compiled solver, whose Numba takes half a second to load, or the one in NumPy."""
     if not has_kernels:
-        from engine.steady.plain import PlainSolver
+        from engine.steady.plain_solver import PlainSolver
 
         return PlainSolver(device, receptances)
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
 
     return SteadySolver(device, receptances)
 

@@ -2,7 +2,7 @@
 
 The drive is any that a device was sent: each actuator has its frequency. The solver states levels over the few cases
 that it optimises for, these are over more, of the same spread. Responses are interpolated over frequency and place as
-the solver interpolates them (engine.steady.search), in NumPy alone, so no kernel is compiled.
+the solver interpolates them (engine.steady.drive_search), in NumPy alone, so no kernel is compiled.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 CASES = 32
 """As many as `tactable explain` takes for fingers at positions."""
 _NEIGHBOURS = 4
-_LEAST_POWER = 1e-30  # -300 dB, as in solver.py: silence has a logarithm
+_LEAST_POWER = 1e-30  # -300 dB, as in steady_solver.py: silence has a logarithm
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 
 

@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 
 from engine.device import Device
-from engine.table.clicks import Clicks
-from engine.table.file import TableWriter, Values, Variable
+from engine.table.click_grid import Clicks
+from engine.table.netcdf_file import TableWriter, Values, Variable
 from engine.table.soundness import Arrays
 from engine.touch.places import Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
-from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.link_errors import MessageError
 
 _CLICK, _FINGER, _SPREAD = ("click",), ("click", "finger"), ("click", "spread")
 _PLACE = Variable("place", ("place",), "m", "position from the start of the bar")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.steady.receptances import Receptances
-from engine.table.file import TableWriter, Variable
+from engine.table.netcdf_file import TableWriter, Variable
 from engine.table.soundness import Arrays
 
 _FREQUENCY = Variable("frequency", ("frequency",), "Hz", "rising: the grid of the device, and resonances between")

@@ -1,10 +1,10 @@
 """Checks what is in a table file once, when it is opened: nothing lies outside the file, every array is what is read.
 
-The seal of a table (engine.table.file) finds damage. It does not find malice, since whoever changes a file can seal it
-again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw storage and
-virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the values of every
-array are compared with the declaration (engine.table.schema), so that readers of best rows and clicks need no checks of
-their own. Large arrays are read in pieces of bounded size.
+The seal of a table (engine.table.netcdf_file) finds damage. It does not find malice, since whoever changes a file can
+seal it again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw
+storage and virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the
+values of every array are compared with the declaration (engine.table.schema), so that readers of best rows and clicks
+need no checks of their own. Large arrays are read in pieces of bounded size.
 """
 
 import math
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.error import TableError
-from engine.table.file import pieces
+from engine.table.netcdf_file import pieces
 from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
 
 _ROUNDING_M = 1e-9

@@ -12,13 +12,13 @@ import numpy as np
 from engine.device import Device
 from engine.steady.receptances import Receptances
 from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
-from engine.table.click import ClickEntry
-from engine.table.click import played_at as click_played_at
 from engine.table.click_columns import read_clicks
-from engine.table.clicks import Clicks
+from engine.table.click_entry import ClickEntry
+from engine.table.click_entry import played_at as click_played_at
+from engine.table.click_grid import Clicks
 from engine.table.error import TableError
-from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.receptance_columns import read_receptances
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
@@ -27,7 +27,7 @@ from engine.touch.places import Places
 
 if TYPE_CHECKING:
     from engine.steady import SteadyDrive
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
 
 __all__ = ["Table", "TableError"]
 
@@ -192,7 +192,7 @@ class Table:
 
     @cached_property
     def _steady(self) -> "SteadySolver":
-        from engine.steady.solver import SteadySolver  # it brings a compiler, which few who open a table need
+        from engine.steady.steady_solver import SteadySolver  # it brings a compiler, which few who open a table need
 
         return SteadySolver(self.device, self.receptances)
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator.state import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
-from firmware_link.protocol.errors import LinkError
+from firmware_link.emulator.device_state import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
 from firmware_link.protocol.framing import FramingCounters
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 
 _NEVER_US = 2**64 - 1  # the C core's word for "nothing is due", UINT64_MAX

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 _US = {"us": 1, "ms": 1_000, "s": 1_000_000}
 _TIME = re.compile(r"(?P<number>[0-9.]+(?:e-?[0-9]+)?)(?P<unit>us|ms|s)")

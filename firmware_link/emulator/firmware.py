@@ -12,14 +12,14 @@ when a drive lasts too long, the host is silent, the line hangs up or an emergen
 
 from collections.abc import Sequence
 
-from firmware_link.emulator.drive import Drive
+from firmware_link.emulator.device_lease import Lease
+from firmware_link.emulator.device_memory import Memory
+from firmware_link.emulator.device_reports import Reports
+from firmware_link.emulator.device_session import Session
+from firmware_link.emulator.device_state import Device, DeviceConfiguration, DeviceCounters
 from firmware_link.emulator.drive_log import Cause, DriveEvent, ReceivedFrame
-from firmware_link.emulator.lease import Lease
-from firmware_link.emulator.memory import Memory
-from firmware_link.emulator.reports import Reports
 from firmware_link.emulator.sense import Accelerations
-from firmware_link.emulator.session import Session
-from firmware_link.emulator.state import Device, DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.sounding import Drive
 from firmware_link.protocol.framing import FrameDecoder, FramingCounters, Signal
 from firmware_link.protocol.messages import DeviceState, FaultCode, LogCode, LogLevel
 

@@ -7,8 +7,8 @@ from firmware_link.host.memory import RETRY_NS, BasisTransfer
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, check_actuators
-from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 US_PER_MS = 1_000
 FIRST_EXCHANGES = 16

@@ -61,10 +61,10 @@ from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, EncodedClick
-from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS
+from firmware_link.protocol.link_errors import LinkError, LinkLostError, MessageError
 
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.line_rate import Transport, command_rate_hz
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import (
     Acceleration,
     Arm,

@@ -9,9 +9,9 @@ from firmware_link.host.lease import NS_PER_MS
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import AccelerometerDescribed
 from firmware_link.host.request import RepeatedRequest
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.line_rate import Transport, sensed_rate_hz
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
 
 LEASE_MS = 500  # a board whose host is gone streams on for at most this long

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.link_errors import MessageError
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,

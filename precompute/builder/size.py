@@ -12,7 +12,7 @@ from pathlib import Path
 from engine.device import Device
 from engine.table import TableError
 from precompute.sweep.grid import zone_points
-from precompute.sweep.kernels import fold_amplitudes
+from precompute.sweep.sweep_kernels import fold_amplitudes
 
 _FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16
 """Figures of a sweep; bytes of a number."""

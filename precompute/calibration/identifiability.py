@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from precompute.calibration.calibrate import FittedDevice, Known
-from precompute.calibration.plan import Accuracy, best_drive, prior_information, propose_candidates
+from precompute.calibration.measuring_plan import Accuracy, best_drive, prior_information, propose_candidates
 
 _OPEN_BELOW = 2.0
 """Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""

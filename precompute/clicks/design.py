@@ -14,15 +14,15 @@ from threadpoolctl import ThreadpoolController
 
 from engine.device import Device
 from engine.touch import Placement
-from precompute.clicks.basis import SAMPLE_RATE_HZ, click_set, drive_rows, lines_for, tones_of
+from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_set, drive_rows, lines_for, tones_of
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_plants import SampledPlants, count_modes
+from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import SHARE
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.instants import Search
 from precompute.clicks.percentiles import percentiles
-from precompute.clicks.plants import SampledPlants, count_modes
 from precompute.clicks.program import Optimum, Program
-from precompute.clicks.responses import Responses
-from precompute.clicks.search import Search
 from precompute.clicks.watched import WatchedCourses
 from precompute.sampling.plants import sample_scenarios
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click import ClickFinger
+from engine.table.click_entry import ClickFinger
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
-from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import fingers_of
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

@@ -8,8 +8,8 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch.placement import CLOSEST_M
 from engine.touch.places import Key, Places
-from precompute.clicks.options import ClickOptions
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks.click_options import ClickOptions
+from precompute.clicks.click_solver import ClickSolver
 from precompute.parallel.pool import WorkerPool
 
 MOST_TABULATED = 2

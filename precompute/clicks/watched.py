@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.compiled import njit
-from precompute.clicks.basis import Tones
-from precompute.clicks.responses import Responses
+from precompute.clicks.click_basis import Tones
+from precompute.clicks.click_responses import Responses
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.steady import Receptances, SteadyDrive
 from engine.steady.given_drive import compute_levels
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from precompute.fleet.units import FleetError
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.at_positions import search_frequencies
-from precompute.sampling.places import solve_place_receptances
+from precompute.sampling.place_receptances import solve_place_receptances
 from precompute.studies.two_fingers import finger_pairs
 
 _FELT, _QUIET = 0, 1

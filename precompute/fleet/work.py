@@ -17,9 +17,9 @@ from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
 from engine.table import Table
-from engine.table.file import file_checksum
-from precompute.builder.build import build_table
+from engine.table.netcdf_file import file_checksum
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.builder.table_build import build_table
 from precompute.calibration.fitted import REPORT, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.clicks import ClickOptions

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from engine.device import Device, Finger
-from precompute.measurements.responses import MeasuredResponses
+from precompute.measurements.response_table import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
 

@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from engine.device import Finger
-from engine.device.file import CLICKS_TOP_HZ
+from engine.device.description import CLICKS_TOP_HZ
 from precompute.model.assembly import Plant, assemble, dense
 
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """Steady drives for fingers at any positions, with the spread of what the fingers feel and the rise time.
 
-The drive is the one that the live engine solves (engine.steady.solver), from the same receptances. Its figures are
-computed apart from it, on the plant solved at the drive's own frequency with every sampled finger where it lies.
+The drive is the one that the live engine solves (engine.steady.steady_solver), from the same receptances. Its figures
+are computed apart from it, on the plant solved at the drive's own frequency with every sampled finger where it lies.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.receptances import Receptances
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import Plant, assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
@@ -22,7 +22,7 @@ from precompute.predict.performance import compute_figures
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import SAMPLES, SampledFingers
-from precompute.sampling.places import solve_place_receptances
+from precompute.sampling.place_receptances import solve_place_receptances
 
 Array = NDArray[np.float64]
 PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
@@ -100,7 +100,7 @@ class SteadyDesigner:
     def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> PlacementFigures:
         """The drive for fingers at these positions, `felt` or else quiet, at a level in dB, and its figures.
 
-        Raises engine.steady.solver.SteadyError as SteadySolver.solve does.
+        Raises engine.steady.steady_solver.SteadyError as SteadySolver.solve does.
         """
         drive = self.solver.solve(positions_m, felt, level_db)
         device, positions = self.plant.device, np.array(positions_m, dtype=np.float64)

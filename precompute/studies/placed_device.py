@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import tomlkit
 
 from engine.device import Device
-from precompute.studies.placement import with_actuators_at
+from precompute.studies.placement_search import with_actuators_at
 
 
 def placed_text(device: Device, name: str, position_m: Sequence[float]) -> str:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.at_positions import SteadyDesigner
-from precompute.sampling.places import modal_receptances
+from precompute.sampling.place_receptances import modal_receptances
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]

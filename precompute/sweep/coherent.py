@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.sweep.grid import GridResponse
-from precompute.sweep.kernels import AmplitudeRatios, fill_coherent_sweep
+from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_coherent_sweep
 
 Complex = NDArray[np.complex128]
 Single = NDArray[np.float32]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.best_rows import BestRows
-from engine.table.file import TableWriter, Variable, VariableStream
+from engine.table.netcdf_file import TableWriter, Variable, VariableStream
 from precompute.model.assembly import Plant, assemble
 from precompute.model.frequencies import BEAT_HZ
 from precompute.sweep.best import BestRowSearch, Drive, Rows
@@ -22,7 +22,7 @@ from precompute.sweep.grid import (
     estimate_interpolation_error,
     zone_points,
 )
-from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
+from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
 
 Single = NDArray[np.float32]
 

@@ -15,12 +15,12 @@ from rich.table import Table as Grid
 from engine.device import Device
 from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
-from precompute.clicks.basis import lines_for
+from precompute.clicks.click_basis import lines_for
+from precompute.clicks.click_plants import SampledPlants
+from precompute.clicks.click_responses import Responses
+from precompute.clicks.click_solver import FULL_SCALE
 from precompute.clicks.design import ProgramSolver
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.plants import SampledPlants
-from precompute.clicks.responses import Responses
-from precompute.clicks.solver import FULL_SCALE
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import sample_scenarios
 

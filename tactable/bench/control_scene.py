@@ -9,8 +9,8 @@ from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Rule, Segment,
 from engine.effects.files.conversion import MOST_SEGMENTS
 from engine.touch import Touch
 from tactable.bench.latency.stages import figures_of
+from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.requests import MOST_RULES, Region
-from tactable.control.scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.steps import StepDecoder, StepEncoder
 
 ROUNDS = 1000

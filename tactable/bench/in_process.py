@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from engine.effects import DEFAULT_EFFECTS, Effects
 from engine.loop import Trace
+from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.layout import NONE
 from engine.render import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
@@ -24,7 +24,7 @@ from engine.touch.sources import OnClock
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.light_device import LightDevice
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
 REPORTS_HZ = 2 * MOST_COMMANDS_HZ

@@ -33,7 +33,7 @@ def open_table(path: Path | None) -> Iterator[Table]:
         with Table.open(path) as table:
             yield table
         return
-    from tactable.rig.demo import table_for
+    from tactable.rig.demo_run import table_for
 
     device = find_device("reference-a")
     cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"

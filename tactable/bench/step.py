@@ -30,7 +30,7 @@ from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.environment import reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
-from tactable.run.live import fast_library
+from tactable.run.live_run import fast_library
 
 ROUNDS = 15  # of all reports of a recording; their median is shown
 STAGES = ("decode", "track", "play", "render", "frame")

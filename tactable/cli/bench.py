@@ -73,7 +73,7 @@ def control(
     Messages of a program and touches take turns in the same run, and bring the same clicks. A pause follows
     each click: 1000 rounds, with the compiled step and then without, pause for two and a half minutes in all.
     """
-    from tactable.bench.control import print_control_bench, run_control_bench
+    from tactable.bench.control_bench import print_control_bench, run_control_bench
     from tactable.bench.inputs import open_table
 
     with open_table(table_path) as table:

@@ -111,10 +111,10 @@ class WantedTable:
 
     def build(self, device: Device) -> None:
         """Build the table of a device and print what it holds."""
-        from precompute.builder.build import EARLY_IN_PLACE, build_table
+        from precompute.builder.table_build import EARLY_IN_PLACE, build_table
         from precompute.clicks import ClickOptions
         from precompute.clicks.tabulated import MOST_TABULATED
-        from precompute.measurements.responses import read_responses
+        from precompute.measurements.response_table import read_responses
         from precompute.parallel.pool import available_cores
 
         path = self.output or Path(f"{device.name}.nc")

@@ -47,7 +47,7 @@ def modes(
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
     from precompute.model.modes import compute_modes
-    from tactable.figures.file import outputs_of, write_outputs
+    from tactable.figures.picture_file import outputs_of, write_outputs
 
     outputs = outputs_of([] if output is None else [output])
     device = find_device(device_name)
@@ -64,7 +64,7 @@ def modes(
         "with_finger": [_mode_json(mode) for mode in touched],
     }
     if output is not None:
-        from tactable.figures.modes import plot_modes
+        from tactable.figures.mode_picture import plot_modes
 
         write_outputs(plot_modes(device, position_m, at_m, untouched, touched), outputs)
     show(found, as_json, _print_modes)
@@ -115,7 +115,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
     from precompute.model.assembly import assemble
     from precompute.model.modes import compute_modes
     from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz
-    from precompute.studies.reach import compute_reach
+    from precompute.studies.reach_along import compute_reach
 
     path = find_device_file(device_name)
     device = with_threshold(find_device(device_name), threshold)

@@ -38,7 +38,7 @@ def show(
     converted = read_effect_file(path, path.stem, full_level_db)
     if output:
         from tactable.figures.effect_file import plot_effect_file
-        from tactable.figures.file import outputs_of, write_outputs
+        from tactable.figures.picture_file import outputs_of, write_outputs
 
         outputs = outputs_of(output)
         write_outputs(plot_effect_file(converted, full_level_db), outputs)
@@ -97,7 +97,7 @@ def curve(
     import numpy as np
 
     from precompute.model.assembly import assemble
-    from precompute.studies.reach import compute_acceleration_curves
+    from precompute.studies.reach_along import compute_acceleration_curves
 
     device = find_device(device_name)
     middles = [0.5 * (zone.start_m + zone.stop_m) for zone in device.zones]
@@ -155,7 +155,7 @@ def _place(device_name: str, at: str) -> Any:
 
     from engine.effects.files.hjif_out import BarPlace
     from precompute.model.assembly import assemble
-    from precompute.studies.reach import compute_reach
+    from precompute.studies.reach_along import compute_reach
 
     device = find_device(device_name)
     at_m = read_option("--at", at, "m")

@@ -55,8 +55,8 @@ def fleet(
     Exit status 3: a unit failed.
     """
     from precompute.clicks.tabulated import MOST_TABULATED
-    from precompute.fleet.plan import plan_fleet
-    from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
+    from precompute.fleet.fleet_plan import plan_fleet
+    from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
     from precompute.fleet.units import FleetOptions
 

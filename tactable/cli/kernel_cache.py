@@ -70,7 +70,7 @@ def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
     newest_s = max(source.stat().st_mtime for source in _SOLVER.glob("*.py"))
     if not any(path.stat().st_mtime >= newest_s for path in kept):
         on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
-    import_module("engine.steady.solver")
+    import_module("engine.steady.steady_solver")
 
 
 def _is_writable(folder: Path) -> bool:

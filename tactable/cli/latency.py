@@ -19,7 +19,7 @@ from tactable.cli.console import ERRORS, OUT, remark, show
 from tactable.cli.options import AsJson, BitRate, OptionalTable, OptionError
 
 EXIT_WORSE = 4
-_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/latency.py)
+_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/command_latency.py)
 
 
 def latency(
@@ -60,7 +60,7 @@ def latency(
     # It draws, and knows the demo: importing that takes longer than parsing the options.
     from base.plain import to_plain
     from tactable.audio.names import is_audio
-    from tactable.bench.latency.report import compare_with, measure, read_baseline, write_report
+    from tactable.bench.latency.latency_report import compare_with, measure, read_baseline, write_report
 
     if is_audio(over):
         raise OptionError(

@@ -104,7 +104,7 @@ def measure(
     from threadpoolctl import threadpool_limits
 
     from base.plain import to_plain
-    from precompute.measurements.file import check_ending
+    from precompute.measurements.measurement_file import check_ending
     from tactable.audio.names import is_audio
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.stepped_sine import SteppedSineOptions
@@ -206,7 +206,7 @@ def write_records(
 ) -> None:
     """Write the responses, or without their phases the peaks, to every output."""
     from precompute.measurements import Kind
-    from precompute.measurements.file import write_measurements
+    from precompute.measurements.measurement_file import write_measurements
     from tactable.measure.walk import measurements_of
 
     has_phase = all(form.loopback(actuator.name) is not None for actuator in device.actuators)
@@ -236,7 +236,7 @@ def write_transfers(
     from base.files import replace_file
     from engine.device import Device
     from precompute.calibration.device_text import text_with_transfers
-    from precompute.calibration.transfer import find_transfers
+    from precompute.calibration.transfer_fit import find_transfers
     from precompute.measurements import Kind
     from tactable.measure.walk import measurements_of
 

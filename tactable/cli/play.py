@@ -131,7 +131,7 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
     if is_simulated:
         import numpy as np
 
-        from tactable.measure.bar_levels import simulate_levels
+        from tactable.measure.model_levels import simulate_levels
 
         position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
         peak_m_per_s2, level_db = simulate_levels(device, asked, position_m)

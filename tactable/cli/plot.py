@@ -42,7 +42,7 @@ from tactable.cli.options import (
     read_placement,
     read_zones,
 )
-from tactable.figures.file import Outputs, Picture, outputs_of, write_outputs, write_texts
+from tactable.figures.picture_file import Outputs, Picture, outputs_of, write_outputs, write_texts
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def state(
     """
     with _opened_table(table_path) as table:
         from tactable.figures.course import plot_course
-        from tactable.figures.state import plot_state
+        from tactable.figures.state_picture import plot_state
 
         return (plot_course if over_time else plot_state)(_played_drive(table, felt, quiet, read_level(level)))
 
@@ -170,7 +170,7 @@ def click(
     acceleration under each finger at its position, and its spread over sampled plants that the click was not optimised
     over. With --sound it can be heard.
     """
-    from engine.table.click import played_at
+    from engine.table.click_entry import played_at
     from tactable.explain.click_sound import check_sound_path, make_sound, sound_json, write_sound
 
     if sound_path is not None:
@@ -179,7 +179,7 @@ def click(
         raise OptionError("--stereo and --plain belong to a sound; name its file, such as --sound click.wav")
     with _opened_table(table_path) as table:
         from tactable.explain.click_source import ClickSource
-        from tactable.figures.click import plot_click
+        from tactable.figures.click_picture import plot_click
 
         source, placement = ClickSource(table), read_placement(table.device, felt, quiet)
         played = played_at(source.click_of(placement), read_level(level))
@@ -210,9 +210,9 @@ def response(
 
     The actuators are at full scale. Measured readings are drawn beside the model where there are any.
     """
-    from precompute.measurements.file import read_measurements
+    from precompute.measurements.measurement_file import read_measurements
     from precompute.measurements.types import lay_out
-    from tactable.figures.response import plot_response
+    from tactable.figures.response_picture import plot_response
 
     device = _changed(device_name, change)
     mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
@@ -261,7 +261,7 @@ def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
 
     Places that no drive moves are dead zones.
     """
-    from tactable.figures.reach import plot_reach
+    from tactable.figures.reach_picture import plot_reach
 
     return plot_reach(_changed(device_name, change))
 

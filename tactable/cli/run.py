@@ -25,7 +25,7 @@ from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import BOARD_EMULATED
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
@@ -46,10 +46,10 @@ from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.digitizers.record import open_live, opened, recording_named, stop_at_signal
-from tactable.doctor.touch import Machine
+from tactable.doctor.touch_check import Machine
 from tactable.page.attach import PageOf, page_of
 from tactable.run.click_process import ClickProcess
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 from tactable.run.ring_recorder import recorder_of, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
 from tactable.shipped import cache_folder, find_device, named_effects

@@ -10,7 +10,7 @@ from typing import Any
 
 from engine.loop import Record
 from engine.render.board_fit import scales_for
-from engine.render.commands import RendererError
+from engine.render.link_commands import RendererError
 from engine.table import Table
 from engine.touch import Touch
 from tactable.control.promise import Board, promise_of

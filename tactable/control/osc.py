@@ -16,10 +16,10 @@ from typing import Any
 
 from base.child import ChildError
 from base.printable import printable
+from tactable.control.control_server import ControlServer
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import VERSION
 from tactable.control.security import LOOPBACK
-from tactable.control.server import ControlServer
 
 LEASE_S = 30.0  # senders of OSC do not renew on their own: longer than the 5 s of programs that do
 PREFIX = "/tactable/"

@@ -46,7 +46,7 @@ class ControlProcess:
     """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
-        self._child = start("tactable.control.process", to_plain(served), name="the control channel")
+        self._child = start("tactable.control.control_process", to_plain(served), name="the control channel")
         self._decoder = StepDecoder()
         try:
             self.lines: list[str] = self._child.read()["lines"]

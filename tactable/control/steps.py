@@ -22,8 +22,8 @@ from typing import Any
 
 from base.errors import TactableError
 from engine.effects import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
+from tactable.control.program_scene import Scene
 from tactable.control.requests import Region
-from tactable.control.scene import Scene
 
 MOST_BYTES = 8192
 """Of one part."""

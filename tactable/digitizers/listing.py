@@ -10,7 +10,7 @@ from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_dig
 from engine.touch.sources.recording import read_recording
 from tactable.audio.names import PREFIX, AudioError
 from tactable.audio.names import SIMULATED as SIMULATED_CARD
-from tactable.doctor.touch import Machine, open_found
+from tactable.doctor.touch_check import Machine, open_found
 from tactable.shipped import DEMO_RECORDING
 
 SIMULATED = "simulated"

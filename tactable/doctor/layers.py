@@ -8,13 +8,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from engine.loop.latency import Percentiles
+from engine.loop.command_latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.pty import open_pseudo_terminal
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, Transport, occupied_ns
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING

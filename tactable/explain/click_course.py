@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
-from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
 from tactable.explain.click_source import ClickSource
 

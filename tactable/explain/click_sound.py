@@ -12,7 +12,7 @@ from base.errors import TactableError
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
-from precompute.clicks.basis import RINGDOWN_S
+from precompute.clicks.click_basis import RINGDOWN_S
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter

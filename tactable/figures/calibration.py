@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from precompute.calibration.calibrate import Calibration, FittedDevice
-from precompute.calibration.modal import ModalCalibration
-from tactable.figures.response import reading_along
+from precompute.calibration.modal_fit import ModalCalibration
+from tactable.figures.response_picture import reading_along
 from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
 
-_DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than file.py's 150
+_DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than picture_file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
 
 

@@ -11,7 +11,7 @@ from precompute.model.modal import compute_basis
 from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import compute_rise_model
 from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 from tactable.figures.played_drive import PlayedDrive
 from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, Array, finish_picture, level_text
 

@@ -15,7 +15,7 @@ from engine.table import Table, TableError
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, Array, finish_picture
 
 Complex = NDArray[np.complex128]

@@ -11,9 +11,9 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
 from tactable.explain.words import level_text as level_text
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 
-if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw nothing
+if TYPE_CHECKING:  # as in picture_file.py: pages use the words of this module, and draw nothing
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

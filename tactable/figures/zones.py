@@ -13,7 +13,7 @@ from precompute.model.response import peak_along
 from precompute.model.steady import SteadyState, compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures import style
-from tactable.figures.file import FigureError, Picture
+from tactable.figures.picture_file import FigureError, Picture
 
 _PLACES = 401  # less than a millimetre apart on 300 mm
 _HEADROOM = 1.3  # above the greatest value: names of the zones and legend

@@ -23,7 +23,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Status
 
 

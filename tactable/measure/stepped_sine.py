@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from firmware_link.protocol.basis import EncodedClick
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive

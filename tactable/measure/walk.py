@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from base.files import replace_file
 from engine.device import Device
-from precompute.calibration.plan import Accuracy, Criterion, plan_first
+from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
 from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places

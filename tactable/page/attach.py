@@ -26,6 +26,6 @@ class PageOf:
 def page_of(shown: PageOf) -> Iterator[list[str]]:
     """Serve the page in a child process while the context lasts: the lines to print. Raises ChildError."""
     with Child(
-        "tactable.page.processes.live", to_plain(shown), name=f"no page at {shown.host}, port {shown.port}"
+        "tactable.page.processes.live_process", to_plain(shown), name=f"no page at {shown.host}, port {shown.port}"
     ) as child:
         yield child.read()["lines"]

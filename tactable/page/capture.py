@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from engine.touch import Touch
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.commands import Command
+from tactable.page.judged_commands import Command
 from tactable.page.live_bar import RATE_HZ, LiveBar
-from tactable.page.messages import Drive, encode_motion, encode_sound
+from tactable.page.page_messages import Drive, encode_motion, encode_sound
 
 CLICK_MOTION_S = 0.09
 """Length of the slowed moment of a click: the click, and the ringing after it."""

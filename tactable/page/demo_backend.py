@@ -25,15 +25,15 @@ from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
+from tactable.page.drawn_device import device_json
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import DroppedFile, encode_picture
+from tactable.page.page_messages import DroppedFile, encode_picture
+from tactable.page.page_tables import Builder, order_for
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
-from tactable.page.processes.build import BuildOrder
-from tactable.page.processes.engine import Order
-from tactable.page.processes.programs import ProgramsAt
-from tactable.page.scene import device_json
-from tactable.page.tables import Builder, order_for
+from tactable.page.processes.build_process import BuildOrder
+from tactable.page.processes.engine_process import Order
+from tactable.page.processes.programs_process import ProgramsAt
 from tactable.page.view import View
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table

@@ -10,9 +10,9 @@ from base.plain import to_plain
 from engine.touch.sources.pointer import PointerFeed
 from firmware_link.emulator import DeviceConfiguration
 from tactable.page.processes.asynchronous import AsyncChild
-from tactable.page.processes.engine import Order
-from tactable.page.processes.firmware import Applied, decode_applied
-from tactable.page.processes.programs import ProgramsAt
+from tactable.page.processes.engine_process import Order
+from tactable.page.processes.firmware_process import Applied, decode_applied
+from tactable.page.processes.programs_process import ProgramsAt
 
 
 class FirmwareProcess:
@@ -27,7 +27,7 @@ class FirmwareProcess:
     @classmethod
     async def start(cls, configuration: DeviceConfiguration) -> "FirmwareProcess":
         """Raises ChildError when it does not start."""
-        module = "tactable.page.processes.firmware"
+        module = "tactable.page.processes.firmware_process"
         child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
         return cls(child, (await child.read())["port"], configuration)
 
@@ -65,7 +65,7 @@ class EngineProcess:
         os.set_blocking(writing, False)
         try:
             arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": to_plain(programs)}
-            module = "tactable.page.processes.engine"
+            module = "tactable.page.processes.engine_process"
             child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
         finally:
             os.close(reading)

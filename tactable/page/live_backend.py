@@ -11,10 +11,10 @@ from engine.loop import RingReader
 from engine.render import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
+from tactable.page.drawn_device import device_json
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import DroppedFile, encode_picture
+from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.ring_drive import RingDrive
-from tactable.page.scene import device_json
 from tactable.page.view import View
 from tactable.run.table_watch import LOOK_S, identity_of
 

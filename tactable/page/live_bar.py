@@ -19,7 +19,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
-from tactable.page.messages import LOWEST_DB
+from tactable.page.page_messages import LOWEST_DB
 from tactable.page.rolling_buffer import RollingBuffer
 
 Array = NDArray[np.float64]

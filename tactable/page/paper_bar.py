@@ -14,9 +14,9 @@ from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement, Touch, ZoneState
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.bar_levels import BarLevels
-from tactable.page.commands import Command
+from tactable.page.judged_commands import Command
 from tactable.page.live_bar import BarFinger, LiveBar
+from tactable.page.moving_levels import BarLevels
 
 STEP_US = 30_000
 """The second bar takes every second step of the first, which halves what it costs."""

@@ -13,11 +13,11 @@ from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.bar_levels import BarLevels
 from tactable.page.capture import Capture
-from tactable.page.commands import Command, CommandReader, time_of
+from tactable.page.judged_commands import Command, CommandReader, time_of
 from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
-from tactable.page.messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
+from tactable.page.moving_levels import BarLevels
+from tactable.page.page_messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
 
 LATENCIES = 64  # of the newest commands, whose median is shown

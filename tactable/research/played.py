@@ -52,12 +52,12 @@ class _Asked(ABC):
 
 @dataclass(frozen=True, repr=False)
 class Drive(_Asked, SteadyDrive):
-    """A steady drive solved for the positions of the fingers, as a run solves it (engine.steady.solver)."""
+    """A steady drive solved for the positions of the fingers, as a run solves it (engine.steady.steady_solver)."""
 
     def plot(self) -> "Figure":
         """Picture of the drive: level along the bar and under every finger, over sampled fingers."""
         from tactable.figures.played_drive import solved_drive
-        from tactable.figures.state import plot_state
+        from tactable.figures.state_picture import plot_state
 
         return plot_state(solved_drive(self.table, self.asked, self.wanted_level_db)).figure
 
@@ -79,12 +79,12 @@ class Drive(_Asked, SteadyDrive):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Click(_Asked, ClickEntry):
-    """The click that a table has for the nearest places (engine.table.click)."""
+    """The click that a table has for the nearest places (engine.table.click_entry)."""
 
     def plot(self) -> "Figure":
         """Picture of the waveform and of what every finger feels of it, over fresh plants; takes a second."""
         from tactable.explain.click_source import ClickSource
-        from tactable.figures.click import plot_click
+        from tactable.figures.click_picture import plot_click
 
         return plot_click(ClickSource(self.table), self, self.asked).figure
 
@@ -159,7 +159,7 @@ def _fingers(asked: Placement) -> dict[str, Any]:
 
 
 def _origin(device: Device) -> dict[str, str]:
-    from tactable.research.bar import origin_of
+    from tactable.research.untabulated import origin_of
 
     return {**origin_of(device), "threshold": device.threshold.title}
 

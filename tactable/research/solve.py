@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry
-from engine.table.click import LevelSpread, played_at
+from engine.table.click_entry import LevelSpread, played_at
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.placement import PlacementError

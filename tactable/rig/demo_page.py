@@ -11,8 +11,8 @@ from engine.device import Device
 from engine.loop import Stage
 from engine.table.best_rows import BestRow
 from tactable.explain.words import finger_names, placement_text
-from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.demo_run import DemoReport
 from tactable.rig.rig import Wanted
 
 

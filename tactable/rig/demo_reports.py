@@ -16,8 +16,8 @@ from engine.steady import SteadyDrive
 from engine.table import ClickEntry
 from engine.table.best_rows import BestRow
 from engine.touch import Placement
-from tactable.rig.bar import SimulatedClick, SimulatedDrive
 from tactable.rig.promises import Promise
+from tactable.rig.simulated_bar import SimulatedClick, SimulatedDrive
 
 Array = NDArray[np.float64]
 

@@ -21,13 +21,13 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
-from engine.table.clicks import Clicks
-from engine.table.file import TableWriter
+from engine.table.click_grid import Clicks
+from engine.table.netcdf_file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.places import modal_receptances
+from precompute.sampling.place_receptances import modal_receptances
 
 if TYPE_CHECKING:
     from precompute.clicks import ClickOptions

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
-from engine.table.click import played_at
+from engine.table.click_entry import played_at
 from engine.touch import Placement, ZoneState
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
@@ -26,7 +26,7 @@ from tactable.rig.modal_bar import ModalBar
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
     from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Promises:
 
     @cached_property
     def _solver(self) -> "SteadySolver":
-        from engine.steady.solver import SteadySolver
+        from engine.steady.steady_solver import SteadySolver
 
         return SteadySolver(self._table.device, self._table.receptances)
 

@@ -23,14 +23,14 @@ from typing import Any
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.diff import compare_tables
-from engine.table.file import TableWriter
+from engine.table.netcdf_file import TableWriter
 from engine.table.receptance_columns import write_receptances
 from engine.table.schema import IS_SHIPPED
+from engine.table.table_diff import compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.places import modal_receptances
+from precompute.sampling.place_receptances import modal_receptances
 from tactable.rig.first_table import MODES, early_options
 from tactable.shipped import find_device, ready_folder, shipped_names
 
@@ -147,7 +147,7 @@ def pack(built: Table, path: Path) -> None:
 
 def main(names: list[str]) -> None:
     """Make the shipped tables of these devices again, by default of all."""
-    from precompute.builder.build import build_table
+    from precompute.builder.table_build import build_table
     from precompute.parallel.pool import available_cores
 
     ready_folder().mkdir(exist_ok=True)

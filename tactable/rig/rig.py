@@ -25,12 +25,12 @@ from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
-from firmware_link.emulator.process import EmulatorLog, run_emulator
+from firmware_link.emulator.emulator_process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
 from tactable.run.click_process import ClickProcess
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 
 PTY_BIT_RATE_HZ = 2_000_000  # as tactable/bench/latency/conditions.py
 _SEQUENCES = 256

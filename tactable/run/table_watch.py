@@ -20,7 +20,7 @@ from base.child import Child, Parent
 from base.printable import printable
 from engine.device import DeviceError
 from engine.effects import Effects
-from engine.loop.fast.table import FastRendering, with_fast_table
+from engine.loop.fast.fast_table import FastRendering, with_fast_table
 from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
 from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities

@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import ClickEntry, Clicks
-from engine.table.click import ClickFinger, LevelSpread
+from engine.table.click_entry import ClickFinger, LevelSpread
 from engine.touch import Placement
 from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis, BasisSet

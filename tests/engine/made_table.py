@@ -10,7 +10,7 @@ from engine.steady.receptances import Receptances
 from engine.table import ClickEntry, Clicks
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
-from engine.table.file import TableWriter, Variable
+from engine.table.netcdf_file import TableWriter, Variable
 from engine.table.receptance_columns import write_receptances
 from tests.engine.made_clicks import TOLERANCE_M, made_clicks
 

@@ -21,12 +21,12 @@ from engine.loop import (
 from engine.render import link_configuration
 from engine.touch.sources import Source
 from firmware_link.emulator import DriveEvent
-from firmware_link.emulator.process import EmulatorLog
+from firmware_link.emulator.emulator_process import EmulatorLog
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from tests.engine.made_states import LEVEL_DB, state_index
 from tests.engine.render.made_steady import made_renderer
 

@@ -15,7 +15,7 @@ import pytest
 from playwright.sync_api import Browser, FloatRect, expect
 
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from tests.system.page import (
     CLICK,
     DESKTOP,

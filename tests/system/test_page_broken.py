@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import Browser
 
-from tactable.page.messages import VERSION
+from tactable.page.page_messages import VERSION
 from tactable.shipped import find_device_file
 from tests.system.page import FIRST, IN_CHROMIUM, SECOND, STEADY, THIRD, Demo, Visit, choose, clicked, lift, opened
 

@@ -19,7 +19,7 @@ from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirm
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import Boot, FaultyDevice
-from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 MS = 1_000_000
 PORT = -1

@@ -1,6 +1,6 @@
 """What the compiled step must know: what stays during a run once, and the moment before each wait.
 
-Both are written into one structure of `engine.loop.fast.layout`, field by field.
+Both are written into one structure of `engine.loop.fast.fast_layout`, field by field.
 """
 
 import ctypes
@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from engine.effects import Effects, Rule, Segment, Trigger
-from engine.effects.player import FOLLOW_M
+from engine.effects.effect_player import FOLLOW_M
 from engine.effects.rules import changed_level
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.layout import CONSTANTS, NONE, Fast
+from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
+from engine.loop.fast.fast_session import Ahead
+from engine.loop.fast.fast_table import FastTable
 from engine.loop.fast.library import FastPathError
-from engine.loop.fast.session import Ahead
-from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
 from engine.render import DriveCommand
 from engine.touch import Digitizer

@@ -18,16 +18,14 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.table import Table
-from firmware_link.emulator.process import RunningEmulator, run_emulator
-from firmware_link.protocol.errors import LinkError
+from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, Condition, Transport
-from tactable.bench.latency.engine import Segment
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
-from tactable.bench.latency.programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
     Times,
@@ -37,6 +35,8 @@ from tactable.bench.latency.stamps import (
     stamps_of_echoes,
     stamps_of_replaced,
 )
+from tactable.bench.latency.timed_engine import Segment
+from tactable.bench.latency.timed_programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.light_device import Arrivals, LightDevice
 
 # Small, so that a line that stands still is noticed: a real one has one frame in flight.
@@ -81,7 +81,7 @@ class Bench:
     def __enter__(self) -> "Bench":
         arguments = {"table": str(self._table_path)}
         self._engine = self._stack.enter_context(
-            Child("tactable.bench.latency.engine", arguments, name="the engine under measurement")
+            Child("tactable.bench.latency.timed_engine", arguments, name="the engine under measurement")
         )
         self._engine.read()
         # What measures must not be what waits; the sleep of processors is part of what is measured.

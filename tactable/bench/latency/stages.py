@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.loop.latency import Percentiles
+from engine.loop.command_latency import Percentiles
 
 Stamps = NDArray[np.float64]
 """Shape (sample, point): ns after the report was due, NaN where a point was not measured."""

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop import Stage
-from firmware_link.emulator.process import RunningEmulator
+from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.bench.latency.load_generator import Schedule
 from tactable.bench.latency.stages import Point, Stamps
 from tactable.bench.light_device import Arrivals

@@ -1,4 +1,4 @@
-// The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
+// The browser's side of tactable/page/page_messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
 export const VERSION = 6;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };

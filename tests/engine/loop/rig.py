@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from engine.device import Device
 from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.effects.player import DEFAULT_CLICK_NS
+from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import burst
 from engine.loop import (
     ClickSolving,
@@ -26,13 +26,13 @@ from engine.loop import (
     connect,
     open_pipeline,
 )
-from engine.loop.fast.session import FastLink, FastSession
-from engine.loop.fast.table import with_fast_table
+from engine.loop.fast.fast_session import FastLink, FastSession
+from engine.loop.fast.fast_table import with_fast_table
 from engine.loop.table_swap import Updates
 from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
-from engine.render.clicks import RenderedClicks
+from engine.render.click_renderer import RenderedClicks
 from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows

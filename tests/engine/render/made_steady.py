@@ -6,8 +6,8 @@ from types import SimpleNamespace
 from engine.device import Device
 from engine.render import SILENCE, DriveCommand, Renderer, clamp
 from engine.render.chosen_basis import NO_BASIS
-from engine.render.clicks import RenderedClicks
-from engine.render.commands import Rendered
+from engine.render.click_renderer import RenderedClicks
+from engine.render.link_commands import Rendered
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive

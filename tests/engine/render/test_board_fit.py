@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Electrodes
 from engine.effects import DEFAULT_EFFECTS
-from engine.loop.fast.table import with_fast_table
+from engine.loop.fast.fast_table import with_fast_table
 from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
 from engine.render.board_fit import fit_board
 from engine.table import Table

@@ -8,7 +8,7 @@ import pytest
 from engine.render import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Receptances
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities

@@ -19,8 +19,8 @@ from firmware_link.host.link_values import (
     Stopped,
 )
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.errors import LinkError, MessageError
 from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.link_errors import LinkError, MessageError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Features, Log, LogCode, encode_drive
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import greeting

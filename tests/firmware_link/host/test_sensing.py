@@ -8,7 +8,7 @@ import pytest
 from firmware_link.emulator import DeviceConfiguration
 from firmware_link.host.link_values import AccelerometerDescribed, LinkConfiguration
 from firmware_link.host.sensing import LEASE_MS
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Acceleration, Sense
 from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig, decode_messages
 from tests.tools.virtual import MS

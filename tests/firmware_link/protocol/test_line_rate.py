@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 import firmware_link
 from firmware_link.host.link_values import LinkConfiguration
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import NS_PER_S, Transport, command_rate_hz, occupied_ns, sensed_rate_hz
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
 from tests.firmware_link.strategies import unhurried
 

@@ -10,10 +10,10 @@ from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
 from engine.table.history import previous_of
 from engine.touch.places import Places
-from precompute.builder.build import EARLY_IN_PLACE, build_table
+from precompute.builder.table_build import EARLY_IN_PLACE, build_table
 from precompute.clicks import ClickOptions
-from precompute.clicks.basis import EVALUATION_RATE_HZ, lines_for
-from precompute.clicks.plants import count_modes
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for
+from precompute.clicks.click_plants import count_modes
 from precompute.clicks.tabulated import tabulated_keys
 from tests.precompute.fleet.small_fleet import small_text
 

@@ -16,7 +16,7 @@ from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
 from tests.precompute.calibration.calibrations import DEVICE
 from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
-from tests.precompute.measurements.test_responses import per_newton
+from tests.precompute.measurements.test_response_table import per_newton
 
 PAPERS_SIX = paper_names(DEVICE)
 

@@ -5,7 +5,7 @@ import pytest
 
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.identifiability import advise, open_combinations
-from precompute.calibration.plan import Accuracy
+from precompute.calibration.measuring_plan import Accuracy
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
 from tests.precompute.measured import NAN, read_bar

@@ -4,11 +4,11 @@ from functools import cache
 
 from engine.device import Device
 from engine.touch import Placement, ZoneState
-from precompute.clicks.basis import lines_for
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.plants import SampledPlants
-from precompute.clicks.responses import Responses
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks.click_basis import lines_for
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_plants import SampledPlants
+from precompute.clicks.click_responses import Responses
+from precompute.clicks.click_solver import ClickSolver
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 

@@ -7,11 +7,11 @@ import pytest
 
 from engine.device import Device
 from engine.touch import Placement
-from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE, lines_for
+from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, lines_for
+from precompute.clicks.click_options import ClickOptions
+from precompute.clicks.click_plants import SampledPlants
+from precompute.clicks.click_responses import Responses
 from precompute.clicks.design import Designer
-from precompute.clicks.options import ClickOptions
-from precompute.clicks.plants import SampledPlants
-from precompute.clicks.responses import Responses
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.clicks.click_cases import placed
 from tests.precompute.devices import shipped

@@ -11,7 +11,7 @@ from engine.device import Device
 from precompute.model.assembly import assemble, dense
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
-from precompute.studies.reach import compute_acceleration_curves
+from precompute.studies.reach_along import compute_acceleration_curves
 from tests.precompute.devices import damped_as_assembly, shipped
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from precompute.studies.resolution import with_equal_zones
+from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
 from tests.studies.cost.click_workers import grid_of, measure_workers

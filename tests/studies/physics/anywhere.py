@@ -24,8 +24,8 @@ from engine.table import Clicks, Table
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
+from precompute.clicks.click_solver import FULL_SCALE
 from precompute.clicks.evaluation import Evaluation
-from precompute.clicks.solver import FULL_SCALE
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.render.limits import clamp
-from engine.steady.solver import FOLLOWED_HZ
+from engine.steady.steady_solver import FOLLOWED_HZ
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

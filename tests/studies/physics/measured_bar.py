@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from engine.touch import Placement
 from precompute.calibration.calibrate import Estimate, calibrate
 from precompute.measurements import Kind, Measurements
@@ -30,8 +30,8 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
+from precompute.sampling.place_receptances import solve_place_receptances
 from precompute.sampling.placements import Anywhere, random_placements
-from precompute.sampling.places import solve_place_receptances
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
 from tactable.measure.faults import check_gravity, find_late
 from tactable.measure.simulated_bench import ConverterFlaws

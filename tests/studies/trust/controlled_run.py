@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from engine.touch.sources.recording import Recording, write_recording
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from tactable.shipped import find_device
 from tests.engine.made_table import write_table
 

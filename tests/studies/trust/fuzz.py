@@ -33,10 +33,10 @@ from engine.effects import EffectError
 from engine.effects.rule_file import parse_effects
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import Phase, PointerEvent
-from precompute.measurements.file import read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
-from tactable.page.messages import PageMessageError, decode_message
+from tactable.page.page_messages import PageMessageError, decode_message
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table

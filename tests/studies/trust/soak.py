@@ -15,7 +15,7 @@ from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN, DeviceState
 from tests.firmware_link.clicks import Clicks
 

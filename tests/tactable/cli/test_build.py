@@ -10,8 +10,8 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
-from precompute.builder.build import build_table
-from tests.precompute.builder.test_build import ONE_LEVEL
+from precompute.builder.table_build import build_table
+from tests.precompute.builder.test_table_build import ONE_LEVEL
 from tests.tactable.cli.in_process import run_here, summary_of
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")

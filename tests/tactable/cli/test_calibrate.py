@@ -12,7 +12,7 @@ import pytest
 
 from engine.device import Device
 from precompute.measurements import Kind
-from precompute.measurements.file import write_measurements
+from precompute.measurements.measurement_file import write_measurements
 from precompute.measurements.parameters import paper_names
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.shipped import find_device

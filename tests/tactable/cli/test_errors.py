@@ -18,7 +18,7 @@ from precompute.clicks.program import ProgramError
 from precompute.parallel.pool import WorkerError
 from tactable.cli import touch
 from tactable.cli.main import main
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 
 ROOT = Path(__file__).parents[3]
 ROOMS = ("engine", "firmware_link", "precompute", "tactable")

@@ -10,9 +10,9 @@ from scipy.io import loadmat
 
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.build import build_table
-from tactable.research.export import ROWS
-from tests.precompute.builder.test_build import SMALL
+from precompute.builder.table_build import build_table
+from tactable.research.table_export import ROWS
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
 
 

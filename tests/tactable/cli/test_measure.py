@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from precompute.measurements import Kind, read_measurements
 from precompute.measurements.netcdf_content import load_content
 from tactable.measure.sample_stream import write_header

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from firmware_link.emulator import Cause
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from tests.tactable.cli.in_process import Line, run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")

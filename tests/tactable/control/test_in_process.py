@@ -18,15 +18,15 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.effects import ControlStep, EffectPlayer, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.loop import RingReader, RingWriter
-from engine.loop.latency import Stage
+from engine.loop.command_latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.table import Table
 from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
+from tactable.control.control_process import EVENTS_EVERY_S, serve
 from tactable.control.osc_codec import decode_osc, encode_osc
-from tactable.control.process import EVENTS_EVERY_S, serve
-from tactable.control.scene import Scene
+from tactable.control.program_scene import Scene
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.control.steps import StepEncoder
 from tactable.shipped import named_effects

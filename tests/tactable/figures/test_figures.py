@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from engine.table import Table
 from engine.touch import Placement
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
-from tactable.figures.file import Picture, write_picture
+from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
-from tactable.figures.state import compute_envelope, plot_state
+from tactable.figures.state_picture import compute_envelope, plot_state
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from firmware_link.host.link_values import AccelerometerDescribed
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure import DrivenDevice
 from tactable.measure.board_bench import BoardBench

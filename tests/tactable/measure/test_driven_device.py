@@ -7,7 +7,7 @@ import pytest
 from engine.device import Device
 from engine.render import LimitError, RendererError
 from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 from tactable.measure import AskedDrive, DrivenDevice, check_drive, virtual_line
 from tests.engine.loop.rig import DEVICE

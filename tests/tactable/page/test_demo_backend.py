@@ -24,12 +24,12 @@ from firmware_link.emulator.synthesis import synthesise
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import LONGEST_BACK_OFF_S, SHORTEST_BACK_OFF_S, DemoBackend
-from tactable.page.messages import Drive, DroppedFile, Kind, Picture, Role
+from tactable.page.page_messages import Drive, DroppedFile, Kind, Picture, Role
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.control.virtual import run_virtual
 
 TICK_S = 1 / 60

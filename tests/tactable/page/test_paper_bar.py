@@ -5,7 +5,7 @@ import pytest
 from engine.table import Table
 from engine.table.best_rows import BestRows
 from firmware_link.protocol.messages import ChannelDrive
-from tactable.page.messages import LOWEST_DB
+from tactable.page.page_messages import LOWEST_DB
 from tactable.page.paper_bar import PaperBar
 from tactable.page.view import View
 from tactable.rig.promises import Promises

@@ -12,7 +12,7 @@ from engine.touch import Placement
 from firmware_link.protocol.basis import encode_click
 from tactable.page.capture import HEARD_S
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
-from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
+from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import LATENCIES, View

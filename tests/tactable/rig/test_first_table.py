@@ -6,11 +6,11 @@ import numpy as np
 
 from engine.table import Table
 from engine.touch.places import Places
-from precompute.clicks.basis import click_basis
+from precompute.clicks.click_basis import click_basis
 from precompute.clicks.of_table import read_click_options
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.places import modal_receptances, solve_place_receptances
+from precompute.sampling.place_receptances import modal_receptances, solve_place_receptances
 from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
     MODES,

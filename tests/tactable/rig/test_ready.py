@@ -8,7 +8,7 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from tactable.rig import ready
 from tactable.rig.first_table import early_options
 from tactable.rig.ready import (
@@ -21,7 +21,7 @@ from tactable.rig.ready import (
     pack,
 )
 from tactable.shipped import find_device, shipped_names
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.click_table import build_click_table
 
 pytestmark = pytest.mark.long

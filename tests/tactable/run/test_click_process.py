@@ -10,7 +10,7 @@ import pytest
 from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.clicks import ClickSolver
 from tactable.run.click_process import Answers, ClickProcess, Service, question_of
 from tests.small_device import small_text

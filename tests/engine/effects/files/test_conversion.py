@@ -17,7 +17,7 @@ from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
 from engine.effects.rules import NS_PER_MS, Segment
 from tactable.shipped import named_effects
-from tests.engine.effects.test_player import story, touch
+from tests.engine.effects.test_effect_player import story, touch
 
 MS = NS_PER_MS
 

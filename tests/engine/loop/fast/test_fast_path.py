@@ -15,9 +15,9 @@ import pytest
 
 from engine.effects import DEFAULT_EFFECTS
 from engine.loop import Clock, Dispatcher, SystemClock, open_pipeline
+from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.layout import NONE
-from engine.loop.fast.session import FastSession
+from engine.loop.fast.fast_session import FastSession
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator import Cause
 from firmware_link.host.descriptor_port import DescriptorPort

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
 from tactable.bench.inputs import MOST_COMMANDS_HZ
-from tactable.bench.latency.report import LatencyReportError
+from tactable.bench.latency.latency_report import LatencyReportError
 from tactable.bench.latency.stages import STAGES
 from tactable.cli.latency import EXIT_WORSE
 from tactable.cli.main import app
@@ -30,7 +30,7 @@ GENTLE = ("--realtime", "collector,switch-interval")
 def few_reports_in_process() -> Iterator[None]:
     """A hundredth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 40)
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 40)
         yield
 
 
@@ -100,7 +100,7 @@ def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_bas
     first = tmp_path / "first"
     words = ("--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
     with monkeypatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 400)
         document = report(first, str(table), "--rates", "200,1000", *words)
     check_conditions(document)
     check_report(document, table)
