@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tactable.cli.console import show
-from tactable.cli.options import AsJson, DeviceArgument, DeviceOption, OptionalTable
+from tactable.cli.options import AsJson, DeviceOption, OptionalTable
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 
@@ -18,21 +18,6 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
     show(run_sweep_bench(find_device(device_name)), as_json, print_sweep_bench)
-
-
-def clicks(
-    device_name: DeviceArgument = "reference-a",
-    placements: Annotated[int, typer.Option(min=2, help="Random placements of each number of fingers.")] = 20,
-    as_json: AsJson = False,
-) -> None:
-    """Time clicks as a run solves them, beside a linear program.
-
-    Both solve the same random placements of two, three and five fingers, and are judged on the same fresh plants: what
-    is felt, what is kept quiet, what is lost, and whether the promises hold.
-    """
-    from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
-
-    show(run_clicks_bench(find_device(device_name), placements), as_json, print_clicks_bench)
 
 
 def step(

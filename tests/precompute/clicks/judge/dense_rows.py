@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.clicks.program import Program
+from tests.precompute.clicks.judge.program import Program
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from precompute.clicks.program import TOLERANCE
-from tests.precompute.clicks.dense_rows import program_of
+from tests.precompute.clicks.judge.dense_rows import program_of
+from tests.precompute.clicks.judge.program import TOLERANCE
 
 Array = NDArray[np.float64]
 seeds = pytest.mark.parametrize("seed", range(6))

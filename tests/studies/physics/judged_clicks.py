@@ -1,6 +1,9 @@
 """Clicks as a run solves them, beside a linear program over many more plants: time, levels, and whether promises hold.
 
-Both solve the same random placements in turn, and are played on the same fresh plants. SIMULATED.
+    python -m tests.studies.physics.judged_clicks reference-a --placements 100 [--json]
+
+Both solve the same random placements of two, three and five fingers in turn, and are judged on the same fresh plants:
+what is felt, what is kept quiet, what is lost, and whether the promises hold. SIMULATED.
 """
 
 import time
@@ -19,10 +22,13 @@ from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import SampledPlants
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.click_solver import FULL_SCALE
-from precompute.clicks.design import ProgramSolver
 from precompute.clicks.evaluation import decibels
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import sample_scenarios
+from tactable.cli.console import show
+from tactable.shipped import find_device
+from tests.precompute.clicks.judge.design import ProgramSolver
+from tests.studies.options import read_options
 
 Array = NDArray[np.float64]
 Solved = TypeVar("Solved")
@@ -36,7 +42,7 @@ BROKEN_DB = 0.5
 _PERCENTS = (5, 50, 95)
 
 
-def run_clicks_bench(device: Device, placements: int) -> dict[str, Any]:
+def judge_clicks(device: Device, placements: int) -> dict[str, Any]:
     """Solve that many random placements of each case by both solvers."""
     options = DEFAULT_OPTIONS.waited_for
     ours, program = ClickSolver(device, options), ProgramSolver(device, options)
@@ -116,7 +122,7 @@ def _percentiles(level_db: Array) -> dict[str, float]:
     return {f"{percent} %": float(np.percentile(level_db, percent)) for percent in _PERCENTS}
 
 
-def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
+def print_judged(out: Console, result: dict[str, Any]) -> None:
     """Print the figures as a page."""
     out.print(
         f"{result['device']}, SIMULATED: {result['placements']} random placements of each kind, fingers within "
@@ -155,3 +161,8 @@ def print_clicks_bench(out: Console, result: dict[str, Any]) -> None:
 
 def _levels_text(level_db: dict[str, float]) -> str:
     return " / ".join(f"{value:z.1f}" for value in level_db.values())
+
+
+if __name__ == "__main__":
+    asked = read_options(__doc__, device=("reference-a",), placements=20, json=False)
+    show(judge_clicks(find_device(asked.device), asked.placements), asked.json, print_judged)

@@ -11,9 +11,9 @@ from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, lines_for
 from precompute.clicks.click_options import ClickOptions
 from precompute.clicks.click_plants import SampledPlants
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.design import Designer
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.clicks.click_cases import placed
+from tests.precompute.clicks.judge.design import Designer
 from tests.precompute.devices import shipped
 
 OPTIONS = ClickOptions(length_s=0.02, crowding=1.0)

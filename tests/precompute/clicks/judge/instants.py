@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
-from precompute.clicks.program import TOLERANCE, UNBOUNDED, Optimum
+from tests.precompute.clicks.judge.program import TOLERANCE, UNBOUNDED, Optimum
 
 Array = NDArray[np.float64]
 

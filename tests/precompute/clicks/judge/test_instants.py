@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
-from precompute.clicks.instants import AFTER_S, STEP_S, Aim, Search
-from tests.precompute.clicks.dense_rows import program_of
+from tests.precompute.clicks.judge.dense_rows import program_of
+from tests.precompute.clicks.judge.instants import AFTER_S, STEP_S, Aim, Search
 
 Array = NDArray[np.float64]
 GAIN = 1e-2

@@ -20,11 +20,11 @@ from precompute.clicks.click_plants import SampledPlants, count_modes
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import SHARE
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.instants import Search
 from precompute.clicks.percentiles import percentiles
-from precompute.clicks.program import Optimum, Program
-from precompute.clicks.watched import WatchedCourses
 from precompute.sampling.plants import sample_scenarios
+from tests.precompute.clicks.judge.instants import Search
+from tests.precompute.clicks.judge.program import Optimum, Program
+from tests.precompute.clicks.judge.watched import WatchedCourses
 
 Array = NDArray[np.float64]
 
