@@ -7,13 +7,12 @@ the loop writes anyway, and the slot of `tactable.control.slot`.
 import asyncio
 import contextlib
 import os
-import sys
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from base.child import Parent
-from base.printable import printable
+from base.printable import printable, write_note
 from engine.effects import Outcome
 from engine.loop import RingReader
 from engine.table import Table, TableError
@@ -201,7 +200,7 @@ async def serve(served: ControlOf, table: Table, reader: RingReader, parent: Par
         if osc is not None:
             await osc.close()
             if osc.messages:
-                sys.stderr.write(f"note: {osc.summary}\n")
+                write_note(osc.summary)
         unix.close()
         for writer in talks:
             writer.close()  # the talk ends as if the program had hung up

@@ -10,48 +10,33 @@ import base64
 import contextlib
 import os
 import pickle
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 from base.child import Child, ChildError, Parent, decode_line
-from base.printable import printable
+from base.printable import write_note
 from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis
+from tactable.run.beside_loop import BesideLoop
 
 _READ_BYTES = 1 << 16
 _NAME = "the solver of clicks"
 
 
-class ClickProcess:
+class ClickProcess(BesideLoop):
     """The child, as the loop asks it (engine.loop.ClickSolving)."""
 
     def __init__(self, table: Path, start: Callable[..., Child] = Child) -> None:
-        self._child = start("tactable.run.click_process", {"table": str(table)}, name=_NAME)
-        self._descriptor = self._child.fileno()
+        super().__init__("tactable.run.click_process", {"table": str(table)}, _NAME, start)
         os.set_blocking(self._descriptor, False)
-        self.process_id = self._child.process_id
         self.is_there = False
         """Whether questions are answered: not before the child is ready, and not after its end."""
         self._received = bytearray()
         self._answers = Answers()
-
-    def __enter__(self) -> "ClickProcess":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._child.kill()
-
-    def fileno(self) -> int:
-        """The descriptor that is readable when a part of a click has come."""
-        return self._descriptor
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
@@ -68,7 +53,10 @@ class ClickProcess:
         except ConnectionResetError:
             part = b""
         if not part:
-            self._end()
+            self.is_there = False
+            self._fall_silent(
+                "clicks of more fingers than the table holds are no longer solved: the solving process has ended"
+            )
         self._received += part
         *lines, rest = self._received.split(b"\n")
         self._received = bytearray(rest)
@@ -78,19 +66,10 @@ class ClickProcess:
         try:
             answer = decode_line(line, _NAME)
         except ChildError as error:
-            _say(str(error))
+            write_note(str(error))
             return None
         self.is_there = True
         return self._answers.decode(answer)
-
-    def _end(self) -> None:
-        """Replace the socket of a child that died by a silent one, so that the run goes on."""
-        _say("clicks of more fingers than the table holds are no longer solved: the solving process has ended")
-        self.is_there = False
-        silent, self._kept_open = os.pipe()
-        os.dup2(silent, self._descriptor)
-        os.close(silent)
-        os.set_blocking(self._descriptor, False)
 
 
 def question_of(placement: Placement, device: Device) -> dict[str, Any]:
@@ -173,7 +152,7 @@ class Service:
             self._solver = Solver(self._path)
         except (TableError, OSError) as error:
             self._solver = None
-            _say(f"clicks of more fingers than the table holds are not solved: {error}")
+            write_note(f"clicks of more fingers than the table holds are not solved: {error}")
 
     def _answer(self, question: dict[str, Any]) -> None:
         if self._solver is None or self._solver.device.fingerprint != question["fingerprint"]:
@@ -192,11 +171,6 @@ class Service:
 
 def _packed(value: object) -> str:
     return base64.b64encode(pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)).decode()
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f"note: {printable(text)}\n")
-    sys.stderr.flush()
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:

@@ -1,6 +1,5 @@
 """Records the reports of a run from its ring, in a child process that the loop never waits for."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from base.child import START_TIMEOUT_S, Child, Parent
 from base.files import check_folder_of
+from base.printable import write_note
 from base.work_folder import work_folder
 from engine.loop import RingReader, RingWriter
 from engine.touch.sources import Source
@@ -66,7 +66,7 @@ def main(parent: Parent, head: dict[str, Any]) -> None:
     write_recording(recording, Path(head["output"]))
     parent.say({})
     if lost:
-        sys.stderr.write(f"note: {lost} records of the run were overwritten before they were recorded\n")
+        write_note(f"{lost} records of the run were overwritten before they were recorded")
 
 
 def _collect(reader: RingReader, parent: Parent) -> list[Report]:
