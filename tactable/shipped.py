@@ -36,6 +36,11 @@ def named_effects() -> "dict[str, Effect]":
     return read_vocabulary(shipped(_HERE, "vocabulary.toml"))
 
 
+def new_bar_text() -> str:
+    """Text of the device file that `tactable new` begins with."""
+    return shipped(_HERE, "new-bar.toml").read_text(encoding="utf-8")
+
+
 def find_device(name_or_path: str) -> "Device":
     """Read a device by file path or by shipped name. Raises DeviceError with the known names."""
     from engine.device import Device
