@@ -65,34 +65,7 @@ _HOMES = {
     "solve_click": "tactable.research.solve",
     "solve_drive": "tactable.research.solve",
 }
-__all__ = [
-    "ChannelDrive",
-    "Device",
-    "FaultReceived",
-    "Link",
-    "LinkConfiguration",
-    "LinkState",
-    "SerialPort",
-    "Session",
-    "Table",
-    "TactableError",
-    "build_table",
-    "calibrate",
-    "calibrated_device",
-    "compare_tables",
-    "connect",
-    "connect_async",
-    "encode_drive",
-    "find_device",
-    "modes",
-    "placement",
-    "quantity_text",
-    "read_measurements",
-    "response",
-    "sample_devices",
-    "solve_click",
-    "solve_drive",
-]
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

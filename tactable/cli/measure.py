@@ -165,10 +165,10 @@ def with_simulation(
 
 def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "tuple[Stop, ...]":
     """The walk; with an accelerometer that is fixed to the bar all its tones at that one place."""
-    from tactable.measure.board_sensor import fixed_position_m, is_board
+    from tactable.measure.board_sensor import fixed_position_m
     from tactable.measure.walk import Stop
 
-    position_m = fixed_position_m(sensor, device) if is_board(sensor) else None
+    position_m = fixed_position_m(sensor, device)
     if position_m is None:
         return walk
     return (Stop(position_m, tuple(sorted({tone for stop in walk for tone in stop.tones}))),)

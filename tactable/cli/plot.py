@@ -103,9 +103,10 @@ def _opened_table(path: Path) -> Iterator[Table]:
 
 def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "PlayedDrive":
     """The drive that a run solves for these fingers."""
+    from tactable.explain.placed_drive import designer_of
     from tactable.figures.played_drive import solved_drive
 
-    return solved_drive(table, read_placement(table.device, felt, quiet), level_db)
+    return solved_drive(designer_of(table), read_placement(table.device, felt, quiet), level_db)
 
 
 # ---- pictures of a table -----------------------------------------------------------------------------------------

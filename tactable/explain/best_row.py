@@ -11,7 +11,7 @@ from base.plain import to_plain
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import Table
 from engine.table.best_rows import BestRow
-from engine.touch import Placement, ZoneState
+from engine.touch import Placement
 from tactable.explain import words
 from tactable.explain.placed_drive import PERCENTILES, finger_grid
 
@@ -27,7 +27,7 @@ class ExplainedRow:
     def __init__(self, table: Table, placement: Placement, level_db: float) -> None:
         device = table.device
         self.table, self.placement = table, placement
-        self.felt_zones = words.zone_names(device, placement.zone_states(device), ZoneState.FELT)
+        self.felt_zones = words.zone_names(device, placement)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
         self.level_db: Array = compute_levels(device, table.receptances, placement.position_m, *played)

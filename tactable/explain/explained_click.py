@@ -97,7 +97,7 @@ _OWN = (
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     """The click as plain values for JSON; infinite levels are None."""
     click, device = explained.click, table.device
-    zones = words.zone_lists(device, explained.placement.zone_states(device))
+    zones = words.zone_lists(device, explained.placement)
     values: dict[str, Any] = to_plain(
         {
             "device": device.name,

@@ -1,7 +1,6 @@
 """Levels, fingers, zones and states of a table in words, for pages, pictures and JSON alike."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -86,14 +85,15 @@ def rise_text(t90_s: float) -> str:
     return f"longer than {LONGEST_RISE_S:g} s" if t90_s >= LONGEST_RISE_S else f"{1e3 * t90_s:.0f} ms"
 
 
-def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
-    """Names of the zones in one state."""
+def zone_names(device: Device, placement: Placement, kind: ZoneState = ZoneState.FELT) -> list[str]:
+    """Names of the zones that the fingers bring into one state."""
+    states = placement.zone_states(device)
     return [zone.name for zone, state in zip(device.zones, states, strict=True) if state is kind]
 
 
-def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[str]]:
+def zone_lists(device: Device, placement: Placement) -> dict[str, list[str]]:
     """Names of the felt and of the quiet zones, for a summary."""
-    return {kind.name.lower(): zone_names(device, states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
+    return {kind.name.lower(): zone_names(device, placement, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
 
 
 def model_figures(table: Table) -> dict[str, int | float]:

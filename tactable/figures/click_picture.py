@@ -137,7 +137,7 @@ def _columns(device: Device, course: Course) -> dict[str, style.Array]:
 def _summary(source: ClickSource, course: Course) -> dict[str, object]:
     device, click = source.table.device, course.click
     return {
-        **zone_lists(device, course.placement.zone_states(device)),
+        **zone_lists(device, course.placement),
         "is_tabulated": source.holds(course.placement),
         "places_m": click.placement.position_m,
         "tolerance_m": click.tolerance_m,

@@ -55,7 +55,7 @@ def plot_course(played: PlayedDrive) -> Picture:
         words,
         _columns(played, rising),
         {
-            **zone_lists(device, played.placement.zone_states(device)),
+            **zone_lists(device, played.placement),
             "fingers": placement_json(device, played.placement),
             "wanted_level_db": played.drive.wanted_level_db,
             "t90_s": played.figures.t90_s,

@@ -150,7 +150,7 @@ def _columns(envelope: Envelope) -> dict[str, style.Array]:
 def _summary(played: PlayedDrive) -> dict[str, object]:
     named, figures, drive = placement_json(played.device, played.placement), played.figures, played.drive
     return {
-        **zone_lists(played.device, played.placement.zone_states(played.device)),
+        **zone_lists(played.device, played.placement),
         "wanted_level_db": drive.wanted_level_db,
         "level_db": drive.weakest_felt_db,
         "achieved": drive.achieved,

@@ -42,9 +42,9 @@ def is_board(name: str) -> bool:
 
 
 def fixed_position_m(name: str, device: Device) -> float | None:
-    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for "board", which is moved. Raises SensorError."""
+    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for one that is moved. Raises SensorError."""
     _, _, text = name.partition(":")
-    if name == NAME:
+    if name == NAME or not is_board(name):
         return None
     length_m = device.bar.length_m
     try:
@@ -59,7 +59,7 @@ def fixed_position_m(name: str, device: Device) -> float | None:
 
 def fixed_places(device: Device, name: str, places_m: list[float]) -> list[float]:
     """The places of a walk in metres, or the one of a sensor that is fixed. Raises SensorError."""
-    fixed_m = fixed_position_m(name, device) if is_board(name) else None
+    fixed_m = fixed_position_m(name, device)
     return places_m if fixed_m is None else [fixed_m]
 
 

@@ -33,13 +33,14 @@ from engine.steady import SteadyDrive
 from engine.steady.cases import SEED
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
-from engine.touch import Placement, ZoneState
+from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, encode_click
 from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import sample_scenarios
+from tactable.explain.words import zone_names
 from tactable.measure.apparatus import Apparatus
 from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.driven_device import DrivenDevice
@@ -178,8 +179,7 @@ def plan_played(
 
 def _drive_of(table: Table, placement: Placement, level_db: float, drives: Drives) -> SteadyDrive | BestRow:
     if drives is Drives.ZONES:
-        states = zip(table.device.zones, placement.zone_states(table.device), strict=True)
-        return table.best_row([zone.name for zone, state in states if state is ZoneState.FELT], level_db)
+        return table.best_row(zone_names(table.device, placement), level_db)
     felt, quiet = ([placement.position_m[i] for i in which] for which in (placement.felt, placement.quiet))
     return table.drive_for(felt, quiet, level_db)
 

@@ -25,7 +25,6 @@ from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
-from tactable.page.drawn_device import device_json
 from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.page_tables import Builder, order_for
@@ -34,7 +33,7 @@ from tactable.page.pointers import Pointers
 from tactable.page.processes.build_process import BuildOrder
 from tactable.page.processes.engine_process import Order
 from tactable.page.processes.programs_process import ProgramsAt
-from tactable.page.view import View
+from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
 from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached

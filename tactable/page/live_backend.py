@@ -11,11 +11,10 @@ from engine.loop import RingReader
 from engine.render import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.drawn_device import device_json
 from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.ring_drive import RingDrive
-from tactable.page.view import View
+from tactable.page.view import View, device_json
 from tactable.run.table_watch import LOOK_S, identity_of
 
 BEHIND_NS = 30_000_000

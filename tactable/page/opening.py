@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import io
 import ipaddress
 import os
 import re
@@ -32,7 +33,6 @@ _ELSEWHERE = ("192.0.2.1", "2001:db8::1")
 _IP = re.compile(r"[0-9.]+|.*:.*")
 _QUIET = 2
 """Light modules around a QR code."""
-_BLOCKS = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
 _TOKEN = r"[A-Za-z0-9_-]{32,}"
 Say = Callable[[str], None]
 
@@ -144,7 +144,6 @@ def qr_code(text: str) -> list[str]:
     """Lines of a QR code in half blocks, light on the dark ground of most terminals."""
     import segno  # only an address for others needs it
 
-    rows = [tuple(not module for module in row) for row in segno.make(text, micro=False).matrix_iter(border=_QUIET)]
-    rows += [(False,) * len(rows[0])] * (len(rows) % 2)
-    pairs = zip(rows[::2], rows[1::2], strict=True)
-    return ["".join(_BLOCKS[upper, lower] for upper, lower in zip(*pair, strict=True)) for pair in pairs]
+    lines = io.StringIO()
+    segno.make(text, micro=False).terminal(lines, border=_QUIET, compact=True)
+    return lines.getvalue().splitlines()

@@ -3,9 +3,12 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
+from base.plain import to_plain
+from engine.device import Device
 from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
@@ -26,6 +29,23 @@ LOST_S = 0.3
 _STAGES = len(Stage) - 1
 _NO_COUNTERS = RingCounters(0, 0, 0, 0, 0, 0)
 Stages = tuple[int, int, int, int, int]
+
+
+def device_json(device: Device) -> dict[str, Any]:
+    """The values of a device that the page draws, for JSON."""
+    return {
+        "name": device.name,
+        "description": device.description,
+        "length_m": device.bar.length_m,
+        "zones": to_plain(device.zones),
+        "actuators": [
+            {"name": each.name, "position_m": each.position_m, "band_hz": list(each.band_hz)}
+            for each in device.actuators
+        ],
+        "most": device.limits.amplitude,
+        "estimates": len(device.estimated_values),
+        "threshold": device.threshold.title,
+    }
 
 
 class View:

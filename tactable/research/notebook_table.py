@@ -29,7 +29,8 @@ class Table(TableFile):
         ...     table.click_for(["35 mm"]).to_xarray().waveform.dims
         ('time', 'actuator')
         """
-        return Click.of(super().click_for(felt, quiet, level_db), self, Placement.named(self.device, felt, quiet))
+        found = super().click_for(felt, quiet, level_db)
+        return Click.of(found, self.device, Placement.named(self.device, felt, quiet), self)
 
     def drive_for(
         self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
@@ -42,7 +43,8 @@ class Table(TableFile):
         ...     table.drive_for(felt=["35 mm"], quiet=["120 mm"]).achieved
         True
         """
-        return Drive.of(super().drive_for(felt, quiet, level_db), self, Placement.named(self.device, felt, quiet))
+        found = super().drive_for(felt, quiet, level_db)
+        return Drive.of(found, self.device, Placement.named(self.device, felt, quiet), self)
 
     def to_xarray(self, group: str = "responses") -> "xarray.Dataset":
         """One group of the file (tables/FORMAT.md), on demand. Raises TableError for a group that is not there.

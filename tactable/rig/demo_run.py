@@ -21,7 +21,6 @@ from engine.loop import Stage
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
-from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator import DriveEvent
@@ -236,7 +235,7 @@ def _key_json(device: Device, wanted: Wanted) -> dict[str, Any]:
 def _drive_json(device: Device, report: DriveReport) -> dict[str, Any]:
     drive = report.drive
     return {
-        **_zones_json(device, report.placement),
+        **zone_lists(device, report.placement),
         "wanted_level_db": drive.wanted_level_db,
         "level_db": drive.level_db if isinstance(drive, BestRow) else drive.weakest_felt_db,
         "achieved": drive.achieved,
@@ -263,7 +262,7 @@ def _origin_json(drive: SteadyDrive | BestRow) -> dict[str, Any]:
 def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
     click = report.click
     return {
-        **_zones_json(device, report.placement),
+        **zone_lists(device, report.placement),
         "places_m": click.placement.position_m,
         "tolerance_m": click.tolerance_m,
         "wanted_level_db": click.wanted_level_db,
@@ -276,10 +275,6 @@ def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
         "quiet_level_db": click.quiet,
         **_levels_json(device, report, report.simulated.at_finger),
     }
-
-
-def _zones_json(device: Device, placement: Placement) -> dict[str, Any]:
-    return zone_lists(device, placement.zone_states(device))
 
 
 def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: NDArray[np.float64]) -> dict[str, Any]:

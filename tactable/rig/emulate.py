@@ -33,13 +33,13 @@ class Emulated:
     seed: int
 
 
-def configuration_of(device: Device | None) -> DeviceConfiguration:
+def configuration_of(device: Device | None, boot_id: int = 0) -> DeviceConfiguration:
     """Configuration of the board of a device; without a device, two actuators of 0.52 um full scale."""
     if device is None:
-        return DeviceConfiguration(boot_id=0)
+        return DeviceConfiguration(boot_id)
     full_scales_pm = tuple(round(actuator.full_scale_m * PM_PER_M) for actuator in device.actuators)
     return DeviceConfiguration(
-        0,
+        boot_id,
         len(device.actuators),
         LONGEST_LEASE_MS,
         full_scales_pm=full_scales_pm,

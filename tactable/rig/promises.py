@@ -19,9 +19,10 @@ from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
 from engine.table.click_entry import played_at
-from engine.touch import Placement, ZoneState
+from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
+from tactable.explain.words import zone_names
 from tactable.rig.modal_bar import ModalBar
 from tactable.rig.solved_click import SolvedClick
 
@@ -87,9 +88,7 @@ class Promises:
         The row was found on the bar without fingers; the promise is what fingers at these positions get of it. Raises
         TableError for zones without a row.
         """
-        device = self._table.device
-        states = zip(device.zones, placement.zone_states(device), strict=True)
-        row = self._table.best_row([zone.name for zone, state in states if state is ZoneState.FELT], level_db)
+        row = self._table.best_row(zone_names(self._table.device, placement), level_db)
         return row, self._of_drive(placement, row)
 
     def _of_drive(self, placement: Placement, drive: SteadyDrive | BestRow) -> Promise:

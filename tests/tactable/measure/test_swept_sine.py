@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactable.measure import DrivenDevice
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
 from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import SimulatedBench, SimulatedSensor
