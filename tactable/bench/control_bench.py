@@ -20,7 +20,6 @@ from rich.table import Table as Grid
 
 from base.child import Child
 from engine.table import Table
-from tactable.bench.control_scene import run_scene_bench
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
@@ -167,7 +166,7 @@ def run_control_bench(table: Table, rounds: int = ROUNDS) -> dict[str, Any]:
             row[f"ratio_{name}"] = one / other if one and other else None
         rows.append(row)
     machine = {"python": platform.python_version(), "rounds": rounds}
-    return {"machine": machine, "device": table.device.name, "rows": rows, "region": run_scene_bench(rounds)}
+    return {"machine": machine, "device": table.device.name, "rows": rows}
 
 
 def print_control_bench(out: Console, result: dict[str, Any]) -> None:
@@ -184,11 +183,4 @@ def print_control_bench(out: Console, result: dict[str, Any]) -> None:
             *("-" if ratio is None else f"{ratio:.1f}" for ratio in ratios),
             us(answer.get("p50_us")),
         )
-    out.print(grid)
-    region, scene = result["region"], result["region"]["scene"]
-    grid = Grid("a region is set, in the loop", "p50", "p99", title="us of the loop, two fingers down")
-    others = f"beside {scene['regions'] - 1} others and {scene['effects']} effects of {scene['segments']} segments"
-    for name, figures in (("alone", region["alone"]), (others, region["beside"])):
-        grid.add_row(name, us(figures["p50_us"]), us(figures["p99_us"]))
-    grid.add_row("ratio", f"{region['ratio_p50']:.1f}", "")
     out.print(grid)

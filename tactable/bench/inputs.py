@@ -34,10 +34,10 @@ def open_table(path: Path | None) -> Iterator[Table]:
             yield table
         return
     from tactable.rig.demo_run import table_for
+    from tactable.rig.ready import cached_table
 
     device = find_device("reference-a")
-    cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
-    with table_for(device, cached, lambda *_: None) as table:
+    with table_for(device, cached_table(device, cache_folder()), lambda *_: None) as table:
         yield table
 
 

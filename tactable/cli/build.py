@@ -188,24 +188,15 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     if as_json:
         print_json(summary)
         return
-    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} {_clicks_text(summary)}"
+    apart = f" at places {1e3 * summary['click_pitch_m']:.3g} mm apart" if summary["clicks"] else ""
+    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} clicks{apart}"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
-    say(_cost_text(cost))
+    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
+    say(f"processor time: {times}; {cost.clicks} clicks solved")
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
     say(model)
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
-
-
-def _clicks_text(summary: Mapping[str, Any]) -> str:
-    if not summary["clicks"]:
-        return "clicks"
-    return f"clicks at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
-
-
-def _cost_text(cost: "BuildCost") -> str:
-    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
-    return f"processor time: {times}; {cost.clicks} clicks solved"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

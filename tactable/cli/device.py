@@ -51,7 +51,8 @@ def modes(
 
     outputs = outputs_of([] if output is None else [output])
     device = find_device(device_name)
-    at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
+    at_m = list(read_placement(device, fingers, "").position_m) if fingers else [device.bar.length_m / 2]
+    limit_hz = read_option("--up-to", up_to, "Hz")
     position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
     untouched, touched = (compute_modes(device, position_m, limit_hz, at) for at in ((), at_m))
     if not untouched and not touched:
@@ -72,15 +73,9 @@ def modes(
         say(f"written: {output}")
 
 
-def _finger_places(device: "Device", text: str) -> list[float]:
-    if not text:
-        return [device.bar.length_m / 2]
-    return list(read_placement(device, text, "").position_m)
-
-
 def _mode_json(mode: "Mode") -> dict[str, float | None]:
     plain: dict[str, float | None] = to_plain(
-        {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio, "decay_s": mode.decay_s}
+        {key: getattr(mode, key) for key in ("frequency_hz", "damping_ratio", "decay_s")}
     )
     return plain
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -44,9 +44,6 @@ from tactable.cli.options import (
 )
 from tactable.figures.picture_file import Outputs, Picture, outputs_of, write_outputs, write_texts
 from tactable.shipped import find_device
-
-if TYPE_CHECKING:
-    from tactable.figures.played_drive import PlayedDrive
 
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
 
@@ -101,14 +98,6 @@ def _opened_table(path: Path) -> Iterator[Table]:
         yield table
 
 
-def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "PlayedDrive":
-    """The drive that a run solves for these fingers."""
-    from tactable.explain.placed_drive import designer_of
-    from tactable.figures.played_drive import solved_drive
-
-    return solved_drive(designer_of(table), read_placement(table.device, felt, quiet), level_db)
-
-
 # ---- pictures of a table -----------------------------------------------------------------------------------------
 
 
@@ -126,10 +115,13 @@ def state(
     detection threshold. The rise time lasts until every felt finger has 90 % of its predicted vibration.
     """
     with _opened_table(table_path) as table:
+        from tactable.explain.placed_drive import designer_of
         from tactable.figures.course import plot_course
+        from tactable.figures.played_drive import solved_drive
         from tactable.figures.state_picture import plot_state
 
-        return (plot_course if over_time else plot_state)(_played_drive(table, felt, quiet, read_level(level)))
+        played = solved_drive(designer_of(table), read_placement(table.device, felt, quiet), read_level(level))
+        return plot_course(played) if over_time else plot_state(played)
 
 
 @picture_command

@@ -9,7 +9,7 @@ defines an effect anew takes it over. A region keeps the effects that it was set
 from engine.effects import Effect, SceneSettings
 from tactable.control.requests import ControlError, Region
 
-MOST_REGIONS = 32  # with 8 rules each; `bench control` times a change beside them (docs/programs.md)
+MOST_REGIONS = 32  # with 8 rules each; docs/programs.md has the time of a change beside them
 MOST_DEFINED = 64  # of 16 segments at most: bounds the memory of a run
 
 

@@ -208,13 +208,10 @@ def _parts_of(number: int, effect: Effect) -> Iterator[bytes]:
     envelope = effect.envelope
     for at in range(0, max(1, len(envelope)), MOST_SEGMENTS):
         stop = at + MOST_SEGMENTS
-        segments = [[each.duration_ns, _level_text(each.level_db), each.is_click] for each in envelope[at:stop]]
+        levels = [_FULL_SCALE if each.level_db == math.inf else each.level_db for each in envelope[at:stop]]
+        segments = [[s.duration_ns, level, s.is_click] for s, level in zip(envelope[at:stop], levels, strict=True)]
         whole = stop >= len(envelope)
         yield _encode({"effect": number, "name": effect.name, "at": at, "segments": segments, "is_whole": whole})
-
-
-def _level_text(level_db: float | None) -> float | str | None:
-    return _FULL_SCALE if level_db is not None and math.isinf(level_db) else level_db
 
 
 def _encode(document: dict[str, Any]) -> bytes:

@@ -19,16 +19,26 @@ from engine.device import Spread
 from engine.table import ClickEntry, Table
 from engine.table.click_entry import LevelSpread, played_at
 from engine.touch import Placement
-from precompute.clicks import ClickOptions
+from precompute.clicks import Click, ClickOptions
+from precompute.clicks.baselines import BASELINES
 from precompute.clicks.evaluation import decibels
 from tactable.explain import words
 from tactable.explain.click_course import played_displacement
-from tactable.explain.click_rivals import Rival, solve_rivals
 from tactable.explain.click_source import ClickSource
 
 Array = NDArray[np.float64]
 
+_TIE_DB = 0.05  # half of the last digit that is shown
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A waveform as loud as limits and quiet level allow; `lost_by` says by how much it is worse."""
+
+    name: str
+    click: Click
+    lost_by: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +85,22 @@ def explain_click(source: ClickSource, placement: Placement, level_db: float, *,
         options=source.options,
         rivals=tuple(solve_rivals(source, strongest)) if rivals else (),
     )
+
+
+def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
+    """Evaluate every baseline against a click at full strength that the source solved."""
+    rivals = {name: source.solve_baseline(click.placement, name) for name in BASELINES}
+    return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
+
+
+def _lost_by(click: ClickEntry, rival: Click) -> str:
+    less_db = click.felt.low_db - rival.evaluation.felt.low_db
+    if abs(less_db) > _TIE_DB:
+        return f"{abs(less_db):.1f} dB {'less' if less_db > 0 else 'MORE'} felt"
+    if click.quiet is None or rival.evaluation.quiet is None:
+        return "as strong"
+    more_db = rival.evaluation.quiet.high_db - click.quiet.high_db
+    return f"as strong, {abs(more_db):.1f} dB {'less' if more_db > 0 else 'MORE'} quiet"
 
 
 def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) -> Array:

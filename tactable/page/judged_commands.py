@@ -101,14 +101,11 @@ class CommandReader:
             solved = SolvedClick.of(record.play, self._table.clicks.basis, actuators, self._halvings)
             if solved is None:
                 return (), (None,) * len(placement.position_m), self._click_length_s
-            self._note_solved(placement)
+            if placement not in self.solved:
+                self.solved.append(placement)
             found = self._promises.of_solved_click(placement, solved)
         click, promise = found
         return (ChannelPicture(0.0, click.amplitude, 0.0),) * actuators, promise.level_db.tolist(), click.length_s
-
-    def _note_solved(self, placement: Placement) -> None:
-        if placement not in self.solved:
-            self.solved.append(placement)
 
     def _drive(self, record: Record, placement: Placement, _: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
+from engine.touch import Touch
 from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, Synthesis
 from firmware_link.emulator.synthesis import US_PER_S
 from precompute.model.assembly import assemble
@@ -20,7 +21,6 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.page_messages import LOWEST_DB
-from tactable.page.rolling_buffer import RollingBuffer
 
 Array = NDArray[np.float64]
 
@@ -38,14 +38,6 @@ LONGEST_STEP_S = KEPT_S
 STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
-
-
-@dataclass(frozen=True, slots=True)
-class BarFinger:
-    """A finger on the bar."""
-
-    number: int
-    position_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +62,30 @@ class Moved:
     power_db: Mapping[int, float]
 
 
+class _RollingBuffer:
+    """Keeps the last `kept` samples (time, column) in bounded memory; they are zeros at first."""
+
+    def __init__(self, kept: int, columns: int) -> None:
+        self.kept = kept
+        # Twice as long as kept: samples are moved to the front only when the end is reached, once in `kept` samples.
+        self._values = np.zeros((2 * kept, columns))
+        self._end = kept
+
+    def push(self, samples: Array) -> None:
+        """Append samples (time, column); the oldest are dropped."""
+        samples = samples[-self.kept :]
+        if self._end + len(samples) > len(self._values):
+            rest = self.kept - len(samples)
+            self._values[:rest] = self._values[self._end - rest : self._end].copy()
+            self._end = rest
+        self._values[self._end : self._end + len(samples)] = samples
+        self._end += len(samples)
+
+    def last(self, count: int) -> Array:
+        """A view of the newest `count` samples, at most `kept`, valid until the next push."""
+        return self._values[self._end - count : self._end]
+
+
 class _ModalPlant(TransientPlant):
     """The plant whose "points" are the modes of its basis."""
 
@@ -91,7 +107,7 @@ class LiveBar:
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._synthesis = self._silent_synthesis()
-        self._fingers: tuple[BarFinger, ...] = ()
+        self._fingers: tuple[Touch, ...] = ()
         self._is_loaded = True
         self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
         self._rest()
@@ -109,7 +125,7 @@ class LiveBar:
     def _rest(self) -> None:
         """Put the bar at rest and forget the past."""
         kept, modes = round(KEPT_S * RATE_HZ), self._grid.shape[1]
-        self._motion, self._weighted = RollingBuffer(kept, modes), RollingBuffer(kept, modes)
+        self._motion, self._weighted = _RollingBuffer(kept, modes), _RollingBuffer(kept, modes)
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
         self._plant = _ModalPlant(self._basis, self.grid_m, RATE_HZ)
@@ -119,11 +135,11 @@ class LiveBar:
         """Take drive events in the order of their times."""
         self._synthesis.take_events(events)
 
-    def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
+    def touch(self, fingers: Sequence[Touch], *, is_loaded: bool) -> None:
         """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
         is_still = is_loaded == self._is_loaded and len(fingers) == len(self._fingers)
         if is_still and all(
-            new.number == old.number and abs(new.position_m - old.position_m) < STILL_M
+            new.contact_id == old.contact_id and abs(new.position_m - old.position_m) < STILL_M
             for new, old in zip(fingers, self._fingers, strict=True)
         ):
             return
@@ -134,8 +150,8 @@ class LiveBar:
         places_m = [finger.position_m for finger in self._fingers]
         self._rows = np.concatenate([self._grid, self._basis.at(np.array(places_m))])
         for finger, row in zip(self._fingers, self._rows[POINTS:], strict=True):
-            before = self._heard.pop(finger.number, None)
-            self._heard[finger.number] = _Heard(self.now_us if before is None else before.since_us, row)
+            before = self._heard.pop(finger.contact_id, None)
+            self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
         while len(self._heard) > MOST_TOUCHES:
             del self._heard[next(iter(self._heard))]
         self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
@@ -163,7 +179,8 @@ class LiveBar:
         past = self._weighted.last(round(POWER_S * RATE_HZ))
         # The mean of a square under a shape is a quadratic form of the modes' covariance.
         power = np.sqrt(np.maximum(2 * np.einsum("pm,pm->p", self._rows @ (past.T @ past / len(past)), self._rows), 0))
-        numbers, levels_db, powers_db = [finger.number for finger in self._fingers], decibels(newest), decibels(power)
+        numbers = [finger.contact_id for finger in self._fingers]
+        levels_db, powers_db = decibels(newest), decibels(power)
         return Moved(
             levels_db=levels_db[:POINTS],
             power_levels_db=powers_db[:POINTS],
@@ -193,7 +210,7 @@ class LiveBar:
         """
         passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
         levels_db = decibels(self._greatest(passed))
-        numbers = [finger.number for finger in self._fingers]
+        numbers = [finger.contact_id for finger in self._fingers]
         return levels_db[:POINTS], dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True))
 
     def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:

@@ -18,7 +18,7 @@ from firmware_link.emulator import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.capture import Capture
 from tactable.page.judged_commands import Command, CommandReader, time_of
-from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
+from tactable.page.live_bar import LONGEST_STEP_S, LiveBar
 from tactable.page.moving_levels import BarLevels
 from tactable.page.page_messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
@@ -133,7 +133,7 @@ class View:
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
         """Advance the bars; returns MOTION messages of moments to be shown slowed."""
         self._is_loaded, command, start_us = is_loaded, self._command, self.bar.now_us
-        self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
+        self.bar.touch(self._touches, is_loaded=is_loaded)
         if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
             command.is_stalled |= start_us < command.ended_us
         self.ours.move_until(until_us, self._touches, command)

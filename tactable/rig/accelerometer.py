@@ -11,7 +11,6 @@ the interrupt of a board would have done. While nobody asks for samples the bar 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
-from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
+from firmware_link.emulator import DeviceConfiguration, DeviceCounters, EmulatedFirmware, Synthesis
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble
@@ -183,15 +182,12 @@ class SensedBoard:
         while self._made_us + _BLOCK_US <= now_us and self.core.senses:
             stop_us = self._made_us + _BLOCK_US
             said += self.core.run_until(stop_us)
-            self._take_events(self.core.drive_log)
+            self._synthesis.take_events(self.core.drive_log[self._taken :])
+            self._taken = len(self.core.drive_log)
             self._sense(self._made_us, stop_us)
             self._synthesis.forget(stop_us)
             self._made_us = stop_us
         return said
-
-    def _take_events(self, log: Sequence[DriveEvent]) -> None:
-        self._synthesis.take_events(log[self._taken :])
-        self._taken = len(log)
 
     def _sense(self, start_us: int, stop_us: int) -> None:
         """Hand the samples of a block to the core."""

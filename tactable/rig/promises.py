@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
@@ -22,8 +23,10 @@ from engine.table.click_entry import played_at
 from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.model.transfers import transfers_at
 from tactable.explain.words import zone_names
-from tactable.rig.modal_bar import ModalBar
+from tactable.rig.first_table import MODES
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -42,6 +45,25 @@ class Promise:
     placement: Placement
     acceleration_m_per_s2: Array
     level_db: Array
+
+
+class _ModalBar:
+    """A bar of MODES modes, on which standard fingers lie: its steady motion takes no compiled kernel."""
+
+    def __init__(self, device: Device) -> None:
+        self._device, self._basis = device, compute_basis(assemble(device), MODES)
+        self._force = compute_modal_model(self._basis).push
+
+    def acceleration(self, frequency_hz: float, position_m: tuple[float, ...]) -> Complex:
+        """Acceleration (finger, actuator) in m/s^2 under fingers at these positions, at full scale of each actuator."""
+        s, basis, finger = 2j * np.pi * frequency_hz, self._basis, self._device.finger
+        rows = basis.at(np.array(position_m))
+        touch = finger.stiffness_n_per_m + s * finger.damping_n_s_per_m + s**2 * finger.mass_kg
+        dynamic = np.diag(basis.square_omega + s**2) + s * basis.damping + touch * (rows.T @ rows)
+        force = self._force[:, 0] + s * self._force[:, 1]
+        transfers = transfers_at(self._device.actuators, np.array(s))
+        per_base = s**2 * rows @ np.linalg.solve(dynamic, force)
+        return np.asarray(per_base if transfers is None else per_base * transfers, dtype=np.complex128)
 
 
 class Promises:
@@ -64,8 +86,8 @@ class Promises:
         return SteadySolver(self._table.device, self._table.receptances)
 
     @cached_property
-    def _bar(self) -> ModalBar:
-        return ModalBar(self._table.device)
+    def _bar(self) -> _ModalBar:
+        return _ModalBar(self._table.device)
 
     def prepare(self) -> None:
         """Load what promises of clicks take, up to a second."""

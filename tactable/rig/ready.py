@@ -9,12 +9,11 @@ It is played only where its device fingerprint is that of the device. The finger
 every promise on the page is computed anew from the waveform, by this code, and so is the motion of the bar, and limits
 are those of the device. The page then says that the table is older. A test fails where older code made a shipped table.
 
-`python -m tactable.rig.ready` makes the shipped tables again.
+`python -m tests.tools.ready_tables` makes the shipped tables again.
 """
 
 import contextlib
 import lzma
-import sys
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,17 +24,16 @@ from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.netcdf_file import TableWriter
 from engine.table.receptance_columns import write_receptances
-from engine.table.schema import IS_SHIPPED
 from engine.table.table_diff import compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.place_receptances import modal_receptances
-from tactable.rig.first_table import MODES, early_options
-from tactable.shipped import find_device, ready_folder, shipped_names
+from tactable.rig.first_table import MODES
+from tactable.shipped import ready_folder
 
-_GROUPS = ("best_rows", "clicks")
-REMAKE = "python -m tactable.rig.ready"
+GROUPS = ("best_rows", "clicks")
+"""Groups of a shipped table."""
 
 
 def cached_table(device: Device, folder: Path) -> Path:
@@ -82,12 +80,13 @@ def _unpack(packed: bytes, device: Device, path: Path) -> None:
         small = folder / "small.nc"
         small.write_bytes(packed)
         with Table.open(small, device=device) as table, TableWriter(path, completes=True) as writer:
-            writer.describe(_plain_attributes(table))
-            table.copy_groups(writer, _GROUPS)
+            writer.describe(plain_attributes(table))
+            table.copy_groups(writer, GROUPS)
             write_receptances(writer, modal_receptances(compute_basis(assemble(device), MODES)), device)
 
 
-def _plain_attributes(table: Table) -> dict[str, Any]:
+def plain_attributes(table: Table) -> dict[str, Any]:
+    """Attributes of a table that one made of it keeps."""
     kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
     return {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
 
@@ -133,34 +132,3 @@ def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
     alone = len(found.vanished) + len(found.appeared)
     sizes_db = [figure.size for click in found.changed for figure in click.figures if figure.unit == "dB"]
     return Comparison(found.compared, len(found.changed) + alone, None if alone else max(sizes_db, default=0.0))
-
-
-def pack(built: Table, path: Path) -> None:
-    """Write the table to ship of a built one."""
-    with work_folder("pack") as folder:
-        small = folder / "small.nc"
-        with TableWriter(small) as writer:
-            writer.describe({**_plain_attributes(built), IS_SHIPPED: 1})
-            built.copy_groups(writer, _GROUPS)
-        path.write_bytes(lzma.compress(small.read_bytes(), preset=9 | lzma.PRESET_EXTREME))
-
-
-def main(names: list[str]) -> None:
-    """Make the shipped tables of these devices again, by default of all."""
-    from precompute.builder.table_build import build_table
-    from precompute.parallel.pool import available_cores
-
-    ready_folder().mkdir(exist_ok=True)
-    for name in names or shipped_names():
-        device = find_device(name)
-        with work_folder("pack") as folder:
-            path = folder / "built.nc"
-            build_table(device, path, click_options=early_options(), workers=available_cores())
-            with Table.open(path, device=device) as built:
-                pack(built, packed_path(name))
-        sys.stdout.write(f"{packed_path(name)}: {packed_path(name).stat().st_size / 1e6:.2f} MB\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

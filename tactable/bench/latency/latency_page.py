@@ -98,7 +98,9 @@ def markdown_lines(document: Mapping[str, Any]) -> list[str]:
         blocks += ["## Inside the process, us, no system call", _process_table(document["in_process"])]
     if document.get("comparison"):
         blocks += ["## Against the baseline", _comparison_table(document["comparison"])]
-    blocks += ["## Steps", *(f"- {line}" for line in _steps(conditions)), "## Machine", _machine(document)]
+    machine = [[str(key), str(value)] for key, value in _flat(document["environment"]).items()]
+    blocks += ["## Steps", *(f"- {line}" for line in _steps(conditions))]
+    blocks += ["## Machine", _table(["what", "value"], machine)]
     return [*blocks, "## Again", f"    {document['command']}"]
 
 
@@ -186,10 +188,6 @@ def _steps(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
     steps = {step["step"]: step for condition in conditions for step in condition["steps"]}
     lines = [f"{s['step']}: {s['finding']}" + (f"; {s['remedy']}" if s["remedy"] else "") for s in steps.values()]
     return lines or ["none asked for"]
-
-
-def _machine(document: Mapping[str, Any]) -> str:
-    return _table(["what", "value"], [[str(k), str(v)] for k, v in _flat(document["environment"]).items()])
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

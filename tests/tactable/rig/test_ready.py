@@ -12,17 +12,16 @@ from precompute.builder.table_build import build_table
 from tactable.rig import ready
 from tactable.rig.first_table import early_options
 from tactable.rig.ready import (
-    REMAKE,
     compare_with_shipped,
     early_path,
     is_outdated,
     open_cached,
     open_shipped,
-    pack,
 )
 from tactable.shipped import find_device, shipped_names
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.click_table import build_click_table
+from tests.tools.ready_tables import REMAKE, pack
 
 pytestmark = pytest.mark.long
 

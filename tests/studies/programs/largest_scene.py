@@ -1,4 +1,7 @@
-"""Times in the loop for a region that a program sets: alone, and beside the largest scene that programs may hold."""
+"""Times in the loop for a region that a program sets: alone, and beside the largest scene that programs may hold.
+
+python -m tests.studies.programs.largest_scene --rounds 1000
+"""
 
 import time
 from typing import Any
@@ -12,8 +15,8 @@ from tactable.bench.latency.stages import figures_of
 from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.requests import MOST_RULES, Region
 from tactable.control.steps import StepDecoder, StepEncoder
+from tests.studies.options import read_options
 
-ROUNDS = 1000
 _WIDTH_M = 5e-3  # 32 regions side by side on 160 mm
 _FINGERS = (Touch(1, 0.02, 0), Touch(2, 0.1, 1))
 
@@ -47,7 +50,7 @@ class _Loop:
         return time.perf_counter_ns() - start_ns
 
 
-def run_scene_bench(rounds: int = ROUNDS) -> dict[str, Any]:
+def time_scenes(rounds: int) -> dict[str, Any]:
     """Time a region that is alone and one beside others in turn, each by its dearest part."""
     envelope = tuple(Segment(20_000_000, 20.0 + at % 7) for at in range(MOST_SEGMENTS))
     effects = [Effect(f"e{number}", envelope) for number in range(MOST_DEFINED)]
@@ -57,3 +60,7 @@ def run_scene_bench(rounds: int = ROUNDS) -> dict[str, Any]:
     scene = {"effects": MOST_DEFINED, "segments": MOST_SEGMENTS, "regions": MOST_REGIONS}
     ratio = float(np.median([far / near for near, far in times_ns]))
     return {"scene": scene, "alone": figures[0], "beside": figures[1], "ratio_p50": ratio}
+
+
+if __name__ == "__main__":
+    print(time_scenes(read_options(__doc__, rounds=1000).rounds))
