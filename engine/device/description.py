@@ -3,29 +3,20 @@
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from engine.device.actuator_transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
 from engine.device.electrodes import LINEARISERS, Electrodes
-from engine.device.parts import Actuator, Bar, DeviceError, Limits, Spread, Sweep, TouchAxis, Zone
-from engine.device.quantity import QuantityError, read_angle_rad
+from engine.device.parts import Actuator, DeviceError, Limits, Spread, Surface, Sweep
+from engine.device.points import point_text
+from engine.device.quantity import QuantityError, read_angle_rad, read_quantity
 from engine.device.toml_table import TomlTable
 
-ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
-CLICKS_TOP_HZ = 2000.0
-"""Half the rate of a click's waveform, beyond which no click has power."""
-_ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
-"""Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
-_SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
-_MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory where a length or an element is a slip
 _WIDEST_SPREAD = 0.2
 """Standard deviation of a stiffness or a mass: five of them are still above 0."""
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
-_SHORTEST_SILENCE_S, _LONGEST_DEBOUNCE_S = 0.03, 0.1
-"""Digitizers report every 2 to 26 ms, and a finger that taps twice is away for longer."""
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
 MOST_ACTUATORS = 16
@@ -83,55 +74,21 @@ class DeviceTable(TomlTable):
             self.inferred.append(".".join(part for part in (self.path, mark) if part))
 
 
-def read_bar(part: DeviceTable, sweep: Sweep) -> Bar:
-    """The table [bar]. Where it does not give the largest element, that follows from the shortest waves."""
-    length_m = part.quantity("length", "m", exclusive=True)
-    bar = Bar(
-        length_m=length_m,
-        width_m=part.quantity("width", "m", exclusive=True),
-        thickness_m=part.quantity("thickness", "m", exclusive=True),
-        youngs_modulus_pa=part.quantity("youngs_modulus", "Pa", exclusive=True),
-        density_kg_per_m3=part.quantity("density", "kg/m^3", exclusive=True),
-        mass_damping_per_s=part.quantity("mass_damping", "1/s"),
-        stiffness_damping_s=part.quantity("stiffness_damping", "s"),
-        largest_element_m=length_m,
-        damping_of="bar" if part.word("damping_of", ("bar", "assembly"), "bar") == "bar" else "assembly",
-    )
-    if bar.thickness_m > length_m / _SLENDER:
-        thick = f"{1e3 * bar.thickness_m:g} mm"
-        raise part.error("thickness", thick, f"expected at most 1/{_SLENDER} of the length: no beam is that thick")
-    smallest_m = length_m / _MOST_ELEMENTS
-    converged_m = max(default_element_m(bar, sweep.stop_hz), smallest_m)
-    element_m = part.quantity("largest_element", "m", least=smallest_m, default=f"{converged_m!r} m")
-    return replace(bar, largest_element_m=element_m)
-
-
-def default_element_m(bar: Bar, top_hz: float) -> float:
-    """Element length with which responses up to `top_hz`, and those of clicks, are converged.
-
-    The relative error of a natural frequency is (k h)^4 / 1440 with cubic elements, so elements are counted in the
-    shortest wave (docs/theory.md#model).
-    """
-    steady = _ELEMENTS_PER_WAVE * bar.wave_number_per_m(top_hz)
-    clicks = _ELEMENTS_PER_WAVE_OF_CLICKS * bar.wave_number_per_m(CLICKS_TOP_HZ)
-    return 2 * math.pi / max(steady, clicks, 2 * math.pi / bar.length_m)
-
-
-def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
+def read_actuators(top: DeviceTable, surface: Surface) -> tuple[Actuator, ...]:
     """The [[actuator]] tables; no two actuators share a name or a place."""
     actuators: list[Actuator] = []
     parts = top.tables("actuator")
     if len(parts) > MOST_ACTUATORS:
         raise top.error("actuator", len(parts), f"expected at most {MOST_ACTUATORS} actuators")
     for i, part in enumerate(parts, 1):
-        band_hz = _read_band(part)
+        band_hz, stiffness_n_per_m = _read_band(part), part.quantity("stiffness", "N/m", exclusive=True)
         actuator = Actuator(
             name=part.name("name", f"actuator {i}"),
-            position_m=part.position("position", bar.length_m),
-            stiffness_n_per_m=part.quantity("stiffness", "N/m", exclusive=True),
+            position_m=part.point("position", surface.corner_m),
+            stiffness_n_per_m=stiffness_n_per_m,
             damping_n_s_per_m=part.quantity("damping", "N*s/m"),
             mass_kg=part.quantity("mass", "kg"),
-            full_scale_m=part.quantity("full_scale", "m", exclusive=True),
+            full_scale_m=_read_full_scale(part, stiffness_n_per_m),
             band_hz=band_hz,
             transfer=_read_transfer(part, band_hz),
             electrodes=_read_electrodes(part),
@@ -139,11 +96,23 @@ def read_actuators(top: DeviceTable, bar: Bar) -> tuple[Actuator, ...]:
         for other in actuators:
             if other.name == actuator.name:
                 raise part.error("name", actuator.name, "another actuator has this name")
-            if abs(other.position_m - actuator.position_m) < _LEAST_DISTANCE * bar.length_m:
-                raise part.error("position", f"{1e3 * actuator.position_m:g} mm", f"is the place of {other.name}")
+            if abs(other.position_m - actuator.position_m) < _LEAST_DISTANCE * surface.length_m:
+                raise part.error("position", point_text(actuator.position_m), f"is the place of {other.name}")
         actuators.append(actuator)
         part.close()
     return tuple(actuators)
+
+
+def _read_full_scale(part: DeviceTable, stiffness_n_per_m: float) -> float:
+    """Displacement of the base at full scale; of a force behind the spring, as a voice coil's, force by stiffness."""
+    text = part.take_value("full_scale")
+    try:
+        force_n = read_quantity(text, "N")
+    except QuantityError:
+        return part.checked("full_scale", text, "m", exclusive=True)
+    if force_n <= 0:
+        raise part.error("full_scale", text, "expected more than 0 N")
+    return force_n / stiffness_n_per_m
 
 
 def _read_band(part: DeviceTable) -> tuple[float, float]:
@@ -250,44 +219,6 @@ def _read_phase_deg(part: DeviceTable, text: object, key: str = "transfer") -> f
         raise part.error(key, text, str(error)) from None
 
 
-def read_zones(part: DeviceTable, top: DeviceTable, bar: Bar) -> tuple[tuple[Zone, ...], float]:
-    """The zones, from the [[zone]] tables of `top` or of equal length, and their hysteresis in metres."""
-    hysteresis_m = part.quantity("hysteresis", "m", default="0 mm")
-    if "zone" in top.left:
-        if "count" in part.left:
-            raise part.error("count", part.left["count"], "give either a count of equal zones or [[zone]] tables")
-        zones = _read_zone_tables(top, bar)
-    else:
-        count = part.integer("count", 1, len(ROMAN))
-        edges = np.linspace(0.0, bar.length_m, count + 1).tolist()
-        zones = [Zone(n, a, b) for n, (a, b) in zip(ROMAN, itertools.pairwise(edges), strict=False)]
-    shortest = min(zones, key=lambda zone: zone.length_m)
-    if hysteresis_m >= shortest.length_m / 2:
-        raise part.error("hysteresis", f"{1e3 * hysteresis_m:g} mm", f"must be under half of zone {shortest.name}")
-    return tuple(zones), hysteresis_m
-
-
-def _read_zone_tables(top: DeviceTable, bar: Bar) -> list[Zone]:
-    zones: list[Zone] = []
-    parts = top.tables("zone")
-    if len(parts) > len(ROMAN):
-        raise top.error("zone", len(parts), f"expected at most {len(ROMAN)} zones")
-    for part, roman in zip(parts, ROMAN, strict=False):
-        zone = Zone(part.name("name", roman), part.position("start", bar.length_m), part.position("stop", bar.length_m))
-        if zone.stop_m <= zone.start_m:
-            raise part.error(
-                "stop", f"{1e3 * zone.stop_m:g} mm", f"expected more than start, {1e3 * zone.start_m:g} mm"
-            )
-        if zones and zone.start_m < zones[-1].stop_m:
-            overlap = f"zone {zone.name} overlaps or precedes zone {zones[-1].name}, which stops at"
-            raise part.error("start", f"{1e3 * zone.start_m:g} mm", f"{overlap} {1e3 * zones[-1].stop_m:g} mm")
-        if zone.name in [other.name for other in zones]:
-            raise part.error("name", zone.name, "another zone has this name")
-        zones.append(zone)
-        part.close()
-    return zones
-
-
 def read_sweep(part: DeviceTable) -> Sweep:
     """The table [sweep]."""
     start_hz = part.quantity("start", "Hz", exclusive=True)
@@ -308,10 +239,11 @@ def read_sweep(part: DeviceTable) -> Sweep:
     )
 
 
-def check_damping(source: str, bar: Bar, actuators: tuple[Actuator, ...]) -> None:
-    """Refuse a bar that nothing damps: its resonances would be infinite, and every figure near them meaningless."""
-    if bar.mass_damping_per_s == bar.stiffness_damping_s == 0 and not any(each.damping_n_s_per_m for each in actuators):
-        keys = "bar.mass_damping, bar.stiffness_damping, actuator[...].damping"
+def check_damping(source: str, surface: Surface, actuators: tuple[Actuator, ...]) -> None:
+    """Refuse a surface that nothing damps: its resonances would be infinite, and every figure near them meaningless."""
+    undamped = surface.mass_damping_per_s == surface.stiffness_damping_s == 0
+    if undamped and not any(each.damping_n_s_per_m for each in actuators):
+        keys = f"{surface.kind}.mass_damping, {surface.kind}.stiffness_damping, actuator[...].damping"
         raise DeviceError(f"{source}: {keys}: all are 0: without damping resonances are infinite; give one of them")
 
 
@@ -339,38 +271,6 @@ def read_spread(part: DeviceTable) -> Spread:
         mass=fraction("mass", "1 %", _WIDEST_SPREAD),
         finger=fraction("finger", "30 %", 1.0),
         finger_position_m=part.quantity("finger_position", "m", default="4 mm"),
-    )
-
-
-def read_touch_axis(part: DeviceTable, bar: Bar) -> TouchAxis:
-    """The table [digitizer]."""
-    part.assume("axis", "flip", "start_margin", "end_margin")
-    axis = part.word("axis", ("x", "y"), "x")
-    # Below zero: the touch area reaches beyond that end of the bar.
-    start_m = part.position("start_margin", bar.length_m, least=-math.inf, default="0 mm")
-    end_m = part.position("end_margin", bar.length_m, least=-math.inf, default="0 mm")
-    active_m = part.quantity("active_length", "m", exclusive=True) if "active_length" in part.left else None
-    part.known.append("active_length")
-    if active_m is not None and start_m + active_m <= 0:
-        raise part.error("active_length", f"{1e3 * active_m:g} mm", f"ends before the bar, from {1e3 * start_m:g} mm")
-    if start_m >= bar.length_m:
-        raise part.error("start_margin", f"{1e3 * start_m:g} mm", "the margins leave nothing of the bar")
-    if max(end_m, start_m + end_m) >= bar.length_m:
-        raise part.error("end_margin", f"{1e3 * end_m:g} mm", "the margins leave nothing of the bar")
-    silence_s = part.quantity("silence", "s", least=_SHORTEST_SILENCE_S) if "silence" in part.left else None
-    debounce_s = part.quantity("debounce", "s", default="0 ms")
-    if debounce_s > _LONGEST_DEBOUNCE_S:
-        expected = f"expected up to {1e3 * _LONGEST_DEBOUNCE_S:g} ms: a second tap must be one"
-        raise part.error("debounce", f"{1e3 * debounce_s:g} ms", expected)
-    part.known.append("silence")
-    return TouchAxis(
-        axis="x" if axis == "x" else "y",
-        flip=part.flag("flip", False),
-        start_margin_m=start_m,
-        end_margin_m=end_m,
-        active_length_m=active_m,
-        silence_s=silence_s,
-        debounce_s=debounce_s,
     )
 
 

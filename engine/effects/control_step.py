@@ -39,9 +39,9 @@ class TriggeredEffect:
     owner: int
     """Number of the program: the effects that it triggered end together."""
     contact_id: int | None = None
-    position_m: float | None = None
-    """From the start of the bar. A finger within engine.touch.placement.CLOSEST_M of it gets the effect; without one
-    the place is felt, as if a finger had just left it, so the effect must end by itself."""
+    position_m: complex | None = None
+    """A finger within engine.touch.placement.CLOSEST_M of this point gets the effect; without one the place is felt, as
+    if a finger had just left it, so the effect must end by itself."""
     level_change_db: float = 0.0
 
 

@@ -49,6 +49,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from engine.device.points import clip_points, is_within
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_play import Play
 from engine.effects.rules import Effects, Rule, Trigger, changed_level
@@ -92,7 +93,7 @@ class EffectPlayer:
         self.lifted: list[Finger] = []
         """Fingers that are gone, their last effect still under way."""
         self._begun_ns: float = -math.inf  # of the click that began last
-        self._length_m = math.inf  # of the bar
+        self._corner_m: complex = math.inf  # of the surface
         self.click_length_ns = click_length_ns
         """Length of the clicks that begin from now on."""
         self.joined = self.left_out = 0
@@ -118,7 +119,7 @@ class EffectPlayer:
                     self._turn_palm(finger, touch, time_ns)
                     has_changed = True
                 finger.touch = touch
-                if not -FOLLOW_M <= touch[1] - finger.held_m <= FOLLOW_M:
+                if abs(touch[1] - finger.held_m) > FOLLOW_M:
                     finger.held_m = touch[1]
                     has_changed = has_changed or self.level_db is not None
                 if self.follows_moves:
@@ -161,14 +162,14 @@ class EffectPlayer:
         self._settle()
         return outcome
 
-    def change_bar(self, touches: Sequence[Touch], length_m: float) -> None:
-        """Play on another bar of this length; `touches` are all fingers on it."""
-        self._length_m = length_m
+    def change_bar(self, touches: Sequence[Touch], corner_m: complex) -> None:
+        """Play on another surface, which reaches from 0 to `corner_m`; `touches` are all fingers on it."""
+        self._corner_m = corner_m
         before, self.fingers = self.fingers, {}
         for touch in touches:
             finger = self.fingers[touch.contact_id] = before.get(touch.contact_id) or Finger(touch)
-            finger.move_to(touch, length_m)
-        self.lifted = [finger for finger in self.lifted if finger.held_m <= length_m]
+            finger.move_to(touch, corner_m)
+        self.lifted = [finger for finger in self.lifted if is_within(finger.held_m, corner_m)]
         self.click_ns = None  # also a click that goes on is placed on the new bar
         self._settle()
 
@@ -248,7 +249,7 @@ class EffectPlayer:
             return Outcome.QUIET
         if finger is None:
             assert asked.position_m is not None
-            if asked.position_m > self._length_m:
+            if not is_within(asked.position_m, self._corner_m):
                 return Outcome.OFF_BAR
             # A later effect at a place takes the place of the earlier one, so their number is bounded by the bar.
             self.lifted = [
@@ -306,10 +307,13 @@ class EffectPlayer:
         if rule is None:
             finger.mark_m = position_m
             return
-        steps = int((position_m - finger.mark_m) / rule.every_m)
+        way_m = position_m - finger.mark_m
+        if rule.along:
+            way_m = rule.along * (way_m * rule.along.conjugate()).real
+        steps = int(abs(way_m) / rule.every_m)
         if steps:
-            # Marks stay in place on the bar: a finger that moves back meets the same marks again.
-            finger.mark_m += steps * rule.every_m
+            # Marks stay in place on the surface: a finger that moves back meets the same marks again.
+            finger.mark_m += steps * rule.every_m * (way_m / abs(way_m))
             self._begin(finger, rule, time_ns, time_ns + DRAG_REST_NS)
 
     def _rest(self, finger: "Finger", time_ns: int) -> None:
@@ -385,11 +389,11 @@ class Finger:
         self.hold_ns = 0
         """When that hold begins; undefined without `hold_rule`."""
 
-    def move_to(self, touch: Touch, length_m: float) -> None:
-        """Go on at another place of a bar of this length, as if it had come down and moved there."""
+    def move_to(self, touch: Touch, corner_m: complex) -> None:
+        """Go on at another place of a surface up to `corner_m`, as if it had come down and moved there."""
         moved_m = touch.position_m - self.touch.position_m
         self.touch = touch
-        self.held_m = min(max(0.0, self.held_m + moved_m), length_m)
+        self.held_m = clip_points(self.held_m + moved_m, corner_m)
         self.mark_m += moved_m
         self.rest_m += moved_m
 

@@ -80,7 +80,7 @@ class Pipeline:
         self.answerer = Answerer(renderer)
         digitizer.on_surface = self._follow_surface
         self._follow_surface()
-        player.change_bar((), device.bar.length_m)
+        player.change_bar((), device.surface.corner_m)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
@@ -171,7 +171,7 @@ class Pipeline:
         fit_releases(self.digitizer, device)
         self.touches = self.tracker.change_bar(device)
         player.click_length_ns = rendering.click_length_ns
-        player.change_bar(self.touches, device.bar.length_m)
+        player.change_bar(self.touches, device.surface.corner_m)
         self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
         self.answerer.change_renderer(rendering.renderer, self.wanted)
         self._note_due()

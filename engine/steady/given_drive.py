@@ -28,7 +28,7 @@ _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 
 
 def compute_levels(
-    device: Device, receptances: Receptances, positions_m: Sequence[float], hz: Sequence[float], amplitude: Complex
+    device: Device, receptances: Receptances, positions_m: Sequence[complex], hz: Sequence[float], amplitude: Complex
 ) -> Array:
     """Level above threshold, dB, (case, finger): standard fingers at these positions first, then CASES sampled ones.
 

@@ -56,7 +56,7 @@ class PlainSolver:
 
     def solve(
         self,
-        positions_m: Sequence[float],
+        positions_m: Sequence[complex],
         felt: Sequence[bool],
         level_db: float,
         held_hz: float | None = None,  # noqa: ARG002  # the frequency may jump where a finger moves

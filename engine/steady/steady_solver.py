@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from base.errors import TactableError
 from engine.device import Device
+from engine.device.points import is_within, point_text
 from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
 from engine.steady.drive_search import find_drive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers
@@ -68,20 +69,20 @@ class SteadySolver:
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz[:, None]
         self._usable = np.ascontiguousarray((hz[:, None] >= low_hz - slack_hz) & (hz[:, None] <= high_hz + slack_hz))
-        self._middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+        self._middle_m = np.array([zone.middle_m for zone in device.zones])
         self._half_m = np.array([zone.length_m / 2 for zone in device.zones])
-        self._of_zone = np.stack([self._integral(zone.start_m, zone.stop_m) for zone in device.zones])
+        self._of_zone = np.stack([self._integral(zone.start_m.real, zone.stop_m.real) for zone in device.zones])
         self._of_bar = self._integral(0.0, device.bar.length_m)
 
     def prepare(self) -> None:
         """Load or compile the kernels and sample the cases, so that no later solve waits for that."""
-        length_m = self.device.bar.length_m
+        corner_m = self.device.surface.corner_m
         for fingers in range(1, MOST_FINGERS + 1):
-            position_m = [length_m * (finger + 0.5) / fingers for finger in range(fingers)]
+            position_m = [corner_m * (finger + 0.5) / fingers for finger in range(fingers)]
             self.solve(position_m, [finger == 0 for finger in range(fingers)], 0.0)
 
     def solve(
-        self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float, held_hz: float | None = None
+        self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float, held_hz: float | None = None
     ) -> SteadyDrive:
         """The best drive for fingers at these positions, `felt` or else quiet, at a level in dB over threshold.
 
@@ -186,8 +187,8 @@ class SteadySolver:
                 weight[first : first + 4] += _cubic_integral(low - first, high - first)
         return weight * pitch_m
 
-    def _check(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> None:
-        length_m = self.device.bar.length_m
+    def _check(self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float) -> None:
+        corner_m = self.device.surface.corner_m
         if len(positions_m) != len(felt):
             raise SteadyError(f"{len(positions_m)} positions and {len(felt)} roles: give one role for each position")
         if not 0 < len(positions_m) <= MOST_FINGERS:
@@ -195,8 +196,8 @@ class SteadySolver:
         if not any(felt):
             raise SteadyError("no finger is felt: a drive needs at least one that is")
         for number, at_m in enumerate(positions_m, 1):
-            if not 0 <= at_m <= length_m:
-                raise SteadyError(f"finger {number} at {1e3 * at_m:g} mm: the bar ends at {1e3 * length_m:g} mm")
+            if not is_within(at_m, corner_m):
+                raise SteadyError(f"finger {number} at {point_text(at_m)}: the surface ends at {point_text(corner_m)}")
         if np.isnan(level_db):
             raise SteadyError("the level is not a number; give dB above threshold, or inf for full scale")
 

@@ -157,7 +157,7 @@ class Table:
         return self.clicks.places
 
     def click_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> ClickEntry:
         """Click for fingers at these positions, `felt` or `quiet`, played at `level_db`.
 
@@ -181,7 +181,7 @@ class Table:
         return None if click is None else click_played_at(click, level_db)
 
     def drive_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> "SteadyDrive":
         """Steady drive solved for fingers at these positions, given as in `click_for`; loads compiled kernels.
 

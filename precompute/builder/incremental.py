@@ -15,6 +15,7 @@ from enum import StrEnum
 from typing import Any
 
 from engine.device import Device
+from engine.device.points import json_of
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
 from precompute.clicks.of_table import read_click_options
@@ -64,7 +65,7 @@ class BuildOptions:
 
 # Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide; best
 # rows of the sweep reach the levels within the limit.
-_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
+_RESPONSES = ("surface", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
 # Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text", "finger_origin")
 
@@ -84,7 +85,7 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
         case Part.CLICKS:
             values.pop("sweep")
             chosen |= {"clicks_up_to": options.clicks_up_to, "options": asdict(options.click_options)}
-    return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(chosen | values, sort_keys=True, default=json_of).encode()).hexdigest()
 
 
 def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
@@ -101,7 +102,7 @@ def is_compatible(before: Device, device: Device) -> bool:
     They have the same length, zones, actuators, limits and threshold, by which the levels of both are named.
     """
     names = [[actuator.name for actuator in each.actuators] for each in (before, device)]
-    is_as_long = before.bar.length_m == device.bar.length_m
+    is_as_long = before.surface.corner_m == device.surface.corner_m
     if before.threshold.values != device.threshold.values:
         return False
     return is_as_long and before.zones == device.zones and before.limits == device.limits and names[0] == names[1]

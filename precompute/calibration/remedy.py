@@ -145,7 +145,7 @@ def _is_promising(without: Problem, calibration: Calibration, column: Array) -> 
 
 def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
     """The length of the bar, which holds everything on it, and the place of each actuator."""
-    length_m, places_m = device.bar.length_m, [actuator.position_m for actuator in device.actuators]
+    length_m, places_m = device.bar.length_m, [actuator.position_m.real for actuator in device.actuators]
     reach_m = _REACH * length_m
     last_m = max(
         [*places_m, float(np.nanmax(measurements.position_m)), float(np.nan_to_num(measurements.finger_m).max())]
@@ -153,7 +153,7 @@ def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
     )
 
     def long(other_m: float) -> Device:
-        return replace(device, bar=replace(device.bar, length_m=other_m))
+        return replace(device, surface=replace(device.bar, length_m=other_m))
 
     def driven_at(index: int) -> Callable[[float], Device]:
         def moved(place_m: float) -> Device:

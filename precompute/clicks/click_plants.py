@@ -167,7 +167,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
     Returns the plants of each dimensions, with the indices of their scenarios and the shapes (scenario, degree of
     freedom, mode) of all modes; and square_omega (scenario, mode), in (rad/s)^2.
     """
-    groups: dict[tuple[float, ...], list[int]] = {}
+    groups: dict[tuple[complex, ...], list[int]] = {}
     for index, device in enumerate(scenarios.calibrated):
         places_m = (device.bar.length_m, *(actuator.position_m for actuator in device.actuators))
         groups.setdefault(places_m, []).append(index)

@@ -158,7 +158,7 @@ class ClickSolver:
         part = max(1, fingers // 2)
         return OF_ROWS + (pool - OF_ROWS) // part, 1 + (judged - 1) // part
 
-    def _compute_plants(self, position_m: tuple[float, ...]) -> Plants:
+    def _compute_plants(self, position_m: tuple[complex, ...]) -> Plants:
         pool, judged = (
             Responses(
                 sampled.transfer(sampled.scenarios.place(position_m, self.options.tolerance_m).first(count)),

@@ -29,7 +29,7 @@ class _Played:
     """A drive for one felt and one quiet finger, and their levels in dB (case, finger), standard fingers first."""
 
     drive: SteadyDrive
-    position_m: tuple[float, float]
+    position_m: tuple[complex, complex]
     level_db: NDArray[np.float64]
 
     @property
@@ -102,5 +102,5 @@ def _usual_drives(table: Table) -> list[_Played]:
     return found
 
 
-def _middles_m(device: Device) -> Sequence[float]:
-    return [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+def _middles_m(device: Device) -> Sequence[complex]:
+    return [zone.middle_m for zone in device.zones]

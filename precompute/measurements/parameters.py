@@ -251,7 +251,7 @@ def with_values(device: Device, parameters: Sequence[Parameter], values: Array) 
             parts[parameter.part][field] = value
     return replace(
         device,
-        bar=replace(device.bar, **parts["bar"]),
+        surface=replace(device.bar, **parts["bar"]),
         finger=replace(device.finger, **parts["finger"]),
         actuators=tuple(replace(a, **changes) for a, changes in zip(device.actuators, actuators, strict=True)),
     )

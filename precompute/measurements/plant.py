@@ -39,7 +39,7 @@ class MeasuredPlant(Plant):
         field: Complex = -(acceleration / omega**2) @ self._along_bar.T
         return field
 
-    def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> Plant:
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> Plant:
         """Raises ValueError: the bar was measured without fingers; predict.performance adds them to its response."""
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 

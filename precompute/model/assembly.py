@@ -98,7 +98,7 @@ class Plant:
         """
         return None
 
-    def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> "Plant":
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "Plant":
         """The plant with a grounded finger at each position, assembled into the matrices (docs/theory.md#fingers)."""
         fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
         K, C, M = self.K.copy(), self.C.copy(), self.M.copy()
@@ -114,8 +114,8 @@ class Plant:
 def build_mesh(device: Device) -> Array:
     """Nodes (node,) in metres: one at every actuator and zone edge; elements as short as asked."""
     length_m = device.bar.length_m
-    forced = [0.0, *(actuator.position_m for actuator in device.actuators)]
-    forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
+    forced = [0.0, *(actuator.position_m.real for actuator in device.actuators)]
+    forced += [edge.real for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
     edges = [0.0]
     for place in sorted(forced):
         if edges[-1] + _SNAP * length_m < place < (1 - _SNAP) * length_m:

@@ -14,7 +14,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from engine.device import Finger
-from engine.device.description import CLICKS_TOP_HZ
+from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import Plant, assemble, dense
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ def _solve_modes(plant: Plant, count: int) -> Basis:
     return Basis(plant, shape, np.maximum(square, 0.0), shape.T @ dense(plant.C) @ shape)
 
 
-def compute_modal_model(basis: Basis, fingers: Sequence[tuple[float, Finger]] = ()) -> ModalModel:
+def compute_modal_model(basis: Basis, fingers: Sequence[tuple[complex, Finger]] = ()) -> ModalModel:
     """Damped modes with fingers (position in metres, finger) added to the untouched bar's basis."""
     count = len(basis.square_omega)
     M, K, C = np.eye(count), np.diag(basis.square_omega), basis.damping.copy()

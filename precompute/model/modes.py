@@ -30,7 +30,7 @@ class Mode:
 
 
 def compute_modes(
-    device: Device, position_m: Array, up_to_hz: float, finger_m: Sequence[float] = ()
+    device: Device, position_m: Array, up_to_hz: float, finger_m: Sequence[complex] = ()
 ) -> tuple[Mode, ...]:
     """Modes up to a frequency, rising, with the device's finger at each of `finger_m`.
 

@@ -43,7 +43,7 @@ class TransientPlant:
         self.position_m = position_m
         self._shape = self.basis.at(position_m)
 
-    def touch(self, fingers: Sequence[tuple[float, Finger]]) -> None:
+    def touch(self, fingers: Sequence[tuple[complex, Finger]]) -> None:
         """The fingers on the bar from now on: (position in metres, finger)."""
         self._model = compute_modal_model(self.basis, fingers)
         # Poles come in conjugate pairs: one of each is enough, counted twice.

@@ -58,7 +58,7 @@ class PlacementFigures:
     bar of its own where a calibration left some. contrasts are None where nothing is quiet.
     """
 
-    positions_m: tuple[float, ...]
+    positions_m: tuple[complex, ...]
     drive: SteadyDrive
     level_db: Array
     sampled_level_db: Array
@@ -97,7 +97,7 @@ class SteadyDesigner:
         )
         self.solver = SteadySolver(device, self.receptances)
 
-    def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> PlacementFigures:
+    def solve(self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float) -> PlacementFigures:
         """The drive for fingers at these positions, `felt` or else quiet, at a level in dB, and its figures.
 
         Raises engine.steady.steady_solver.SteadyError as SteadySolver.solve does.

@@ -27,7 +27,7 @@ class SampledFingers:
     damping_n_s_per_m: Array
     stiffness_n_per_m: Array
 
-    def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[float, Finger]]:
+    def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[complex, Finger]]:
         """Position in metres and finger of one case, in each of `zones` (indices)."""
         return [
             (

@@ -28,7 +28,7 @@ class Fingers:
         columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
         return Fingers(*(column[:scenarios] for column in columns))
 
-    def of(self, scenario: int) -> list[tuple[float, Finger]]:
+    def of(self, scenario: int) -> list[tuple[complex, Finger]]:
         """Position in metres and finger of one scenario, for each finger."""
         columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
         return [
@@ -73,13 +73,13 @@ class Scenarios:
                 base.actuators, self.stiffness[scenario].tolist(), self.mass[scenario].tolist(), strict=True
             )
         )
-        return replace(base, bar=bar, actuators=actuators)
+        return replace(base, surface=bar, actuators=actuators)
 
     def deviations(self, fingers: int) -> Array:
         """What varies (scenario, parameter), standardised: bar, actuators, and that many fingers."""
         return np.hstack([self.normal, _touch_deviations((len(self) - 1) // 2, fingers, self.seed)])
 
-    def place(self, position_m: Sequence[float], tolerance_m: float | None = None) -> Fingers:
+    def place(self, position_m: Sequence[complex], tolerance_m: float | None = None) -> Fingers:
         """Sampled fingers about these positions, which rise along the bar; the nominal ones are exactly there.
 
         Each lies within `tolerance_m` of its position (None: as the device's spread says), and on the bar.

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
+from engine.device.points import order_of
 from precompute.parallel.pool import WorkerPool
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
@@ -61,13 +62,13 @@ class PlacementSearch:
         return int(self.screened_m.shape[1])
 
 
-def with_actuators_at(device: Device, position_m: Sequence[float]) -> Device:
+def with_actuators_at(device: Device, position_m: Sequence[complex]) -> Device:
     """The device with an actuator at each position, rising: its own in their order, repeated where there are more."""
-    own, count = sorted(device.actuators, key=lambda actuator: actuator.position_m), len(position_m)
+    own, count = sorted(device.actuators, key=lambda actuator: order_of(actuator.position_m)), len(position_m)
     chosen = [own[i * len(own) // count] for i in range(count)]
     placed = [
         replace(actuator, name=f"actuator {i + 1}", position_m=at)
-        for i, (actuator, at) in enumerate(zip(chosen, sorted(position_m), strict=True))
+        for i, (actuator, at) in enumerate(zip(chosen, sorted(position_m, key=order_of), strict=True))
     ]
     return replace(device, actuators=tuple(placed))
 
@@ -79,7 +80,7 @@ def even_places(device: Device, count: int) -> Places:
 
 def own_places(device: Device) -> Places:
     """Positions of the device's own actuators, rising."""
-    return tuple(sorted(actuator.position_m for actuator in device.actuators))
+    return tuple(sorted(actuator.position_m.real for actuator in device.actuators))
 
 
 def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device, Zone
-from engine.device.description import ROMAN
+from engine.device.points import order_of
+from engine.device.surface_description import ROMAN
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import WorkerPool
 from precompute.predict.untouched import greatest_factors
@@ -26,7 +27,7 @@ class Resolved:
     fingers: contrasts of every two of them. factor (zone,): the greatest localized factor of each alone, untouched.
     """
 
-    position_m: tuple[float, ...]
+    position_m: tuple[complex, ...]
     zones: int
     zone_length_m: float
     fingers: TwoFingers
@@ -63,10 +64,10 @@ def _begin(device: Device, wanted_db: float) -> Callable[[tuple[tuple[float, ...
     return lambda job: _resolve(device, *job, wanted_db)
 
 
-def _resolve(device: Device, position_m: tuple[float, ...], zones: int, wanted_db: float) -> Resolved:
+def _resolve(device: Device, position_m: tuple[complex, ...], zones: int, wanted_db: float) -> Resolved:
     changed = with_equal_zones(with_actuators_at(device, position_m), zones)
     return Resolved(
-        position_m=tuple(sorted(position_m)),
+        position_m=tuple(sorted(position_m, key=order_of)),
         zones=zones,
         zone_length_m=device.bar.length_m / zones,
         fingers=solve_two_fingers(changed, wanted_db),

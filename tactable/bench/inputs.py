@@ -114,4 +114,4 @@ def expected_clicks(stream: Stream, rate_hz: float, count: int, device: Device) 
 
 def place_of(placement: Placement | None) -> int:
     """Position of the first felt finger in micrometres, -1 without one: what tells the clicks of taps apart."""
-    return -1 if placement is None else round(1e6 * placement.position_m[placement.felt[0]])
+    return -1 if placement is None else round(1e6 * placement.position_m[placement.felt[0]].real)

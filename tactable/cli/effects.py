@@ -100,7 +100,7 @@ def curve(
     from precompute.studies.reach_along import compute_acceleration_curves
 
     device = find_device(device_name)
-    middles = [0.5 * (zone.start_m + zone.stop_m) for zone in device.zones]
+    middles = [zone.middle_m.real for zone in device.zones]
     places_m = [read_option("--at", each, "m") for each in names_in(at)] or middles
     for place_m in places_m:
         if not 0 <= place_m <= device.bar.length_m:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from engine.device import Device
-from engine.device.description import ROMAN
+from engine.device.surface_description import ROMAN
 from tactable.cli.console import Progress, remark
 from tactable.cli.options import AsJson, DeviceArgument, OptionError, Workers, names_in, read_counts
 from tactable.cli.plot import picture_command

@@ -22,6 +22,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
 from engine.device import Device
+from engine.device.points import json_of
 from engine.effects import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.program_scene import Scene
 from tactable.control.requests import (
@@ -239,9 +240,12 @@ class ControlServer:
             "program": program.number,
             "lease_s": hello.lease_s,
             "device": device.name,
-            "length_m": device.bar.length_m,
+            "length_m": device.surface.length_m,
             "threshold": device.threshold.title,
-            "zones": [{"name": zone.name, "start_m": zone.start_m, "stop_m": zone.stop_m} for zone in device.zones],
+            "zones": [
+                {"name": zone.name, "start_m": json_of(zone.start_m), "stop_m": json_of(zone.stop_m)}
+                for zone in device.zones
+            ],
             "effects": list(self.scene.effects),
             "regions": list(self.scene.regions),
         }
@@ -256,7 +260,7 @@ class ControlServer:
         if outcome is Outcome.OFF:
             raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
         if outcome is Outcome.OFF_BAR:
-            raise ControlError(f"trigger.at: {request.position_m:g} m: the bar ends before it since its table changed")
+            raise ControlError(f"trigger.at: {request.position_m:g} m: is beyond the surface since its table changed")
 
     def _no_finger(self, key: str, contact_id: int | None) -> ControlError:
         there = ", ".join(str(each["finger"]) for each in self._fingers()) or "none does"

@@ -6,6 +6,7 @@ quiet fingers, the effects that it defined, and its regions but for those that s
 defines an effect anew takes it over. A region keeps the effects that it was set with, whatever becomes of their names.
 """
 
+from engine.device.points import is_within
 from engine.effects import Effect, SceneSettings
 from tactable.control.requests import ControlError, Region
 
@@ -80,12 +81,14 @@ class Scene:
             sum(one.level_change_db for one in each),
         )
 
-    def top_region_at(self, position_m: float, zone: int | None) -> str | None:
+    def top_region_at(self, position_m: complex, zone: int | None) -> str | None:
         """Name of the region that a finger lies in."""
         for name, region in reversed(self.regions.items()):
             if region.zones is not None:
                 if zone in region.zones:
                     return name
-            elif region.region_m is not None and region.region_m[0] <= position_m <= region.region_m[1]:
-                return name
+            elif region.region_m is not None:
+                start_m, stop_m = region.region_m
+                if is_within(position_m - start_m, stop_m - start_m):
+                    return name
         return None

@@ -82,7 +82,7 @@ def make_sound(device: Device, click: ClickEntry, placement: Placement, *, is_we
     return Sound(samples, loudest, is_weighted, tuple(names[finger] for finger in order))
 
 
-def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[float], *, is_weighted: bool) -> Array:
+def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[complex], *, is_weighted: bool) -> Array:
     """Simulate the acceleration (time, finger) at SOUND_RATE_HZ, in m/s^2 or over threshold, until it has died down.
 
     The plant is the nominal one, with standard fingers at these positions.

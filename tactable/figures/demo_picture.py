@@ -53,16 +53,16 @@ def _draw_touches(axes: Axes, report: DemoReport) -> None:
     """Positions of the fingers over time by role; zones as bands."""
     device, moments = report.device, report.run.moments
     for i, zone in enumerate(device.zones):
-        axes.axhspan(1e3 * zone.start_m, 1e3 * zone.stop_m, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
-        axes.text(0.004, (zone.start_m + zone.stop_m) / 2 / device.bar.length_m, zone.name, transform=axes.transAxes)
+        axes.axhspan(1e3 * zone.start_m.real, 1e3 * zone.stop_m.real, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
+        axes.text(0.004, zone.middle_m.real / device.bar.length_m, zone.name, transform=axes.transAxes)
     for actuator in device.actuators:
-        axes.axhline(1e3 * actuator.position_m, color=GREY, lw=0.8, ls=":")
+        axes.axhline(1e3 * actuator.position_m.real, color=GREY, lw=0.8, ls=":")
     lines: dict[str, list[list[tuple[float, float]]]] = {BLUE: [], VERMILLION: []}
     for moment, after in itertools.pairwise(moments):
         start_s, stop_s = ((each.time_ns - moments[0].time_ns) / 1e9 for each in (moment, after))
         for touch in moment.touches:
             colour = VERMILLION if is_felt(touch, moment) else BLUE
-            lines[colour].append([(start_s, 1e3 * touch.position_m), (stop_s, 1e3 * touch.position_m)])
+            lines[colour].append([(start_s, 1e3 * touch.position_m.real), (stop_s, 1e3 * touch.position_m.real)])
     for colour, segments in lines.items():
         axes.add_collection(LineCollection(segments, colors=colour, linewidths=4, capstyle="butt"))
     axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))

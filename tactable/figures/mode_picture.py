@@ -15,7 +15,7 @@ _MOST_PANELS = 8
 
 
 def plot_modes(
-    device: Device, position_m: Array, finger_m: Sequence[float], untouched: Sequence[Mode], touched: Sequence[Mode]
+    device: Device, position_m: Array, finger_m: Sequence[complex], untouched: Sequence[Mode], touched: Sequence[Mode]
 ) -> Picture:
     """Picture of up to eight modes, a panel each; both sets are numbered by their frequencies."""
     count = max(1, min(_MOST_PANELS, len(untouched)))

@@ -54,7 +54,7 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
             axes.axhline(k - 0.5, color=style.GREY, lw=0.5)
         axes.text(1.01 * length_mm, k, _placement_text(device, placement), va="center", fontsize="small")
     for zone in device.zones:
-        axes.text(500 * (zone.start_m + zone.stop_m), -0.75, zone.name, ha="center", fontsize="small")
+        axes.text(1e3 * zone.middle_m.real, -0.75, zone.name, ha="center", fontsize="small")
     style.draw_zone_edges(axes, device, ":")
     axes.set_yticks(range(len(rows)), [f"{search.count}, {placement.name}" for search, placement in rows])
     axes.set(xlim=(0, length_mm), ylim=(len(rows) - 0.4, -1.1), xlabel="along the bar (mm)")

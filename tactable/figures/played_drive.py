@@ -14,7 +14,7 @@ from precompute.model.steady import compute_steady_state
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
 
-Load = Sequence[tuple[float, Finger]]
+Load = Sequence[tuple[complex, Finger]]
 """Position in metres and finger, for each finger."""
 
 
@@ -22,7 +22,7 @@ Load = Sequence[tuple[float, Finger]]
 class PlayedFinger:
     """Level under a standard finger; range_db: least and greatest level of the sampled ones."""
 
-    position_m: float
+    position_m: complex
     is_felt: bool
     acceleration_m_per_s2: float
     level_db: float

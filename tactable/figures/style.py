@@ -47,16 +47,14 @@ def draw_zone_names(axes: "Axes", device: Device, names: Sequence[str] | None = 
     draw_zone_edges(axes, device)
     above = axes.get_xaxis_transform()
     for zone, name in zip(device.zones, names or [zone.name for zone in device.zones], strict=True):
-        axes.text(
-            500 * (zone.start_m + zone.stop_m), 0.98, name, ha="center", va="top", fontsize="small", transform=above
-        )
+        axes.text(1e3 * zone.middle_m.real, 0.98, name, ha="center", va="top", fontsize="small", transform=above)
 
 
 def draw_zone_edges(axes: "Axes", device: Device, ls: str = "-") -> None:
     """Draw a vertical line at every edge of a zone (mm)."""
     for zone in device.zones:
         for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5, ls=ls)
+            axes.axvline(1e3 * edge_m.real, color=GREY, lw=0.5, ls=ls)
 
 
 def draw_actuators(axes: "Axes", device: Device) -> None:

@@ -85,7 +85,11 @@ def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], want
     place_mm = np.linspace(0.0, 1e3 * device.bar.length_m, _PLACES)
     for zone in wanted:
         axes.axvspan(
-            1e3 * device.zones[zone].start_m, 1e3 * device.zones[zone].stop_m, color=style.GREEN, alpha=0.12, lw=0
+            1e3 * device.zones[zone].start_m.real,
+            1e3 * device.zones[zone].stop_m.real,
+            color=style.GREEN,
+            alpha=0.12,
+            lw=0,
         )
     for each, (colour, ls) in zip(shown, style.CURVES, strict=False):
         axes.plot(place_mm, each.level, color=colour, ls=ls, lw=1.7, label=_label(device, each.drive))

@@ -113,7 +113,7 @@ class FingerPicture:
     zone: int | None
     role: Role
     """Its role in the last command."""
-    position_m: float
+    position_m: complex
     level_db: float
     felt_db: float
 
@@ -128,7 +128,7 @@ class MadePicture:
     number: int | None
     zone: int | None
     role: Role
-    position_m: float
+    position_m: complex
     promised_db: float | None
     simulated_db: float | None
 

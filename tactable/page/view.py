@@ -9,6 +9,7 @@ import numpy as np
 
 from base.plain import to_plain
 from engine.device import Device
+from engine.device.points import is_within
 from engine.loop import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
@@ -100,7 +101,7 @@ class View:
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
         for record in records:
-            if _is_beyond(record, self.table.device.bar.length_m):
+            if _is_beyond(record, self.table.device.surface.corner_m):
                 continue  # the run played another table then
             self._touches, self._counters = record.touches, record.counters
             if record.drive_sequence is None:
@@ -213,10 +214,10 @@ class View:
         )
 
 
-def _is_beyond(record: Record, length_m: float) -> bool:
-    """Whether a finger of a record is beyond the end of a bar of this length."""
+def _is_beyond(record: Record, corner_m: complex) -> bool:
+    """Whether a finger of a record is beyond the edges of a surface up to `corner_m`."""
     placed_m = () if record.placement is None else record.placement.position_m
-    return any(at_m > length_m for at_m in (*placed_m, *(touch.position_m for touch in record.touches)))
+    return not all(is_within(at_m, corner_m) for at_m in (*placed_m, *(touch.position_m for touch in record.touches)))
 
 
 def _levels_of(levels: BarLevels, number: int) -> tuple[float, float]:

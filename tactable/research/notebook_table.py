@@ -18,7 +18,7 @@ class Table(TableFile):
     """An open table (engine.table.Table); `Table.open` makes one, as a context manager."""
 
     def click_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> Click:
         """Click of the nearest places for fingers at these positions, played at `level_db`.
 
@@ -33,7 +33,7 @@ class Table(TableFile):
         return Click.of(found, self.device, Placement.named(self.device, felt, quiet), self)
 
     def drive_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> Drive:
         """Steady drive solved for fingers at these positions, given as in `click_for`.
 

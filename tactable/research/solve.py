@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def solve_click(
-    device: Device, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = inf
+    device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = inf
 ) -> Click:
     """Solve the click for up to ten fingers where they are; infinite `level_db`: as strong as it can be.
 
@@ -36,8 +36,8 @@ def solve_click(
 
 def solve_drive(
     device: Device,
-    felt: Sequence[str | float],
-    quiet: Sequence[str | float] = (),
+    felt: Sequence[str | complex],
+    quiet: Sequence[str | complex] = (),
     level_db: float = DEFAULT_LEVEL_DB,
 ) -> Drive:
     """Solve the steady drive for fingers where they are, given as in `solve_click`, at a level in dB.
@@ -50,7 +50,7 @@ def solve_drive(
     return Drive.of(found, device, placement)
 
 
-def _felt_placement(device: Device, felt: Sequence[str | float], quiet: Sequence[str | float]) -> Placement:
+def _felt_placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex]) -> Placement:
     if not felt:
         raise PlacementError('no finger is felt: name at least one, such as felt=["35 mm"]')
     return Placement.named(device, felt, quiet)

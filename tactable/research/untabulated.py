@@ -19,7 +19,7 @@ POINTS = 201
 """Positions along the bar where none are given."""
 
 
-def placement(device: Device, felt: Sequence[str | float], quiet: Sequence[str | float] = ()) -> Placement:
+def placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex] = ()) -> Placement:
     """Fingers on the bar, each felt or quiet: a text such as "35 mm", metres, or a zone's name, which is its middle.
 
     Raises PlacementError for positions beside the bar, more than ten, and two closer than 8 mm, which are one finger.
@@ -30,7 +30,7 @@ def placement(device: Device, felt: Sequence[str | float], quiet: Sequence[str |
     return Placement.named(device, felt, quiet)
 
 
-def modes(device: Device, fingers: Sequence[str | float] = (), up_to_hz: float = 1000.0) -> "xarray.Dataset":
+def modes(device: Device, fingers: Sequence[str | complex] = (), up_to_hz: float = 1000.0) -> "xarray.Dataset":
     """Modes of the bar up to a frequency, rising, with the device's finger at each position of `fingers`.
 
     frequency (Hz), damping_ratio and decay_time (s, to 1/e) along mode; shape (mode, position), greatest 1.
@@ -60,7 +60,7 @@ def response(
     device: Device,
     frequency_hz: ArrayLike | None = None,
     position_m: ArrayLike | None = None,
-    fingers: Sequence[str | float] = (),
+    fingers: Sequence[str | complex] = (),
 ) -> "xarray.DataArray":
     """Complex acceleration (frequency, actuator, position) in m/s^2, one actuator at full scale and the others still.
 
@@ -95,5 +95,5 @@ def origin_of(device: Device) -> dict[str, str]:
     return {"device": device.name, "device_fingerprint": device.fingerprint, "source": "model", "estimates": estimates}
 
 
-def _positions_m(device: Device, fingers: Sequence[str | float]) -> tuple[float, ...]:
+def _positions_m(device: Device, fingers: Sequence[str | complex]) -> tuple[complex, ...]:
     return placement(device, (), fingers).position_m if fingers else ()

@@ -54,7 +54,7 @@ class _ModalBar:
         self._device, self._basis = device, compute_basis(assemble(device), MODES)
         self._force = compute_modal_model(self._basis).push
 
-    def acceleration(self, frequency_hz: float, position_m: tuple[float, ...]) -> Complex:
+    def acceleration(self, frequency_hz: float, position_m: tuple[complex, ...]) -> Complex:
         """Acceleration (finger, actuator) in m/s^2 under fingers at these positions, at full scale of each actuator."""
         s, basis, finger = 2j * np.pi * frequency_hz, self._basis, self._device.finger
         rows = basis.at(np.array(position_m))

@@ -90,7 +90,7 @@ class SimulatedBar:
         self.sample_rate_hz = SAMPLES_PER_CYCLE * max(device.sweep.stop_hz, *(a.band_hz[1] for a in device.actuators))
         self.point_m = np.linspace(0.0, device.bar.length_m, POINTS)
 
-    def simulate_held(self, event: DriveEvent, finger_m: Sequence[float]) -> SimulatedDrive:
+    def simulate_held(self, event: DriveEvent, finger_m: Sequence[complex]) -> SimulatedDrive:
         """Hold the firmware's drive of `event` until the bar is steady, with standard fingers at these positions.
 
         Steady: the peaks of two windows of whole beats differ by less than 0.1 % of the greatest.
@@ -99,14 +99,14 @@ class SimulatedBar:
         share, peak = _settle(plant, event)
         return SimulatedDrive(share, peak[POINTS:], self.point_m, peak[:POINTS])
 
-    def simulate_click(self, event: DriveEvent, finger_m: Sequence[float]) -> SimulatedClick:
+    def simulate_click(self, event: DriveEvent, finger_m: Sequence[complex]) -> SimulatedClick:
         """Play the firmware's waveform of `event` from rest, with standard fingers at these positions."""
         plant = self._plant(np.array(finger_m), finger_m)
         drive = synthesise([replace(event, device_time_us=0)], 0.0, _RING_DOWN_US, self.sample_rate_hz)
         acceleration = plant.accelerate(drive)
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
-    def _plant(self, point_m: Array, finger_m: Sequence[float]) -> TransientPlant:
+    def _plant(self, point_m: Array, finger_m: Sequence[complex]) -> TransientPlant:
         plant = TransientPlant(self.basis, point_m, self.sample_rate_hz)
         plant.touch([(position_m, self.device.finger) for position_m in finger_m])
         return plant
@@ -114,7 +114,7 @@ class SimulatedBar:
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
         """Simulate the first `longest_s` of a run, its fingers on the bar where the digitizer has them."""
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
-        plant, fingers_m = self._plant(np.zeros(0), ()), tuple[float, ...]()
+        plant, fingers_m = self._plant(np.zeros(0), ()), tuple[complex, ...]()
         for stretch in _stretches(run, longest_s):
             displacement = synthesise(run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz)
             if not len(displacement):
@@ -146,7 +146,7 @@ class _Stretch:
 
     start_us: float
     stop_us: float
-    finger_m: tuple[float, ...]
+    finger_m: tuple[complex, ...]
     feels: tuple[bool, ...]
 
 

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 from base.child import Child, ChildError, Parent, decode_line
 from base.printable import write_note
 from engine.device import Device
+from engine.device.points import json_of, point_of_json
 from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis
@@ -74,7 +75,11 @@ class ClickProcess(BesideLoop):
 
 def question_of(placement: Placement, device: Device) -> dict[str, Any]:
     """Question to the child."""
-    return {"fingerprint": device.fingerprint, "at_m": placement.position_m, "is_felt": placement.is_felt}
+    return {
+        "fingerprint": device.fingerprint,
+        "at_m": [*map(json_of, placement.position_m)],
+        "is_felt": placement.is_felt,
+    }
 
 
 class Answers:
@@ -136,8 +141,8 @@ class Service:
         if self._solver is None:  # the run learns that from the end of this process
             return
         # Its kernels are loaded, or compiled, before the first question.
-        length_m = self._solver.device.bar.length_m
-        self._solver.solve(Placement((0.2 * length_m, 0.5 * length_m, 0.8 * length_m), (True, True, False)))
+        corner_m = self._solver.device.surface.corner_m
+        self._solver.solve(Placement((0.2 * corner_m, 0.5 * corner_m, 0.8 * corner_m), (True, True, False)))
         self._parent.say({"is_ready": True})
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():
@@ -160,7 +165,7 @@ class Service:
         solver = self._solver
         if solver is None or solver.device.fingerprint != question["fingerprint"]:
             return
-        click = solver.solve(Placement(tuple(question["at_m"]), tuple(question["is_felt"])))
+        click = solver.solve(Placement(tuple(map(point_of_json, question["at_m"])), tuple(question["is_felt"])))
         values = {field.name: getattr(click, field.name) for field in fields(click) if field.name != "basis"}
         answer = {"fingerprint": solver.device.fingerprint, "click": _packed(values), "basis_hash": click.basis.hash}
         if click.basis.hash not in self._told:

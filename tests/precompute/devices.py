@@ -84,7 +84,7 @@ def random_device(seed: int, actuators: int = 3) -> Device:
     return replace(
         base,
         name=f"random-{seed}",
-        bar=bar,
+        surface=bar,
         actuators=tuple(_random_actuator(random, f"actuator {i}", place) for i, place in enumerate(places.tolist())),
         zones=tuple(Zone(f"zone {i}", *pair) for i, pair in enumerate(edges.reshape(4, 2).tolist())),
     )
@@ -104,7 +104,7 @@ def _random_actuator(random: np.random.Generator, name: str, position_m: float) 
 
 def with_bar(device: Device, **changes: Any) -> Device:
     """The device with other values of its bar."""
-    return replace(device, bar=replace(device.bar, **changes))
+    return replace(device, surface=replace(device.bar, **changes))
 
 
 def with_actuators(device: Device, **changes: Any) -> Device:

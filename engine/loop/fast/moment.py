@@ -19,7 +19,7 @@ from engine.loop.pipeline import Pipeline
 from engine.render import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.digitizer import AGAIN
-from engine.touch.finger_tracker import REACH_M
+from engine.touch.finger_tracker import REACH_M, TouchPosition
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
@@ -50,6 +50,7 @@ class Moment:
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._table: FastTable | None = None
+        self._column = 0  # of a contact, along the bar
         self._held: DriveCommand | None = None
         self._levels: dict[float | None, int] = {}
         if len(_rules_of(effects)) > CONSTANTS["MOST_RULES"]:
@@ -73,8 +74,12 @@ class Moment:
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
         if any(_first_level(rule) not in self._levels for rule in rules):
             return
+        position = pipeline.tracker.position
+        if not isinstance(position, TouchPosition):  # a plate, whose touches the Python loop answers
+            return
+        self._column = position.column
+        _set_bar(self.fast, pipeline, position)
         self._table, fast = table, self.fast
-        _set_bar(fast, pipeline)
         fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
         for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
@@ -86,7 +91,7 @@ class Moment:
         place.trigger, place.is_click = _TRIGGERS[rule.on], _first_segment(rule).is_click
         place.level = self._levels[_first_level(rule)]
         place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
-        place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
+        place.start_m, place.stop_m = _stretch_of(rule)
 
     def write(
         self, pipeline: Pipeline, dispatcher: Dispatcher, ahead: Ahead | None, axis_ns: int, descriptors: Sequence[int]
@@ -139,7 +144,7 @@ class Moment:
             return False
         if pipeline.digitizer.debounce is not None:
             return False
-        column = pipeline.tracker.position.column
+        column = self._column
         for active, contact in zip(self._active, frame.active.values(), strict=False):
             if contact.contact_id >= AGAIN:
                 return False  # the step knows fingers by the device's ids
@@ -152,7 +157,7 @@ class Moment:
             if finger.is_kept_quiet or level_db not in levels:
                 return False
             place.contact_id, place.level = touch.contact_id, levels[level_db]
-            place.position_m, place.held_m = touch.position_m, finger.held_m
+            place.position_m, place.held_m = touch.position_m.real, finger.held_m.real
             place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
         fast.actives, fast.fingers, fast.lifted = len(frame.active), len(player.fingers), len(player.lifted)
@@ -170,6 +175,13 @@ def _first_segment(rule: Rule) -> Segment:
 def _first_level(rule: Rule) -> float | None:
     """The level that a finger feels first by a rule."""
     return changed_level(_first_segment(rule).level_db, rule.level_change_db)
+
+
+def _stretch_of(rule: Rule) -> tuple[float, float]:
+    """Start and stop of the rule's region along the bar; an empty stretch where it has none."""
+    if rule.zones is not None or rule.region_m is None:
+        return 1.0, 0.0
+    return rule.region_m[0].real, rule.region_m[1].real
 
 
 def _rules_of(effects: Effects) -> list[Rule]:
@@ -194,11 +206,12 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
     fast.plans = len(plans)
 
 
-def _set_bar(fast: Any, pipeline: Pipeline) -> None:
-    position, edges = pipeline.tracker.position, pipeline.tracker.edges
-    fast.zones = len(edges.starts_m)
+def _set_bar(fast: Any, pipeline: Pipeline, position: TouchPosition) -> None:
+    zones = pipeline.device.zones
+    fast.zones = len(zones)
     fast.follow_m, fast.closest_m, fast.reach_m = FOLLOW_M, CLOSEST_M, REACH_M
-    fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m
+    fast.zone_start_m[: fast.zones] = [zone.start_m.real for zone in zones]
+    fast.zone_stop_m[: fast.zones] = [zone.stop_m.real for zone in zones]
     fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
     fast.zero = position.zero
     # Only the coordinate along the bar is read, so the plans follow from the bar, too.

@@ -44,7 +44,7 @@ class MadeSteady:
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
-        assert all(0 <= at_m <= self.device.bar.length_m for at_m in placement.position_m)
+        assert all(0 <= at_m.real <= self.device.bar.length_m for at_m in placement.position_m)
         self.solved.append((placement, level_db))
         self.held_hz.append(held_hz)
         states = placement.zone_states(self.device)

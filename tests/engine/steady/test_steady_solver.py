@@ -164,7 +164,7 @@ def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:
 @pytest.mark.parametrize(
     ("positions_m", "felt", "level_db", "words"),
     [
-        ([0.3], [True], 20.0, "finger 1 at 300 mm: the bar ends at 279.4 mm"),
+        ([0.3], [True], 20.0, "finger 1 at 300 mm: the surface ends at 279.4 mm"),
         ([0.1, -0.001], [True, False], 20.0, "finger 2 at -1 mm"),
         ([float("nan")], [True], 20.0, "finger 1 at nan mm"),
         ([0.1], [False], 20.0, "no finger is felt"),

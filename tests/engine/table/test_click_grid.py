@@ -57,7 +57,7 @@ def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
     assert table.click_for(["30 mm"], [0.19]).placement == PLACEMENTS[1]
     with pytest.raises(TableError, match=r"no click for fingers at 27\.94, 251\.46 mm"):
         table.click_for(["I"], ["V"])
-    with pytest.raises(PlacementError, match="one finger to the bar"):
+    with pytest.raises(PlacementError, match="one finger to the surface"):
         table.click_for(["I"], ["I"])
     assert table.click_at(Placement.on(DEVICE, [0.01]), 20.0) is None
 

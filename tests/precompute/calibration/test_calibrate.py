@@ -76,7 +76,7 @@ def test_only_what_is_named_is_fitted_within_its_bounds() -> None:
     found = calibrate(DEVICE, read_bar(DEVICE, {}), ["bar.density", "actuator[1].mass"], bounds=bounds, starts=2)
     density, mass = found.estimates
     assert 2600 <= density.value <= 2650 and density.known is Known.AT_LEAST
-    changed = replace(found.device, bar=DEVICE.bar, actuators=DEVICE.actuators)
+    changed = replace(found.device, surface=DEVICE.bar, actuators=DEVICE.actuators)
     assert changed == DEVICE
     assert found.device.actuators[0].mass_kg == mass.value
 

@@ -38,7 +38,7 @@ def test_of_a_bar_that_is_not_known_the_errors_say_so() -> None:
     left, right = DEVICE.actuators
     true = replace(
         DEVICE,
-        bar=replace(DEVICE.bar, youngs_modulus_pa=1.015 * DEVICE.bar.youngs_modulus_pa),
+        surface=replace(DEVICE.bar, youngs_modulus_pa=1.015 * DEVICE.bar.youngs_modulus_pa),
         actuators=(replace(left, stiffness_n_per_m=0.98 * left.stiffness_n_per_m), right),
     )
     for found, system in zip(find_transfers(BARE, readings_of(true, noise=0.01)), (lag, coupled), strict=True):

@@ -100,7 +100,7 @@ def test_a_shorter_bar_among_the_samples_has_modes_of_its_own() -> None:
     device = shipped("reference-d")
     zone = replace(device.zones[-1], stop_m=device.zones[-1].stop_m - 2e-3)
     shorter = replace(
-        device, bar=replace(device.bar, length_m=device.bar.length_m - 2e-3), zones=(*device.zones[:-1], zone)
+        device, surface=replace(device.bar, length_m=device.bar.length_m - 2e-3), zones=(*device.zones[:-1], zone)
     )
     scenarios = replace(sample_scenarios(device, 1, seed=2), calibrated=(device, shorter, shorter))
     expected = responses_of(replace(scenarios, device=shorter, calibrated=(shorter,) * 3))

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.device.description import CLICKS_TOP_HZ
+from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import Plant, assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.response import solve_response

@@ -322,7 +322,7 @@ def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has
 ) -> None:
     run, _ = clicked
     stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
-    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0] < 5e-3]
+    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0].real < 5e-3]
     moved_m = [moment.touches[0].position_m for moment in fast]
     assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
     assert is_felt(fast[0].touches[0], fast[0])

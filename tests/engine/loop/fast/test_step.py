@@ -150,7 +150,7 @@ def answered_whole(
     found = both(recording, effects, device, is_complete=True)
     assert found.answered == len(found.clicks)
     placements = [record.placement for record in found.clicks if record.placement is not None]
-    return [(tuple(round(1e3 * at_m, 1) for at_m in each.position_m), each.is_felt) for each in placements]
+    return [(tuple(round(1e3 * at_m.real, 1) for at_m in each.position_m), each.is_felt) for each in placements]
 
 
 def test_clicks_of_one_finger_and_of_two_are_answered() -> None:
