@@ -180,7 +180,7 @@ def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted
         if wanted is None or wanted in applied:
             continue
         due[wanted] = due.get(wanted, False) or (change.drive_sequence is not None and not run.came_late(change))
-    return tuple(wanted for wanted in sorted(due) if due[wanted]), tuple(w for w in sorted(due) if not due[w])
+    return tuple(wanted for wanted in due if due[wanted]), tuple(w for w in due if not due[w])
 
 
 def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
