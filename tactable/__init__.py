@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from engine.device.quantity import quantity_text as quantity_text
     from engine.table.table_diff import compare_tables as compare_tables
     from firmware_link.host.link import Link as Link
-    from firmware_link.host.link_values import FaultReceived as FaultReceived
     from firmware_link.host.link_values import LinkConfiguration as LinkConfiguration
     from firmware_link.host.link_values import LinkState as LinkState
     from firmware_link.host.serial_port import SerialPort as SerialPort
     from firmware_link.host.session import Session as Session
     from firmware_link.protocol.messages import ChannelDrive as ChannelDrive
+    from firmware_link.protocol.messages import Fault as Fault
     from firmware_link.protocol.messages import encode_drive as encode_drive
     from precompute.builder.table_build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "ChannelDrive": "firmware_link.protocol.messages",
     "Device": "engine.device",
-    "FaultReceived": "firmware_link.host.link_values",
+    "Fault": "firmware_link.protocol.messages",
     "Link": "firmware_link.host.link",
     "LinkConfiguration": "firmware_link.host.link_values",
     "LinkState": "firmware_link.host.link_values",

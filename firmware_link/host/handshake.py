@@ -147,7 +147,6 @@ def _check_fit(hello: messages.Hello, configuration: LinkConfiguration) -> None:
             "the device allows no lease, so no drive would sound: set longest_lease_ms of its firmware to 1 to 100, "
             "and flash it again"
         )
-    configuration.check_rate(hello.number_of_actuators)
 
 
 def _check_accepted(ack: messages.Ack, request: str, remedy: str) -> None:

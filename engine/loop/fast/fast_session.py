@@ -59,7 +59,7 @@ class FastLink(Link):
     def ahead(self, now_ns: int) -> Ahead | None:
         """What is ahead of a command that comes next; None where something else is sent before it."""
         outbox = self._outbox
-        if self.state is not LinkState.READY or self._reports.acknowledgements or outbox.is_waiting:
+        if self.state is not LinkState.READY or self.acknowledgements or outbox.is_waiting:
             return None
         free_ns = (self._line.free_ns, *outbox.free_from_ns(now_ns))
         lease_ms, drive_size = outbox.lease.duration_ms, len(outbox.silent_drive)

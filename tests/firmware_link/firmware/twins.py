@@ -54,7 +54,14 @@ from firmware_link.protocol.messages import (
     encode_drive,
 )
 from tests.firmware_link.conformance import greeting, hump
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, core_library, make, with_sanitizers
+from tests.firmware_link.firmware.compiled_core import (
+    FULL_OUTPUT,
+    US_PER_S,
+    core_library,
+    make,
+    sense_now,
+    with_sanitizers,
+)
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 
@@ -183,7 +190,7 @@ class Twins:
         self.samples = np.concatenate([self.samples, self.compiled.take_samples()])
         last = len(self.samples) - 1
         for acceleration in accelerations:
-            self.compiled.sense_now(acceleration)
+            sense_now(self.compiled, acceleration)
             self.python.sense(acceleration, self.samples[last].tolist() if last >= 0 else [0] * ACTUATORS, last)
         assert self.compiled.senses == self.python.senses
         # The library lets time pass from sample to sample, and sends what is whole before anything that is due later.
