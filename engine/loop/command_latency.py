@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from base.arrays import Integers
 
 Stamps = tuple[int, int, int, int, int, int]
 """Clock time of each stage in ns, in the order of `Stage`."""
@@ -66,7 +68,7 @@ class LatencyRecorder:
         self._stamps_ns[self.count % len(self._stamps_ns)] = stamps
         self.count += 1
 
-    def stamps_ns(self) -> NDArray[np.int64]:
+    def stamps_ns(self) -> Integers:
         """A copy of the kept stamps, shape (command, stage), ns, oldest first."""
         capacity = len(self._stamps_ns)
         if self.count <= capacity:

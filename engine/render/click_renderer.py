@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Mask
 from engine.render.chosen_basis import ChosenBasis
 from engine.render.link_commands import SILENCE, PlayCommand, Rendered
 from engine.table import ClickEntry, Clicks
@@ -77,7 +78,7 @@ class RenderedClicks:
         words = [encode_amplitude(10 ** (change_db / 20)) for change_db in changes_db]
         return np.where(is_played, np.array(words, np.int32), np.int32(NOT_PLAYED))
 
-    def _is_achieved(self, level_db: float) -> NDArray[np.bool_]:
+    def _is_achieved(self, level_db: float) -> Mask:
         low_db = self.clicks.felt_low_db
         return low_db >= level_db - LEVEL_TOLERANCE_DB if np.isfinite(level_db) else np.ones(len(low_db), np.bool_)
 

@@ -23,14 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, fdtrc
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.calibration.conventions import Convention, find_convention
 from precompute.calibration.remedy import Remedy, find_remedy
 from precompute.measurements.parameters import Bounds
 from precompute.measurements.types import Measurements
-
-Array = NDArray[np.float64]
 
 UNLIKELY = 0.005
 """Probability below which a finding is not taken for chance."""

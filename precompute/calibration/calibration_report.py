@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Mask
 from base.plain import to_plain
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy
 from precompute.calibration.pairwise import Pairwise
-
-Array = NDArray[np.float64]
 
 _CORRELATED = 0.9  # either error is then 2.3 times what it is with the other value known
 _UNTOLD = "- Full scale: responses per newton do not tell it. Every level rests on that of the device file: ESTIMATE."
@@ -114,7 +112,7 @@ def _by_position(calibration: Calibration) -> list[dict[str, Any]]:
     return [{"position_m": float(x), **_spread(calibration, position_m == x)} for x in np.unique(position_m)]
 
 
-def _spread(calibration: Calibration, rows: NDArray[np.bool_]) -> dict[str, Any]:
+def _spread(calibration: Calibration, rows: Mask) -> dict[str, Any]:
     """Statistics of ln(measured / predicted): its median is the bias, the median of its size the scatter."""
     residual = calibration.log_residual[rows]
     return {

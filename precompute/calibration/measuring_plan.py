@@ -7,16 +7,14 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
-
-Array = NDArray[np.float64]
 
 LEAST_NOISE = 1e-3
 """Least relative noise of a reading that is assumed of any accelerometer."""

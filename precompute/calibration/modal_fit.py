@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import chdtrc
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array, Complex, Integers
 from base.plain import to_plain
 from engine.device import Device, Finger
 from precompute.calibration.adequacy import SMALLEST_MISFIT, UNLIKELY
@@ -33,9 +33,6 @@ from precompute.measurements.parameters import Bounds, Parameter, default_names,
 from precompute.measurements.types import MeasurementError
 from precompute.model.assembly import Plant, assemble, dense
 from precompute.model.modal import compute_basis, compute_modal_model
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _BEYOND = 16  # model modes above the measured ones: some may be missing, and dampers couple with higher ones
 _STILL = 1e-6  # share of a natural frequency below which a pole does not oscillate
@@ -75,7 +72,7 @@ class ModesMisfit(MisfitModel):
         """Data along the first axis: all frequencies, then the dampings that are stated."""
         return np.concatenate([of_frequency, of_damping[self._is_damped]])
 
-    def model_at(self, coordinate: Array) -> tuple[ModelModes, NDArray[np.int64]]:
+    def model_at(self, coordinate: Array) -> tuple[ModelModes, Integers]:
         """Modes of the model, and the index (mode,) of the model's mode paired with each measured one."""
         found = self._solve(self._values_at(coordinate))
         return found, _pair(found, self._modes)
@@ -127,11 +124,11 @@ class ModesMisfit(MisfitModel):
         return Misfit(residual, slope, residual, slope, np.ones(len(log)))
 
 
-def _pair(found: ModelModes, modes: Modes) -> NDArray[np.int64]:
-    """Index (mode,) of the model's mode for each measured one, all different, of the least sum of distances."""
+def _pair(found: ModelModes, modes: Modes) -> Integers:
+    """Integers (mode,) of the model's mode for each measured one, all different, of the least sum of distances."""
     distance = np.log(np.abs(found.pole) / (2 * np.pi * modes.frequency_hz[:, None])) ** 2
     distance[:, found.pole.imag <= _STILL * np.abs(found.pole)] += _OVERDAMPED
-    chosen: NDArray[np.int64] = linear_sum_assignment(distance + 1 - _assurance(found, modes))[1]
+    chosen: Integers = linear_sum_assignment(distance + 1 - _assurance(found, modes))[1]
     return chosen
 
 
@@ -157,7 +154,7 @@ class ModalCalibration(FittedDevice):
     """
 
     modes: Modes
-    number: NDArray[np.int64]
+    number: Integers
     fitted_hz: Array
     fitted_damping: Array
     assurance: Array

@@ -15,17 +15,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
 from precompute.calibration.fit import CAUCHY, Fit, Problem, fit, minimise, settle
 from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds, find_parameters, known_names
 from precompute.measurements.types import CalibrationError, Measurements
-
-Array = NDArray[np.float64]
 
 _WORTH = 0.9
 """Share of the misfit that a remedy leaves at most."""

@@ -18,17 +18,14 @@ relative to the full scale that the device file states, and it is found only whe
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device, Transfer
 from engine.device.actuator_transfer import FEWEST_POINTS
 from engine.steady.cases import SEED
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import CalibrationError, Kind, Measurements
 from precompute.sampling.plants import sample_scenarios
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 GREATEST_ERROR = 0.1
 """Standard error of a point, relative to it, that is still taken: 0.8 dB or 6 degrees."""

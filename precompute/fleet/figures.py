@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.steady import Receptances, SteadyDrive
 from engine.steady.given_drive import compute_levels
@@ -30,7 +30,7 @@ class _Played:
 
     drive: SteadyDrive
     position_m: tuple[complex, complex]
-    level_db: NDArray[np.float64]
+    level_db: Array
 
     @property
     def contrast_db(self) -> float:

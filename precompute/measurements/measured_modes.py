@@ -8,17 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.measurement_file import check_file, read_table_text
 from precompute.measurements.sheet import read_columns, read_sheet
 from precompute.measurements.types import MOST_KG, MeasurementError
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FREQUENCY_ERROR, DAMPING_ERROR = 0.002, 0.1
 """Relative standard deviations where a file states none. ESTIMATE: what repeated modal tests of small bars scatter."""

@@ -9,18 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Integers
 from engine.device import Device, Finger
 from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import BANDWIDTH, Plant, add_actuators, assemble
 from precompute.model.response import solve_response
 from precompute.model.transfers import transfers_at
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 
 _CHUNK = 64  # frequencies at a time: fields of 60 columns in 256 elements take 32 MB
 _SENSOR, _FINGER = 0, 1
@@ -43,8 +39,8 @@ class _Tones:
     """A tone for every frequency of every row: the row, the index of the frequency, and the drive (tone, actuator)."""
 
     frequency_hz: Array
-    row: Index
-    frequency: Index
+    row: Integers
+    frequency: Integers
     drive: Complex
 
 
@@ -80,7 +76,7 @@ class MeasurementModel:
         if measurements.force_m is not None:
             attached_m = np.column_stack([attached_m, measurements.force_m])
         self._place_m, place = np.unique(attached_m, return_inverse=True)
-        places: Index = place.reshape(len(attached_m), -1)
+        places: Integers = place.reshape(len(attached_m), -1)
         self._place, self._forced = places[:, :attached], None if measurements.force_m is None else places[:, -1]
         self._sensor_mass_kg = measurements.sensor_mass_kg
         self._tones = _split_tones(measurements)

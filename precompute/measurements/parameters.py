@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.uncertainty import FITTED_UNITS
 from precompute.measurements.types import CalibrationError
 
-Array = NDArray[np.float64]
 Bounds = tuple[float, float]
 
 _SENSOR_UNIT = "kg"

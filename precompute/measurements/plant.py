@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device, Finger
 from precompute.measurements.response_table import MeasuredResponses
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,7 @@ def estimate_errors(device: Device, responses: MeasuredResponses) -> Interpolati
     )
 
 
-def _without(count: int, left_out: slice) -> NDArray[np.bool_]:
+def _without(count: int, left_out: slice) -> Mask:
     kept = np.ones(count, dtype=np.bool_)
     kept[left_out] = False
     return kept

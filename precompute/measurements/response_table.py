@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Integers
 from engine.device import Device
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
@@ -19,9 +19,6 @@ from precompute.measurements.types import (
     text_of_places,
 )
 from precompute.model.response import blocked_force
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FEWEST_PLACES = 4
 """Places that a cubic spline needs."""
@@ -145,7 +142,7 @@ def _unloaded(device: Device, measurements: Measurements) -> Complex:
     return unloaded
 
 
-def _axis(values: Array, same: float) -> tuple[Array, NDArray[np.int64]]:
+def _axis(values: Array, same: float) -> tuple[Array, Integers]:
     """Distinct rising values, and the index of each value among them; values closer than `same` are equal."""
     rounded, index = np.unique(np.round(values / same), return_inverse=True)
     return rounded * same, index

@@ -13,14 +13,13 @@ from functools import partial
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.points import order_of
 from precompute.parallel.pool import WorkerPool
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
-Array = NDArray[np.float64]
 Places = tuple[float, ...]
 Progress = Callable[[float], None]
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import assemble
@@ -14,7 +14,6 @@ from precompute.model.modal import compute_basis
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.place_receptances import modal_receptances
 
-Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 _MODES = 24

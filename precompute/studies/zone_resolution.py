@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Zone
 from engine.device.points import order_of
 from engine.device.surface_description import ROMAN
@@ -16,8 +16,6 @@ from precompute.parallel.pool import WorkerPool
 from precompute.predict.untouched import greatest_factors
 from precompute.studies.placement_search import with_actuators_at
 from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
