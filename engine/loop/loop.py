@@ -26,7 +26,7 @@ from engine.loop.pipeline import Pipeline
 from engine.loop.program_steps import Controls, ControlSlot
 from engine.loop.reconnect import Reconnection, Reopening
 from engine.loop.table_swap import TableSwap, Updates
-from engine.render import SILENCE, Command
+from engine.render.link_commands import SILENCE, Command
 from engine.touch.sources import Source
 from firmware_link.host.link_values import Armed, Capabilities, Event, LinkState
 from firmware_link.host.session import Session

@@ -29,10 +29,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from engine.device import Device
-from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
-from engine.effects.effect_player import DEFAULT_CLICK_NS
+from engine.effects.control_step import ControlStep, Outcome
+from engine.effects.effect_player import DEFAULT_CLICK_NS, EffectPlayer
+from engine.effects.rules import Effects
 from engine.loop.answerer import NOTHING, Answerer, Wanted
-from engine.render import SILENCE, Command, Renderer, Rendering
+from engine.render.link_commands import SILENCE, Command
+from engine.render.prepared import Rendering
+from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases

@@ -9,7 +9,7 @@ rules that it used are those that the Python step used. The outcome is told afte
 from collections.abc import Callable, Container
 from typing import Protocol
 
-from engine.effects import ControlStep, Outcome
+from engine.effects.control_step import ControlStep, Outcome
 from engine.loop.observer import LoopCounters
 from engine.loop.pipeline import Pipeline
 

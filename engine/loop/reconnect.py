@@ -10,7 +10,7 @@ began with always ends it.
 from typing import Protocol
 
 from engine.loop.observer import LoopCounters
-from engine.render import Renderer
+from engine.render.renderer import Renderer
 from firmware_link.host.link_values import Event, Greeted, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.link_errors import LinkError

@@ -66,8 +66,8 @@ class RingCounters(NamedTuple):
 class Record(NamedTuple):
     """A `CommandRecord` as the ring holds it, with the counts of its pass.
 
-    `stamps_ns` are in the order of `engine.loop.Stage`; 0 stands for a stage that was not reached, such as COMMAND
-    where nothing else is wanted.
+    `stamps_ns` are in the order of `Stage`; 0 stands for a stage that was not reached, such as COMMAND where nothing
+    else is wanted.
     """
 
     stamps_ns: Stamps

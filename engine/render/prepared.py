@@ -6,8 +6,8 @@ It takes longer than a loop may wait, so it is made before the run, and in anoth
 from dataclasses import dataclass, replace
 
 from engine.device import Device
-from engine.effects import Drives, Effects
 from engine.effects.effect_player import DEFAULT_CLICK_NS
+from engine.effects.rules import Drives, Effects
 from engine.render.board_fit import BoardFit, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.click_renderer import RenderedClicks

@@ -12,9 +12,9 @@ from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.confidence import compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
-from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 
 STARTS = 5  # 2 pass the tests too; a doubtful basin gets four times as many (fit.py)
 MOST_READINGS = 10_000

@@ -17,9 +17,8 @@ from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.modal_fit import calibrate_modes, modal_report
 from precompute.calibration.pairwise import fit_pairwise
-from precompute.measurements import read_measurements
 from precompute.measurements.measured_modes import read_modes
-from precompute.measurements.measurement_file import check_file
+from precompute.measurements.measurement_file import check_file, read_measurements
 from precompute.measurements.parameters import Bounds
 
 REPORT = "report.json"

@@ -12,9 +12,9 @@ from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
-from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
+from precompute.measurements.types import Kind, lay_out
 
 LEAST_NOISE = 1e-3
 """Least relative noise of a reading that is assumed of any accelerometer."""

@@ -6,9 +6,9 @@ from enum import Enum
 import numpy as np
 
 from base.arrays import Array, Complex
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
+from precompute.measurements.types import Kind, Measurements
 
 
 class Loss(Enum):

@@ -9,9 +9,9 @@ from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit
 from precompute.calibration.fit import fit
 from precompute.calibration.misfit import Loss
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
+from precompute.measurements.types import Kind, Measurements
 
 _MOST_DRIVES = 24  # a fit for each: bounds the time of a comparison, whose answer is an average anyway
 

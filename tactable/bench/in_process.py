@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import Trace
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.render import WhenNotAchieved
+from engine.loop.observer import Trace
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
 from engine.touch.sources import OnClock

@@ -10,7 +10,8 @@ from itertools import cycle, islice
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects.effect_player import EffectPlayer
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, Placement, open_digitizer

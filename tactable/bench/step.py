@@ -16,9 +16,13 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Drives, Effects
-from engine.loop import open_pipeline, realtime
-from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
+from engine.loop import realtime
+from engine.loop.pipeline import open_pipeline
+from engine.render.limits import link_configuration
+from engine.render.link_commands import PlayCommand
+from engine.render.prepared import render_table
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording

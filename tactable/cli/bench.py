@@ -35,7 +35,7 @@ def step(
 
     Drives for positions and for zones, and clicks are timed, with and without rules, beside the compiled step.
     """
-    from engine.effects import read_effects
+    from engine.effects.rule_file import read_effects
     from engine.touch.sources.recording import read_recording
     from tactable.bench.inputs import open_table
     from tactable.bench.step import RULES, print_step_bench, run_step_bench

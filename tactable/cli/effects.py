@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from base.files import replace_file
-from engine.effects import Effect, EffectError, Segment
-from engine.effects.files import FORMATS, Converted, Fate, read_effect_file
-from engine.effects.files.conversion import FULL_LEVEL_DB
-from engine.effects.rules import NS_PER_MS
+from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
+from engine.effects.files.read import FORMATS, read_effect_file
+from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
 from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level, read_option
 from tactable.shipped import find_device, named_effects

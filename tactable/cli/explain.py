@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from base.errors import TactableError
 from engine.device import Device
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.table_diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables

@@ -205,8 +205,8 @@ def write_records(
     keep_spoiled: bool,
 ) -> None:
     """Write the responses, or without their phases the peaks, to every output."""
-    from precompute.measurements import Kind
     from precompute.measurements.measurement_file import write_measurements
+    from precompute.measurements.types import Kind
     from tactable.measure.walk import measurements_of
 
     has_phase = all(form.loopback(actuator.name) is not None for actuator in device.actuators)
@@ -237,7 +237,7 @@ def write_transfers(
     from engine.device import Device
     from precompute.calibration.device_text import text_with_transfers
     from precompute.calibration.transfer_fit import find_transfers
-    from precompute.measurements import Kind
+    from precompute.measurements.types import Kind
     from tactable.measure.walk import measurements_of
 
     measurements = measurements_of(records, device, mass_kg, Kind.RESPONSE, is_simulated=form.is_simulated)

@@ -13,7 +13,7 @@ from base.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from engine.effects import Drives, Effects
+    from engine.effects.rules import Drives, Effects
     from engine.touch import Placement
     from precompute.measurements.parameters import Bounds
 
@@ -143,7 +143,8 @@ def read_rules(
     path: Path | None, device: "Device", drives: str | None, tell: Callable[[str], None] = lambda _: None
 ) -> "Effects":
     """The rules of a file, by default a click for every touch; --drives, if it is given, replaces that of the file."""
-    from engine.effects import DEFAULT_EFFECTS, read_effects
+    from engine.effects.rule_file import read_effects
+    from engine.effects.rules import DEFAULT_EFFECTS
     from tactable.shipped import named_effects
 
     effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named_effects(), tell)
@@ -152,7 +153,7 @@ def read_rules(
 
 def read_drives_of(text: str | None) -> "Drives":
     """The option --drives; positions without it. Raises OptionError."""
-    from engine.effects import Drives
+    from engine.effects.rules import Drives
 
     return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
 

@@ -35,7 +35,7 @@ def play(
     amplitude and no more, and falls silent when the command ends. With an emulated firmware the levels along the
     untouched bar follow, SIMULATED. It has never been run on hardware.
     """
-    from engine.loop import SystemClock
+    from engine.loop.loop import SystemClock
     from tactable.audio.port import open_port
     from tactable.digitizers.record import stop_at_signal
     from tactable.measure.asked_drive import check_drive

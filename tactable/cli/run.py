@@ -13,18 +13,20 @@ import typer
 
 from base.child import Child
 from engine.device import Device
-from engine.effects import Effects
-from engine.loop import Clock, RingWriter, Stage, StopRequest, SystemClock, Updates
+from engine.effects.rules import Effects
+from engine.loop.command_latency import Stage
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
-from engine.render import WhenNotAchieved
+from engine.loop.ring import RingWriter
+from engine.loop.table_swap import Updates
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import BOARD_EMULATED
-from firmware_link.host.link_values import Capabilities
+from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from base.child import Parent
 from base.printable import printable, write_note
-from engine.effects import Outcome
-from engine.loop import RingReader
+from engine.effects.control_step import Outcome
+from engine.loop.ring import RingReader
 from engine.table import Table, TableError
 from tactable.control.control_server import ControlServer
 from tactable.control.events import Events

@@ -23,7 +23,7 @@ from typing import Any, Protocol
 
 from engine.device import Device
 from engine.device.points import json_of
-from engine.effects import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
+from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.program_scene import Scene
 from tactable.control.requests import (
     VERSION,

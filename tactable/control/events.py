@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from engine.device.points import json_of
-from engine.loop import Record
+from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.render.link_commands import RendererError
 from engine.table import Table

@@ -7,7 +7,8 @@ defines an effect anew takes it over. A region keeps the effects that it was set
 """
 
 from engine.device.points import is_within
-from engine.effects import Effect, SceneSettings
+from engine.effects.control_step import SceneSettings
+from engine.effects.rules import Effect
 from tactable.control.requests import ControlError, Region
 
 MOST_REGIONS = 32  # with 8 rules each; docs/programs.md has the time of a change beside them

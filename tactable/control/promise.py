@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.loop import Record
+from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table

@@ -13,7 +13,7 @@ from typing import Any
 
 from base.child import Child
 from base.plain import to_plain
-from engine.effects import ControlStep, Outcome
+from engine.effects.control_step import ControlStep, Outcome
 from firmware_link.host.link_values import Capabilities
 from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
 from tactable.run.beside_loop import BesideLoop
@@ -42,7 +42,7 @@ class ControlOf:
 
 
 class ControlProcess(BesideLoop):
-    """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
+    """The child process, and the slot that the loop reads (program_steps.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
         super().__init__("tactable.control.control_process", to_plain(served), "the control channel", start)

@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
-from engine.loop import Clock, StopRequest, SystemClock
+from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from engine.device import Device
-from precompute.measurements import Measurements, lay_out
 from precompute.measurements.model import MeasurementModel
+from precompute.measurements.types import Measurements, lay_out
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
 

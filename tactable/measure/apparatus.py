@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.loop import SystemClock
+from engine.loop.loop import SystemClock
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes

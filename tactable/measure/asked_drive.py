@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.render import Drive, LimitError, clamp
+from engine.render.limits import Drive, LimitError, clamp
 from precompute.model.assembly import assemble
 
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """A bench in virtual time whose sensor is the board's own accelerometer on the simulated bar. SIMULATED."""
 
 from engine.device import Device
-from firmware_link.emulator import EmulatedFirmware
+from firmware_link.emulator.firmware import EmulatedFirmware
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from tactable.measure.sensor import SensorError

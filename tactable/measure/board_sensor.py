@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
-from engine.loop import Clock
+from engine.loop.loop import Clock
 from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE

@@ -15,9 +15,9 @@ from threadpoolctl import threadpool_limits
 from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
-from precompute.measurements import Kind, MeasurementError
 from precompute.measurements.measurement_file import check_ending, write_measurements
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, MeasurementError
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
 from tactable.measure.board_sensor import fixed_places

@@ -13,14 +13,12 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from engine.device import Device
-from engine.loop import Clock, connect
-from engine.render import Drive, link_configuration
+from engine.loop.loop import Clock, connect
 from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
-from engine.render.limits import encode_scaled
-from firmware_link.emulator import BOARD_EMULATED
+from engine.render.limits import Drive, encode_scaled, link_configuration
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
+from firmware_link.host.link_values import BOARD_EMULATED, Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.link_errors import LinkError

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from engine.device import Device, Finger
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
-from firmware_link.emulator import EmulatedFirmware, Synthesis
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant

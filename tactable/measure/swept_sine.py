@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.render import Drive
+from engine.render.limits import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import (

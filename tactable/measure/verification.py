@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device, Finger
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from engine.steady import SteadyDrive
 from engine.steady.cases import SEED
 from engine.table import ClickEntry, Table

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from base.files import replace_file
 from engine.device import Device
 from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
-from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tactable.measure.apparatus import Apparatus
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault

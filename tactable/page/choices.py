@@ -9,8 +9,8 @@ from typing import Any
 from base.errors import TactableError
 from base.plain import to_plain
 from engine.device import Device
-from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger, read_effects
-from engine.effects.rules import FULL_SCALE_DB
+from engine.effects.rule_file import read_effects
+from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.shipped import named_effects, shipped_names
 

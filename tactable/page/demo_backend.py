@@ -20,7 +20,7 @@ from typing import Any
 from base.child import ChildError, ending_text
 from base.plain import to_plain
 from engine.device import Device, DeviceError
-from engine.loop import RingError, RingReader
+from engine.loop.ring import RingError, RingReader
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device

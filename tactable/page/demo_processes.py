@@ -8,7 +8,7 @@ from pathlib import Path
 from base.child import ChildError
 from base.plain import to_plain
 from engine.touch.sources.pointer import PointerFeed
-from firmware_link.emulator import DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine_process import Order
 from tactable.page.processes.firmware_process import Applied, decode_applied

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from engine.effects.effect_player import DEFAULT_CLICK_NS
-from engine.loop import Stage
+from engine.loop.command_latency import Stage
 from engine.loop.ring import Record
 from engine.table import Table
 from engine.touch import Placement, Touch

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from engine.loop import RingReader
-from engine.render import RendererError
+from engine.loop.ring import RingReader
+from engine.render.link_commands import RendererError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, Synthesis
-from firmware_link.emulator.synthesis import US_PER_S
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.synthesis import US_PER_S, Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter

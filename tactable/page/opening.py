@@ -20,7 +20,7 @@ from base.files import replace_file
 from base.trust import open_to_others
 from base.work_folder import work_folder
 from engine.device import Device
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend

@@ -179,7 +179,7 @@ class Picture:
     wanted_db: float
     """Level of the last command; infinite: full scale."""
     last_ns: tuple[int, int, int, int, int]
-    """Latency of the last command that a report caused, from each stage (engine.loop.Stage) to the next."""
+    """Latency of the last command that a report caused, from each stage (command_latency.Stage) to the next."""
     median_ns: tuple[int, int, int, int, int]
     """Median of the same over the last `latencies` commands."""
     latencies: int

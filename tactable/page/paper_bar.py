@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from engine.device import Device
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Touch, ZoneState
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.judged_commands import Command
 from tactable.page.live_bar import LiveBar

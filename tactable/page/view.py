@@ -10,12 +10,12 @@ import numpy as np
 from base.plain import to_plain
 from engine.device import Device
 from engine.device.points import is_within
-from engine.loop import Stage
+from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.capture import Capture
 from tactable.page.judged_commands import Command, CommandReader, time_of

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
-from firmware_link.emulator import DeviceConfiguration, DeviceCounters, EmulatedFirmware, Synthesis
+from firmware_link.emulator.device_state import DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import Synthesis
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble

@@ -16,14 +16,14 @@ from threadpoolctl import threadpool_limits
 
 from base.plain import to_plain
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Drives, Effects
-from engine.loop import Stage
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
+from engine.loop.command_latency import Stage
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch.finger_tracker import ZoneEdges
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from precompute.builder.table_build import Progress, build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.device.electrodes import board_bias
-from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_server import DeviceServer
+from firmware_link.emulator.device_state import LONGEST_LEASE_MS, DeviceConfiguration
 from firmware_link.emulator.emulator_process import termination_descriptor
 from firmware_link.emulator.fault_plan import FaultPlan
 from firmware_link.emulator.faulty_device import FaultyDevice
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.host.emulator_registry import Announcement, own_link
 from firmware_link.protocol.messages import PM_PER_M

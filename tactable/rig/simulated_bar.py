@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.touch import Touch
 from engine.touch.placement import CLOSEST_M
-from firmware_link.emulator import DriveEvent, synthesise
+from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant

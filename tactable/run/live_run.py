@@ -6,28 +6,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import (
-    ClickSolving,
-    Clock,
-    ControlSlot,
-    Dispatcher,
-    Loop,
-    Observer,
-    Observers,
-    Reopening,
-    StopRequest,
-    Timing,
-    Updates,
-    connect,
-    open_pipeline,
-)
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.fast_session import FastLink, FastSession
 from engine.loop.fast.fast_table import with_fast_table
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.loop import Clock, Loop, StopRequest, connect
+from engine.loop.observer import Observer, Observers, Timing
+from engine.loop.pipeline import open_pipeline
+from engine.loop.program_steps import ControlSlot
 from engine.loop.realtime import Outcome, Step, real_time
-from engine.render import WhenNotAchieved, link_configuration, render_table
+from engine.loop.reconnect import Reopening
+from engine.loop.table_swap import Updates
+from engine.render.limits import link_configuration
+from engine.render.prepared import render_table
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources import Source
 from firmware_link.host.link import Link

@@ -9,7 +9,7 @@ from base.child import START_TIMEOUT_S, Child, Parent
 from base.files import check_folder_of
 from base.printable import write_note
 from base.work_folder import work_folder
-from engine.loop import RingReader, RingWriter
+from engine.loop.ring import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
 

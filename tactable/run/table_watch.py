@@ -18,9 +18,12 @@ from typing import Any
 from base.child import Parent
 from base.printable import write_note
 from engine.device import DeviceError
-from engine.effects import Effects
+from engine.effects.rules import Effects
 from engine.loop.fast.fast_table import FastRendering, with_fast_table
-from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
+from engine.render.limits import LimitError
+from engine.render.link_commands import RendererError
+from engine.render.prepared import Rendering, render_table
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
 from tactable.run.beside_loop import BesideLoop

@@ -26,7 +26,7 @@ import weakref
 from collections.abc import Container, Sequence
 from typing import Protocol, runtime_checkable
 
-from engine.effects import Effects
+from engine.effects.rules import Effects
 from engine.loop.command_latency import Stage, Stamps
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import NONE, Fast

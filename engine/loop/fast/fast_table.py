@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop.fast.fast_layout import CONSTANTS
-from engine.render import SILENCE, DriveCommand, Rendering
+from engine.render.link_commands import SILENCE, DriveCommand
+from engine.render.prepared import Rendering
 from engine.render.steady_drives import ZoneDrives
 from engine.touch.places import Places
 from firmware_link.host.link_values import Capabilities

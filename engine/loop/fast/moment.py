@@ -7,16 +7,15 @@ import ctypes
 from collections.abc import Sequence
 from typing import Any
 
-from engine.effects import Effects, Rule, Segment, Trigger
 from engine.effects.effect_player import FOLLOW_M
-from engine.effects.rules import changed_level
+from engine.effects.rules import Effects, Rule, Segment, Trigger, changed_level
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
 from engine.loop.fast.fast_session import Ahead
 from engine.loop.fast.fast_table import FastTable
 from engine.loop.fast.library import FastPathError
 from engine.loop.pipeline import Pipeline
-from engine.render import DriveCommand
+from engine.render.link_commands import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.digitizer import AGAIN
 from engine.touch.finger_tracker import REACH_M, TouchPosition

@@ -18,7 +18,7 @@ from base.plain import to_plain
 from base.work_folder import work_folder
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import BOARD_EMULATED
+from firmware_link.host.link_values import BOARD_EMULATED
 from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.background_load import background_load

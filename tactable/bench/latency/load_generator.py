@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from engine.loop import Clock, SystemClock
+from engine.loop.loop import Clock, SystemClock
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.light_device import Arrivals
 

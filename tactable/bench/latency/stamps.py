@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.loop import Stage
+from engine.loop.command_latency import Stage
 from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.bench.latency.load_generator import Schedule
 from tactable.bench.latency.stages import Point, Stamps

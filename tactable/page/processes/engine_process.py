@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from base.child import Parent
-from engine.effects import Drives
-from engine.loop import RingWriter, SystemClock
-from engine.render import WhenNotAchieved
+from engine.effects.rules import Drives
+from engine.loop.loop import SystemClock
+from engine.loop.ring import RingWriter
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
 from firmware_link.host.reopening import ReopeningPort

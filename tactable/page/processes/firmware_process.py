@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from base.child import Parent
-from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
 from firmware_link.emulator.device_server import DeviceServer
-from firmware_link.emulator.drive_log import decode_drive_event, encode_events
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import DriveEvent, decode_drive_event, encode_events
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminal, serve
 
 _NS_PER_US = 1000

@@ -9,7 +9,7 @@ import uvicorn
 from threadpoolctl import threadpool_limits
 
 from base.child import Parent
-from engine.loop import RingReader
+from engine.loop.ring import RingReader
 from tactable.page.live_backend import LiveBackend
 from tactable.page.opening import announcement, token_for
 from tactable.page.page_server import listen_at, serve

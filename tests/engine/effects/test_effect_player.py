@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Effect, EffectPlayer, Effects, Rule, Segment, Trigger
-from engine.effects.effect_player import DRAG_REST_NS, STILL_M
-from engine.effects.rules import burst, click
+from engine.effects.effect_player import DRAG_REST_NS, STILL_M, EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS
 

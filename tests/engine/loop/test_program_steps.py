@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from engine.effects import ControlStep, Effects, Outcome, Rule, SceneSettings, Trigger, TriggeredEffect
-from engine.effects.rules import burst, click
-from engine.loop import Fate
-from firmware_link.emulator import Cause
+from engine.effects.control_step import ControlStep, Outcome, SceneSettings, TriggeredEffect
+from engine.effects.rules import Effects, Rule, Trigger, burst, click
+from engine.loop.observer import Fate
+from firmware_link.emulator.drive_log import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.engine.made_clicks import every_click
 from tests.quick import first_quick

@@ -4,10 +4,11 @@ from collections.abc import Collection, Sequence
 from types import SimpleNamespace
 
 from engine.device import Device
-from engine.render import SILENCE, DriveCommand, Renderer, clamp
 from engine.render.chosen_basis import NO_BASIS
 from engine.render.click_renderer import RenderedClicks
-from engine.render.link_commands import Rendered
+from engine.render.limits import clamp
+from engine.render.link_commands import SILENCE, DriveCommand, Rendered
+from engine.render.renderer import Renderer
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive

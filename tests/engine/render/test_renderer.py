@@ -5,9 +5,10 @@ from math import inf
 
 import pytest
 
-from engine.render import SILENCE, DriveCommand, PlayCommand, Renderer
 from engine.render.chosen_basis import ChosenBasis
 from engine.render.click_renderer import RenderedClicks
+from engine.render.link_commands import SILENCE, DriveCommand, PlayCommand
+from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.protocol.messages import Play, decode_body, encode_play_body

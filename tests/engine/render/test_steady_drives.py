@@ -5,7 +5,7 @@ from math import inf
 
 import pytest
 
-from engine.render import SILENCE, DriveCommand
+from engine.render.link_commands import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Receptances
 from engine.steady.steady_solver import SteadySolver

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from firmware_link.emulator import Cause, Outcome, ReceivedFrame
+from firmware_link.emulator.drive_log import Cause, Outcome, ReceivedFrame
 from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.emulator.fault_plan import FaultPlanError
 from firmware_link.emulator.pty import open_pseudo_terminal

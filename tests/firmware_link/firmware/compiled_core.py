@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.protocol.basis import Basis, transfer_messages
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.layout import Message

@@ -25,8 +25,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.basis import Basis, BasisSet, hash_of_basis, transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link import SILENCE_NS, Link
 from firmware_link.host.link_values import Armed, Greeted, LinkConfiguration, LinkState, Stopped
 from firmware_link.protocol.basis import Basis

@@ -2,7 +2,8 @@
 
 import pytest
 
-from firmware_link.emulator import Cause, DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link_values import BasisRefused, BasisReplaced, Event, LinkConfiguration, LinkState
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.link_errors import LinkError

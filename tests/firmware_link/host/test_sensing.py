@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from firmware_link.emulator import DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.host.link_values import AccelerometerDescribed, LinkConfiguration
 from firmware_link.host.sensing import LEASE_MS
 from firmware_link.protocol.link_errors import LinkError

@@ -9,7 +9,7 @@ import pyuff
 
 from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.misfit import Loss
-from precompute.measurements import read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.parameters import ParameterError, paper_names, with_changes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS
-from engine.loop import CommandRecord, LoopCounters, Stage, SystemClock
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.command_latency import Stage
+from engine.loop.loop import SystemClock
+from engine.loop.observer import CommandRecord, LoopCounters
 from engine.table import Table
 from engine.touch import Placement
 from engine.touch.placement import MOST_FINGERS

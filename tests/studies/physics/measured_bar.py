@@ -25,9 +25,9 @@ from engine.device import Device
 from engine.steady.steady_solver import SteadySolver
 from engine.touch import Placement
 from precompute.calibration.calibrate import Estimate, calibrate
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
+from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.sampling.place_receptances import solve_place_receptances

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Rule, Segment, Trigger
+from engine.effects.effect_player import EffectPlayer
 from engine.effects.files.conversion import MOST_SEGMENTS
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Rule, Segment, Trigger
 from engine.touch import Touch
 from tactable.bench.latency.stages import figures_of
 from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene

@@ -29,8 +29,8 @@ import numpy as np
 import pyuff
 
 from engine.device import Device, DeviceError
-from engine.effects import EffectError
 from engine.effects.rule_file import parse_effects
+from engine.effects.rules import EffectError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import Phase, PointerEvent
 from precompute.measurements.measurement_file import read_measurements

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from engine.loop import Record, RingError, RingReader, Stage
+from engine.loop.command_latency import Stage
+from engine.loop.ring import Record, RingError, RingReader
 from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.protocol.link_errors import LinkError

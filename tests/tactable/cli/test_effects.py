@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner, Result
 
-from engine.effects import EffectError
+from engine.effects.rules import EffectError
 from precompute.model.assembly import assemble
 from precompute.studies.reach_along import compute_reach
 from tactable.cli.main import app

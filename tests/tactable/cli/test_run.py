@@ -13,12 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from base.errors import TactableError
-from engine.effects import Drives
-from engine.loop import Record, RingReader
+from engine.effects.rules import Drives
+from engine.loop.ring import Record, RingReader
 from engine.table import TableError
 from engine.touch import DigitizerError
 from engine.touch.sources.recording import RecordingError, read_recording, write_recording
-from firmware_link.emulator import Cause, DriveEvent
+from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.protocol.link_errors import LinkError
 from tactable.cli import run

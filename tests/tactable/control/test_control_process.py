@@ -16,7 +16,7 @@ import pytest
 
 import tactable
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator import Cause
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from tactable.control.client import Client
 from tactable.control.osc_codec import decode_osc, encode_osc

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from engine.effects import SceneSettings
+from engine.effects.control_step import SceneSettings
 from tactable.control.control_server import MOST_UNREAD_BYTES, ControlServer
 from tactable.control.requests import DEFAULT_LEASE_S, LONGEST_LEASE_S
 from tactable.shipped import find_device

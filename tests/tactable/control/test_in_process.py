@@ -16,10 +16,11 @@ import pytest
 import tactable
 from base.plain import to_plain
 from engine.device import Device
-from engine.effects import ControlStep, EffectPlayer, Outcome, Role, SceneSettings, TriggeredEffect
-from engine.loop import RingReader, RingWriter
+from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
+from engine.effects.effect_player import EffectPlayer
 from engine.loop.command_latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.loop.ring import RingReader, RingWriter
 from engine.table import Table
 from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities

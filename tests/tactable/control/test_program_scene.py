@@ -2,8 +2,9 @@
 
 import pytest
 
-from engine.effects import Effect, EffectPlayer, Effects, Rule, SceneSettings, Trigger
-from engine.effects.rules import click
+from engine.effects.control_step import SceneSettings
+from engine.effects.effect_player import EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Trigger, click
 from engine.touch import Touch
 from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.requests import ControlError, Region

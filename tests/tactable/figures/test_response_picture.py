@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from precompute.measurements import Measurements, lay_out
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.types import Measurements, lay_out
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tactable.figures.response_picture import find_nodes, plot_response, reading_along

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from tactable.measure.asked_drive import AskedDrive, simulate_levels
 from tactable.rig.simulated_bar import SimulatedBar
 from tests.engine.loop.rig import DEVICE

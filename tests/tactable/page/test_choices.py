@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Drives, Trigger
+from engine.effects.rules import Drives, Trigger
 from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, offered
 from tactable.shipped import find_device, shipped_names
 

@@ -19,7 +19,7 @@ import pytest
 from base.child import ChildError
 from engine.device import Device
 from engine.touch.sources.pointer import Phase, PointerEvent
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import synthesise
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered

@@ -5,7 +5,7 @@ import pytest
 
 from engine.table import Table
 from engine.touch import Placement, Touch
-from firmware_link.emulator import synthesise
+from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant

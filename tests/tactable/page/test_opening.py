@@ -10,7 +10,7 @@ import pytest
 import segno
 from typer.testing import CliRunner
 
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from tactable.cli import demo as cli
 from tactable.cli.main import app
 from tactable.control.security import AccessPolicy

@@ -11,15 +11,15 @@ import pytest
 from rich.console import Console
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import burst
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger, burst
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRows
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, read_recording, write_recording
-from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent, PlayedWaveform
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause, DriveEvent, PlayedWaveform
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.table_build import build_table

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.effects import Effects, Rule, Trigger
-from engine.effects.rules import click
+from engine.effects.rules import Effects, Rule, Trigger, click
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_table import FastTable, with_fast_table
-from engine.render import PlayCommand, WhenNotAchieved
+from engine.render.link_commands import PlayCommand
+from engine.render.renderer import WhenNotAchieved
 from engine.touch.places import Places
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import encode_play

@@ -13,10 +13,9 @@ import pytest
 
 import engine.loop.fast.library as library_module
 from engine.device import Device
-from engine.effects import Drives, Effects, Rule, Trigger
-from engine.effects.rules import click
-from engine.loop import CommandRecord, Fate
-from engine.render import WhenNotAchieved
+from engine.effects.rules import Drives, Effects, Rule, Trigger, click
+from engine.loop.observer import CommandRecord, Fate
+from engine.render.renderer import WhenNotAchieved
 from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import LOUD_DB, device_with_gaps, random_frames, random_rules, report, varied_clicks
