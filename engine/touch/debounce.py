@@ -6,8 +6,6 @@ within CLOSEST_M along the bar, goes on with it under its number; any other is a
 that much later. A touch is known at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -84,7 +82,7 @@ class Debounce:
         return number
 
 
-def fit_releases(digitizer: Digitizer, device: Device) -> None:
+def fit_releases(digitizer: Digitizer, device: "Device") -> None:
     """Have a digitizer release contacts as the device file says; without a word of it, by its class."""
     axis, surface = device.touch_axis, digitizer.surface
     if axis.silence_s is not None and not are_ours(surface):

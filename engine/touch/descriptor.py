@@ -1,7 +1,5 @@
 """Parses a HID report descriptor into the layout of each touch surface: where each contact is in which report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum

@@ -3,8 +3,6 @@
 The package `evdev` finds and opens; it is an optional extra and handed in.
 """
 
-from __future__ import annotations
-
 import fcntl
 import importlib
 import struct

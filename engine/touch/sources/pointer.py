@@ -1,7 +1,5 @@
 """Turns pointer events of a page into reports, through a pipe on which the engine's one wait can wait."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass
