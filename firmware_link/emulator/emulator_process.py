@@ -5,25 +5,24 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from base.child import START_TIMEOUT_S, Child, Parent
+from base.plain import to_plain
 from base.work_folder import work_folder
 from firmware_link.emulator.device_server import DeviceServer
-from firmware_link.emulator.device_state import LONGEST_LEASE_MS, DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import DriveEvent, Outcome, ReceivedFrame, decode_drive_event
-from firmware_link.emulator.fault_plan import parse_fault_plan
+from firmware_link.emulator.fault_plan import FaultPlan
 from firmware_link.emulator.faulty_device import FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.host.emulator_registry import Announcement
 
+MODULE = "firmware_link.emulator.emulator_process"
 _STOP_TIMEOUT_S = 10.0  # to say its log; a child that takes longer hangs
-_LOG_WORD = "log"
-_REBOOT_WORD = "reboot"
-_UNPLUG_WORD = "unplug"
 UNPLUGGED_US = 300_000  # past the watchdog of 250 ms: the device latches, and the host looks for its port
 
 
@@ -31,7 +30,7 @@ UNPLUGGED_US = 300_000  # past the watchdog of 250 ms: the device latches, and t
 class EmulatorLog:
     """Actions of a device in one boot; times are microseconds since that boot.
 
-    `counters` are its own; `faults` those of the line since the emulator started; `earlier` are the boots before.
+    `counters` are its own; `earlier` are the boots before.
     """
 
     number_of_actuators: int
@@ -40,7 +39,15 @@ class EmulatorLog:
     received: tuple[ReceivedFrame, ...]
     counters: dict[str, int]
     earlier: "tuple[EmulatorLog, ...]" = ()
-    faults: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Applied:
+    """The drive events since the last question; every event is before `until_us`."""
+
+    until_us: float
+    host_ns_at_device_zero: int
+    events: tuple[DriveEvent, ...]
 
 
 class RunningEmulator:
@@ -59,15 +66,15 @@ class RunningEmulator:
 
     def log(self) -> EmulatorLog:
         """Ask for what it has done so far."""
-        return decode_log(self._ask(_LOG_WORD))
+        return decode_log(self._ask("log"))
 
     def reboot(self) -> None:
         """Power the device off and on."""
-        self._ask(_REBOOT_WORD)
+        self._ask("reboot")
 
     def unplug(self) -> None:
         """Pull the cable for UNPLUGGED_US."""
-        self._ask(_UNPLUG_WORD)
+        self._ask("unplug")
 
     def stop(self) -> EmulatorLog:
         """End the process; what it did. Raises ChildError when it died before."""
@@ -81,31 +88,24 @@ class RunningEmulator:
 
 
 @contextlib.contextmanager
-def run_emulator(
-    number_of_actuators: int = 2, longest_lease_ms: int = LONGEST_LEASE_MS, faults: str = "", seed: int = 0
-) -> Iterator[RunningEmulator]:
-    """Run an emulator process for the length of a `with` block; it ends with the block in every case.
-
-    `faults` is a text for `parse_fault_plan`; raises FaultPlanError for another.
-    """
-    parse_fault_plan(faults)
+def run_emulator(number_of_actuators: int = 2) -> Iterator[RunningEmulator]:
+    """Run an emulator process for the length of a `with` block; it ends with the block in every case."""
     with work_folder("emulator") as folder:
         link = folder / "port"
-        arguments = {
-            "actuators": number_of_actuators,
-            "lease_ms": longest_lease_ms,
-            "faults": faults,
-            "seed": seed,
-            "link": str(link),
-        }
-        with Child("firmware_link.emulator.emulator_process", arguments, name="the emulator") as child:
+        arguments = {"configuration": to_plain(DeviceConfiguration(0, number_of_actuators)), "link": str(link)}
+        with Child(MODULE, arguments, name="the emulator") as child:
             yield RunningEmulator(child, link)
+
+
+def decode_applied(document: dict[str, Any]) -> Applied:
+    """The answer to `{"do": "take"}`."""
+    return Applied(**document | {"events": tuple(decode_drive_event(item) for item in document["events"])})
 
 
 def decode_log(document: dict[str, Any]) -> EmulatorLog:
     """The log of `DeviceServer.log`."""
     *earlier, last = (_decode_boot(document["number_of_actuators"], boot) for boot in document["boots"])
-    return replace(last, earlier=tuple(earlier), faults=document["faults"])
+    return replace(last, earlier=tuple(earlier))
 
 
 def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:
@@ -121,27 +121,33 @@ def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Say the port, serve until a signal or until the parent asks for the end, then say the log.
 
-    The parent's lines `{"do": "log" | "reboot" | "unplug"}` are each answered by a line.
+    The parent's lines `{"do": "log" | "take" | "reboot" | "unplug"}` are each answered by a line. With "take" the
+    device forgets what was answered, as one that runs for hours must.
     """
-    configuration = DeviceConfiguration(0, arguments["actuators"], arguments["lease_ms"])
+    wanted = arguments["configuration"]
+    configuration = DeviceConfiguration(**wanted | {"full_scales_pm": tuple(wanted["full_scales_pm"])})
     device = FaultyDevice(
-        lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)),
-        parse_fault_plan(arguments["faults"]),
-        arguments["seed"],
+        lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), FaultPlan(), seed=0
     )
-    announcement = Announcement(Path(arguments["link"]))
-    server = DeviceServer(device, PseudoTerminal, time.monotonic_ns(), announcement.point_to, announcement.close)
+    link = Announcement(Path(arguments["link"])) if arguments["link"] else None
+    follow = () if link is None else (link.point_to, link.close)
+    server = DeviceServer(device, PseudoTerminal, time.monotonic_ns(), *follow)
     with termination_descriptor() as termination:
         assert server.terminal is not None
         parent.say({"port": server.terminal.name, "host_ns_at_device_zero": server.host_ns_at_zero})
         while serve(server, [termination, parent.fileno()]) != termination and (order := parent.read()):
-            if order["do"] == _REBOOT_WORD:
-                server.reboot(time.monotonic_ns())
-            elif order["do"] == _UNPLUG_WORD:
-                server.unplug(time.monotonic_ns(), UNPLUGGED_US)
-            parent.say(server.log() if order["do"] == _LOG_WORD else {})
+            now_ns, said = time.monotonic_ns(), dict[str, Any]()
+            match order["do"]:
+                case "log":
+                    said = server.log()
+                case "take":
+                    said = server.take_events(now_ns)
+                case "reboot":
+                    server.reboot(now_ns)
+                case "unplug":
+                    server.unplug(now_ns, UNPLUGGED_US)
+            parent.say(said)
     server.close()
-    announcement.close()
     parent.say(server.log())
 
 

@@ -45,19 +45,8 @@ def report_of_fit(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Ac
         "noise": calibration.noise,
         "parameters": [_parameter(estimate) for estimate in calibration.estimates],
         "correlations": _correlations(calibration),
-        "open": [
-            {"text": c.text, "singular_value": c.singular, "parts": dict(c.parts)}
-            for c in open_combinations(calibration)
-        ],
-        "advice": [
-            {
-                "parameter": advice.name,
-                "standard_error": advice.standard_error,
-                "drive_hz": to_plain(advice.drive_hz),
-                "standard_error_after": advice.standard_error_after,
-            }
-            for advice in advise(calibration, sensor_mass_kg, accuracy)
-        ],
+        "open": to_plain(open_combinations(calibration)),
+        "advice": to_plain(advise(calibration, sensor_mass_kg, accuracy)),
     }
 
 

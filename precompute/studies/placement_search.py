@@ -100,17 +100,16 @@ def search_placement(
     This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
     """
     solve = (pool or WorkerPool(0)).solve_in_order
-    look = Screening(device, wanted_db, _STEP_HZ)
     grid, step_m = grid_of(device, count, most)
-    screened = solve(look.begin, grid, lambda done: on_progress(_SCREENING * done))
+    screened = solve(partial(_screen, device, wanted_db, _STEP_HZ), grid, lambda done: on_progress(_SCREENING * done))
     order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
     known = _known(device, count)
     starts = list(dict.fromkeys([*_distinct([grid[i] for i in order], step_m), *known.values()]))
-    climb = partial(_begin_climb, replace(look, step_hz=_FINE_STEP_HZ), step_m)
+    climb = partial(_climb, device, wanted_db, step_m)
     climbed = solve(climb, starts, lambda done: on_progress(_SCREENING + (_MOVING - _SCREENING) * done))
     best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
     named = [*(("found", at) for at, _ in best[:_EVALUATED]), *known.items()]
-    evaluate = partial(_begin_evaluating, device, wanted_db)
+    evaluate = partial(_evaluate, device, wanted_db)
     fingers = solve(evaluate, [at for _, at in named], lambda done: on_progress(_MOVING + (1 - _MOVING) * done))
     return PlacementSearch(
         screened_m=np.array(grid),
@@ -118,23 +117,6 @@ def search_placement(
         moved=sum(end.looked_at for end in climbed),
         evaluated=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
     )
-
-
-@dataclass(frozen=True)
-class Screening:
-    """Screening of placements of a device; `begin` gives a worker process its function."""
-
-    device: Device
-    wanted_db: float
-    step_hz: float
-
-    def begin(self) -> Callable[[Places], TwoFingers]:
-        """The function that screens, for a worker process."""
-        return self.of
-
-    def of(self, at: Places) -> TwoFingers:
-        """The contrasts of one placement."""
-        return screen_two_fingers(with_actuators_at(self.device, at), self.wanted_db, self.step_hz)
 
 
 @dataclass(frozen=True)
@@ -146,23 +128,24 @@ class Climbed:
     looked_at: int
 
 
-def _begin_climb(look: Screening, step_m: float) -> Callable[[Places], Climbed]:
-    return lambda start: _climb(look, start, step_m)
+def _screen(device: Device, wanted_db: float, step_hz: float, at: Places) -> TwoFingers:
+    return screen_two_fingers(with_actuators_at(device, at), wanted_db, step_hz)
 
 
-def _begin_evaluating(device: Device, wanted_db: float) -> Callable[[Places], TwoFingers]:
-    return lambda at: solve_two_fingers(with_actuators_at(device, at), wanted_db)
+def _evaluate(device: Device, wanted_db: float, at: Places) -> TwoFingers:
+    return solve_two_fingers(with_actuators_at(device, at), wanted_db)
 
 
-def _climb(look: Screening, start: Places, step_m: float) -> Climbed:
+def _climb(device: Device, wanted_db: float, step_m: float, start: Places) -> Climbed:
     """Move one actuator at a time to its best neighbouring place; halve the step when no move helps."""
-    ranks, at = {start: look.of(start).rank}, start
+    look = partial(_screen, device, wanted_db, _FINE_STEP_HZ)
+    ranks, at = {start: look(start).rank}, start
     for _ in range(_MOVES):
         step_m /= 2
-        if step_m < _FINEST * look.device.bar.length_m:
+        if step_m < _FINEST * device.bar.length_m:
             break
-        moves = list(_moves(look.device, at, step_m))
-        ranks |= {move: look.of(move).rank for move in moves if move not in ranks}
+        moves = list(_moves(device, at, step_m))
+        ranks |= {move: look(move).rank for move in moves if move not in ranks}
         best = max([at, *moves], key=ranks.__getitem__)
         step_m *= 1 if best == at else 2
         at = best

@@ -53,16 +53,13 @@ def study_resolution(
     """
     jobs = list(itertools.product(placements, zones))
     slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)
-    found = (pool or WorkerPool(0)).solve_in_order(partial(_begin, device, wanted_db), slowest_first, on_progress)
+    found = (pool or WorkerPool(0)).solve_in_order(partial(_resolve, device, wanted_db), slowest_first, on_progress)
     by_job = dict(zip(slowest_first, found, strict=True))
     return [by_job[job] for job in jobs]
 
 
-def _begin(device: Device, wanted_db: float) -> Callable[[tuple[tuple[float, ...], int]], Resolved]:
-    return lambda job: _resolve(device, *job, wanted_db)
-
-
-def _resolve(device: Device, position_m: tuple[complex, ...], zones: int, wanted_db: float) -> Resolved:
+def _resolve(device: Device, wanted_db: float, job: tuple[tuple[complex, ...], int]) -> Resolved:
+    position_m, zones = job
     changed = with_equal_zones(with_actuators_at(device, position_m), zones)
     return Resolved(
         position_m=tuple(sorted(position_m, key=order_of)),

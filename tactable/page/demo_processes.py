@@ -8,10 +8,11 @@ from pathlib import Path
 from base.child import ChildError
 from base.plain import to_plain
 from engine.touch.sources.pointer import PointerFeed
+from firmware_link.emulator import emulator_process
 from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.emulator_process import Applied, decode_applied
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.processes.engine_process import Order
-from tactable.page.processes.firmware_process import Applied, decode_applied
 from tactable.page.processes.programs_process import ProgramsAt
 
 
@@ -27,8 +28,8 @@ class FirmwareProcess:
     @classmethod
     async def start(cls, configuration: DeviceConfiguration) -> "FirmwareProcess":
         """Raises ChildError when it does not start."""
-        module = "tactable.page.processes.firmware_process"
-        child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
+        arguments = {"configuration": to_plain(configuration), "link": ""}
+        child = await AsyncChild.start(emulator_process.MODULE, arguments, name="the emulated firmware")
         return cls(child, (await child.read())["port"], configuration)
 
     async def _read(self) -> None:
@@ -43,7 +44,7 @@ class FirmwareProcess:
         answers, self._answers = self._answers, []
         if not self._is_asked and self.child.is_running:
             self._is_asked = True
-            self.child.write({})
+            self.child.write({"do": "take"})
         return answers
 
     async def end(self) -> None:

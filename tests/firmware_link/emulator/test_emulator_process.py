@@ -12,7 +12,6 @@ import pytest
 
 from firmware_link.emulator.drive_log import Cause, Outcome, ReceivedFrame
 from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator, run_emulator
-from firmware_link.emulator.fault_plan import FaultPlanError
 from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
@@ -119,8 +118,3 @@ def test_a_machine_without_pseudo_terminals_is_told_what_is_missing_and_how_to_h
         open_pseudo_terminal(lambda: ends, fails)
     with pytest.raises(OSError, match="Bad file"):
         os.fstat(ends[0])
-
-
-def test_faults_that_are_none_are_refused_before_anything_starts() -> None:
-    with pytest.raises(FaultPlanError), run_emulator(faults="duplicat=1"):
-        pass
