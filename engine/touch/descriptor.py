@@ -116,16 +116,6 @@ class Surface:
         return self.contacts[0].y
 
     @property
-    def width_mm(self) -> float | None:
-        """Physical size along X in millimetres, `None` where the device states none."""
-        return self.x.extent_mm
-
-    @property
-    def height_mm(self) -> float | None:
-        """Physical size along Y in millimetres, `None` where the device states none."""
-        return self.y.extent_mm
-
-    @property
     def has_contact_ids(self) -> bool:
         """Whether the device names its contacts; without names it has one."""
         return self.contacts[0].contact_id is not None

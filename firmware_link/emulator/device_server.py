@@ -98,6 +98,7 @@ class DeviceServer(Generic[C, T]):
             "simulated": True,
             "number_of_actuators": self.device.core.configuration.number_of_actuators,
             "boots": [self._boot_log(boot) for boot in self.device.boots],
+            "faults": self.device.fault_counts(),
         }
 
     def take_events(self: "DeviceServer[EmulatedFirmware, T]", now_ns: int) -> dict[str, Any]:

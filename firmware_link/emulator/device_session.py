@@ -77,11 +77,11 @@ class Session:
     def _greet(self, request: messages.HelloRequest) -> Outcome:
         if request.magic != messages.MAGIC:
             return Outcome.REFUSED
-        device, reports, store = self._device, self._reports, self._memory.store
+        device, reports, memory = self._device, self._reports, self._memory
         self.silence(messages.DeviceState.IDLE, Cause.NEW_SESSION)
-        store.end_transfer()
+        memory.end_transfer()
         self._sense.cut()
-        reports.send_hello(request.nonce, store.held_hash)
+        reports.send_hello(request.nonce, memory.held_hash)
         if not reports.was_greeted:
             reports.was_greeted = True
             reports.send_log(messages.LogLevel.INFORMATION, messages.LogCode.BOOTED, 0)

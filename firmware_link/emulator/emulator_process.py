@@ -5,7 +5,7 @@ import signal
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ UNPLUGGED_US = 300_000  # past the watchdog of 250 ms: the device latches, and t
 class EmulatorLog:
     """Actions of a device in one boot; times are microseconds since that boot.
 
-    `counters` are its own; `earlier` are the boots before.
+    `counters` are its own; `faults` those of the line since the emulator started; `earlier` are the boots before.
     """
 
     number_of_actuators: int
@@ -39,6 +39,7 @@ class EmulatorLog:
     received: tuple[ReceivedFrame, ...]
     counters: dict[str, int]
     earlier: "tuple[EmulatorLog, ...]" = ()
+    faults: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def decode_applied(document: dict[str, Any]) -> Applied:
 def decode_log(document: dict[str, Any]) -> EmulatorLog:
     """The log of `DeviceServer.log`."""
     *earlier, last = (_decode_boot(document["number_of_actuators"], boot) for boot in document["boots"])
-    return replace(last, earlier=tuple(earlier))
+    return replace(last, earlier=tuple(earlier), faults=document["faults"])
 
 
 def _decode_boot(number_of_actuators: int, boot: dict[str, Any]) -> EmulatorLog:

@@ -66,7 +66,7 @@ class Drive:
         outcome = self._check(message.clock_reference, sequence)
         if outcome is not Outcome.ACCEPTED:
             return outcome
-        now_us, basis = self._device.now_us, self._memory.store.basis
+        now_us, basis = self._device.now_us, self._memory.basis
         if basis is None or not _fits(message, basis) or not self.player.has_room(now_us):
             self._reports.send_log(LogLevel.WARNING, LogCode.PLAY_REFUSED, message.basis_set)
             return Outcome.REFUSED

@@ -60,7 +60,7 @@ from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, EncodedClick
-from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
+from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, Signal
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.link_errors import LinkError, LinkLostError, MessageError
 
@@ -88,6 +88,8 @@ class Link:
         self.state = LinkState.DISCONNECTED
         self.clock = DeviceClock()
         self._decoder = FrameDecoder()
+        self.framing_counters = self._decoder.counters
+        """Frames from the device, accepted and refused."""
         self._encoder = FrameEncoder()
         self._patience_end_ns: int | None = None
         self.status: messages.Status | None = None
@@ -105,11 +107,6 @@ class Link:
     def drive_sequence(self) -> int | None:
         """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
         return self._outbox.drive_sequence
-
-    @property
-    def framing_counters(self) -> FramingCounters:
-        """Frames from the device, accepted and refused."""
-        return self._decoder.counters
 
     def reconfigure(self, configuration: LinkConfiguration) -> None:
         """Take limits and basis from another configuration; `connect` must follow."""

@@ -112,7 +112,9 @@ def _row(
     known = dict[str, Any].fromkeys(("kind", "width_mm", "height_mm", "contact_maximum"))
     if digitizer is not None:
         surface, most = digitizer.surface, digitizer.maximum_contacts
-        known = dict(zip(known, (surface.kind.name.lower(), surface.width_mm, surface.height_mm, most), strict=True))
+        known = dict(
+            zip(known, (surface.kind.name.lower(), surface.x.extent_mm, surface.y.extent_mm, most), strict=True)
+        )
     return {
         "name": name,
         "path": path,

@@ -254,7 +254,7 @@ class Session(Twins):
 
     def play(self) -> None:
         """A click that fits the basis that is held, or another."""
-        basis, chance = self.python._memory.store.basis or BASES[0], self.chance
+        basis, chance = self.python._memory.basis or BASES[0], self.chance
         index = chance.choice((*range(len(basis.sets)), len(basis.sets), 255) if self._is_odd() else (0, -1))
         index %= len(basis.sets) if index < 0 else 256
         fits = basis.sets[index].actuators if index < len(basis.sets) else (0,)
@@ -328,7 +328,7 @@ class Session(Twins):
         most, any_size = CAPACITY_BYTES, self.chance.randrange(CAPACITY_BYTES)
         sizes = (0, 1, size, size + 1, most, most + 1, 2**32 - 1, any_size)
         offsets = (0, BASIS_CHUNK_SIZE, size, size - size % BASIS_CHUNK_SIZE, self.chance.randrange(size), 2**32 - 1)
-        named = choice((0, 1, ours, ours, self.python._memory.store.held_hash))
+        named = choice((0, 1, ours, ours, self.python._memory.held_hash))
         message: Message = choice((BasisBegin(named, choice(sizes)), BasisBegin(5, choice(sizes)), BasisCommit(named)))
         if self.chance.random() < 0.5:
             message = BasisChunk(choice(offsets), self.chance.randbytes(BASIS_CHUNK_SIZE))
