@@ -58,7 +58,7 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done."""
 
 
-def _no_progress(step: str, fraction: float) -> None:
+def no_progress(step: str, fraction: float) -> None:
     """Reports nothing."""
 
 
@@ -76,7 +76,7 @@ def build_table(
     completes: bool = False,
     responses: MeasuredResponses | None = None,
     memory_budget_bytes: int = MEMORY_BUDGET_BYTES,
-    progress: Progress = _no_progress,
+    progress: Progress = no_progress,
     accept: Callable[[Path], None] = lambda _: None,
 ) -> BuildCost:
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
@@ -224,7 +224,7 @@ class _Builder:
             if Part.RESPONSES not in known:
                 self._write_responses(writer, plant)
             if Part.CLICKS in wanted - known:
-                with self.cost.with_workers("clicks"), self.cost.measured("clicks"):
+                with self.cost.measured("clicks"):
                     write_clicks(writer, Clicks.of(self._places, self._solve_clicks()), device)
             progress("verify", 0.96)
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from precompute.builder.table_build import Progress, no_progress
 from precompute.fleet.units import FleetError, FleetOptions, Job, Outcome, Unit, make_job
-from precompute.fleet.work import Progress, describe_error, kept_outcome, no_progress, run_in_worker, run_job
+from precompute.fleet.work import describe_error, kept_outcome, run_in_worker, run_job
 
 Pool = Callable[[Sequence[Job], Progress], Iterator[Outcome]]
 """Runs jobs and yields their outcomes in any order; reports progress within a job where it can."""
