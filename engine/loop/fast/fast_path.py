@@ -149,8 +149,7 @@ class FastPath:
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
         now_ns = self.now_ns()
         axis_ns = self._packets.source_time_ns(now_ns) - now_ns
-        ahead = None if self._dispatcher.is_pending else self._session.fast_link.ahead(now_ns)
-        self._moment.write(pipeline, self._dispatcher, ahead, axis_ns, descriptors)
+        self._moment.write(pipeline, self._dispatcher, self._session.fast_link, now_ns, axis_ns, descriptors)
         self._run(NONE if until_ns is None else until_ns)
         fast = self._moment.fast
         if fast.packet_size:

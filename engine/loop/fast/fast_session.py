@@ -2,30 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
 from firmware_link.host.session import Port, Session
-
-
-class Ahead(NamedTuple):
-    """What the next command would be encoded with; times are those of the host, ns."""
-
-    lease_ms: int
-    drive_size: int
-    line_free_ns: int
-    """The line is occupied until then."""
-    drive_from_ns: int
-    """A drive may go out from then on, by the spacing of the lease."""
-    click_from_ns: int
-    """A click may go out from then on: the device has room for it."""
-    sequence: int
-    """The sequence number of the frame before."""
-    clock_at_ns: int
-    clock_middle_ns: float
-    clock_drift: float
-    """The drift of `DeviceClock.line`."""
 
 
 class Answer(NamedTuple):
@@ -56,14 +37,18 @@ class FastCounters:
 class FastLink(Link):
     """A link that can say what its next command would be encoded with."""
 
-    def ahead(self, now_ns: int) -> Ahead | None:
-        """What is ahead of a command that comes next; None where something else is sent before it."""
-        outbox = self._outbox
+    def write_ahead(self, fast: Any, lease_ms: int, drive_size: int, now_ns: int) -> bool:
+        """Write that into the structure of the compiled step; False where it may not answer.
+
+        Something else is sent before a command, or the device agreed to another lease or size of drives than these.
+        """
+        outbox, agreed = self._outbox, (self._outbox.lease.duration_ms, len(self._outbox.silent_drive))
         if self.state is not LinkState.READY or self.acknowledgements or outbox.is_waiting:
-            return None
-        free_ns = (self._line.free_ns, *outbox.free_from_ns(now_ns))
-        lease_ms, drive_size = outbox.lease.duration_ms, len(outbox.silent_drive)
-        return Ahead(lease_ms, drive_size, *free_ns, self._encoder.sequence, *self.clock.line())
+            return False
+        fast.line_free_ns, fast.sequence = self._line.free_ns, self._encoder.sequence
+        fast.set_from_ns, fast.play_from_ns = outbox.free_from_ns(now_ns)
+        fast.clock_at_ns, fast.clock_middle_ns, fast.clock_drift = self.clock.line()
+        return agreed == (lease_ms, drive_size)
 
 
 class FastSession(Session):

@@ -11,7 +11,7 @@ from engine.effects.effect_player import FOLLOW_M
 from engine.effects.rules import Effects, Rule, Segment, Trigger, changed_level
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
-from engine.loop.fast.fast_session import Ahead
+from engine.loop.fast.fast_session import FastLink
 from engine.loop.fast.fast_table import FastTable
 from engine.loop.fast.library import FastPathError
 from engine.loop.pipeline import Pipeline
@@ -93,19 +93,26 @@ class Moment:
         place.start_m, place.stop_m = _stretch_of(rule)
 
     def write(
-        self, pipeline: Pipeline, dispatcher: Dispatcher, ahead: Ahead | None, axis_ns: int, descriptors: Sequence[int]
+        self,
+        pipeline: Pipeline,
+        dispatcher: Dispatcher,
+        link: FastLink,
+        now_ns: int,
+        axis_ns: int,
+        descriptors: Sequence[int],
     ) -> None:
         """Write the moment before a wait for the descriptors, the first of which is that of the packets.
 
-        `ahead` is what a command would be encoded with; None: the step may not answer. `axis_ns` is the source's time
-        axis less the clock.
+        `axis_ns` is the source's time axis less the clock.
         """
         fast, table = self.fast, self._table
         fast.touch, fast.waited, fast.can_answer = descriptors[0], len(descriptors), 0
         fast.descriptor[: len(descriptors)] = descriptors
         if pipeline.player.settings.level_change_db:
             return  # the step knows the levels of the rules alone
-        if table is None or ahead is None or (ahead.lease_ms, ahead.drive_size) != (table.lease_ms, table.drive_size):
+        if table is None or dispatcher.is_pending:
+            return
+        if not link.write_ahead(fast, table.lease_ms, table.drive_size, now_ns):
             return
         if not self._write_contacts(pipeline):
             return
@@ -119,10 +126,6 @@ class Moment:
         fast.level = self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
         self._write_held(dispatcher.held, table)
-        fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
-        fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.click_from_ns
-        fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
-        fast.clock_drift = ahead.clock_drift
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
 
     def _write_held(self, held: DriveCommand, table: FastTable) -> None:
