@@ -72,10 +72,10 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/engine/effects/test_control_step.py",
     ),
     "engine/loop/program_steps.py": (_LOOP_CONTROL,),
-    "tactable/control/program_scene.py": _control("scene", "server", "laws"),
-    "tactable/control/control_server.py": _control("server", "laws"),
-    "tactable/control/steps.py": _control("steps", "scene", "laws"),
-    "tactable/control/requests.py": _control("requests", "server"),
+    "tactable/control/program_scene.py": _control("program_scene", "control_server", "laws"),
+    "tactable/control/control_server.py": _control("control_server", "laws"),
+    "tactable/control/steps.py": _control("steps", "program_scene", "laws"),
+    "tactable/control/requests.py": _control("requests", "control_server"),
     "tactable/control/security.py": _control("security"),
     "tactable/control/unix_socket.py": _control("unix_socket"),
     "tactable/control/slot.py": _control("in_process"),
@@ -98,7 +98,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "firmware_link/protocol/basis.py": ("tests/firmware_link/protocol/test_basis.py", *_EMULATOR),
     **{
         f"firmware_link/emulator/{name}.py": _EMULATOR
-        for name in ("lease", "session", "drive", "tones", "synthesis", "memory", "sense")
+        for name in ("device_lease", "device_session", "sounding", "tones", "synthesis", "device_memory", "sense")
     },
     **{
         f"{FIRMWARE}/core/{name}.c": _CORE
