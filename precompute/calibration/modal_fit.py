@@ -125,7 +125,7 @@ class ModesMisfit(MisfitModel):
 
 
 def _pair(found: ModelModes, modes: Modes) -> Integers:
-    """Integers (mode,) of the model's mode for each measured one, all different, of the least sum of distances."""
+    """Index (mode,) of the model's mode for each measured one, all different, of the least sum of distances."""
     distance = np.log(np.abs(found.pole) / (2 * np.pi * modes.frequency_hz[:, None])) ** 2
     distance[:, found.pole.imag <= _STILL * np.abs(found.pole)] += _OVERDAMPED
     chosen: Integers = linear_sum_assignment(distance + 1 - _assurance(found, modes))[1]

@@ -165,7 +165,7 @@ def check_measurements(
 
 
 def nearest_actuator(device: Device, position_m: Array) -> Integers:
-    """Integers (place,) of the actuator that is nearest to each position (place,) in metres."""
+    """Index (place,) of the actuator that is nearest to each position (place,) in metres."""
     base_m = np.array([actuator.position_m for actuator in device.actuators])
     nearest: Integers = np.abs(position_m[:, None] - base_m).argmin(axis=1)
     return nearest

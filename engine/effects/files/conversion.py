@@ -6,7 +6,7 @@ An effect is one sequence of segments, at each time a click, a steady drive or q
 decided between, and each event gets a report of what became of it.
 
 - **Intensity to level.** Intensity 1 is `full_level_db` above the threshold, and intensity is an amplitude: half of it
-  is 6 dB less. Array are whole dB, finer than anyone feels. What comes out below 0 dB is not felt and not played.
+  is 6 dB less. Levels are whole dB, finer than anyone feels. What comes out below 0 dB is not felt and not played.
 - **Clicks first.** A click is what one finger can feel alone within a short time. A continuous event of at most SHORT_S
   is a click too. Clicks last 30 ms and two in less are felt as one: a click that comes up to MOST_SHIFT_S too early is
   moved, an earlier one is joined to the click before, which takes the greater level.
