@@ -58,8 +58,6 @@ class _Memory(OnClock):
     def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
-        self.report_index = -1
-        self.report_time_ns = 0
         self.answer_ns: list[int] = []
         """From each report in hand until the loop asks for more."""
         self.write_ns: list[int] = []

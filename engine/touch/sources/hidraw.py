@@ -56,8 +56,6 @@ class HidrawSource(OnClock):
         """Why the device is not there; None while it is."""
         self.name, self.report_id = device.name, device.report_id
         self.vendor_id, self.product_id = device.vendor_id, device.product_id
-        self.report_index = -1
-        self.report_time_ns = 0
         self._finder = _Finder(system, device)
         self._reconnects = reconnect
         self._poll: select.epoll | None = select.epoll()
