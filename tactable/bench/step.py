@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop import realtime
@@ -43,7 +43,7 @@ _HANDSHAKE_STEP_NS = 500_000  # of virtual time: finer than any pause of the han
 _PAUSE_NS = 1_000_000_000
 # What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
 _EARLIER_NS = 2_000_000
-Stamps = NDArray[np.float64]
+Stamps = Array
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
 IN_ZONES = replace(HELD, drives=Drives.ZONES)
 RULES = {"a drive while touched": HELD, "a row while touched": IN_ZONES, "a click for every touch": DEFAULT_EFFECTS}

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import Plant, assemble
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
@@ -116,9 +117,7 @@ def _time_points(plant: Plant, grid: GridResponse) -> float:
     return (time.perf_counter() - start) / SAMPLED_POINTS
 
 
-def solve_point(
-    plant: Plant, position_m: NDArray[np.float64], pair_hz: NDArray[np.float64], amplitude: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def solve_point(plant: Plant, position_m: Array, pair_hz: Array, amplitude: Array) -> tuple[Array, Array]:
     """Localized factor and peak of every zone for two tones, by SciPy's banded solver on the assembled matrices."""
     zones = len(plant.device.zones)
     energy, level = np.zeros(zones + 1), np.zeros(position_m.shape)

@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from base.plain import to_plain
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import Table
@@ -14,8 +14,6 @@ from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from tactable.explain import words
 from tactable.explain.placed_drive import PERCENTILES, finger_grid
-
-Array = NDArray[np.float64]
 
 
 class ExplainedRow:

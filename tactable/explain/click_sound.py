@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.errors import TactableError
 from engine.device import Device
 from engine.table import ClickEntry
@@ -19,8 +20,6 @@ from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.explain.click_course import played_displacement
 from tactable.explain.words import finger_names
-
-Array = NDArray[np.float64]
 
 SOUND_RATE_HZ = 48_000  # every player has it, and it is a multiple of the rate of waveforms
 PAUSE_S = 0.5

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Spread
 from engine.table import ClickEntry, Table
@@ -25,8 +25,6 @@ from precompute.clicks.evaluation import decibels
 from tactable.explain import words
 from tactable.explain.click_course import played_displacement
 from tactable.explain.click_source import ClickSource
-
-Array = NDArray[np.float64]
 
 _TIE_DB = 0.05  # half of the last digit that is shown
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -122,7 +123,7 @@ def _finish(axes: Axes, course: Course, title: str) -> None:
     axes.grid(alpha=0.25)
 
 
-def _columns(device: Device, course: Course) -> dict[str, style.Array]:
+def _columns(device: Device, course: Course) -> dict[str, Array]:
     columns = {"time (s)": course.time_s}
     for actuator, moved in zip(device.actuators, course.displacement, strict=True):
         columns[f"{actuator.name} (fraction of full scale)"] = moved

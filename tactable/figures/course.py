@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.envelope import compute_envelopes
@@ -13,7 +14,7 @@ from precompute.predict.rise_time import compute_rise_model
 from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
 from tactable.figures.picture_file import Picture
 from tactable.figures.played_drive import PlayedDrive
-from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, Array, finish_picture, level_text
+from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, finish_picture, level_text
 
 PROMPT_MS = (5.0, 50.0)
 """When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""

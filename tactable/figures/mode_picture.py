@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.modes import Mode
 from tactable.figures.picture_file import Picture
-from tactable.figures.style import BLUE, FINGER_NOTE, VERMILLION, Array, draw_actuators, draw_zone_names, finish_picture
+from tactable.figures.style import BLUE, FINGER_NOTE, VERMILLION, draw_actuators, draw_zone_names, finish_picture
 
 _MOST_PANELS = 8
 

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
 from precompute.model.assembly import assemble
@@ -85,7 +86,7 @@ def _least_g(reach: Reach) -> float:
     return float(reach.tones.min()) / GRAVITY_M_PER_S2
 
 
-def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, style.Array]:
+def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Array]:
     columns = {"position (m)": untouched.position_m}
     for name, reach in (("untouched", untouched), ("under a finger there", touched)):
         columns[f"each actuator at its best frequency, {name} (m/s^2)"] = reach.tones

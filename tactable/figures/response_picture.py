@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Measurements, lay_out
@@ -51,7 +52,7 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     )
 
 
-def reading_along(device: Device, measurements: Measurements, row: int) -> tuple[style.Array, style.Array]:
+def reading_along(device: Device, measurements: Measurements, row: int) -> tuple[Array, Array]:
     """Places (place,) in metres and what a reading there would be (place,), m/s^2, driven and loaded as `row`."""
     place_m = np.linspace(0.0, device.bar.length_m, PLACES)
     along = replace(
@@ -63,11 +64,11 @@ def reading_along(device: Device, measurements: Measurements, row: int) -> tuple
     return place_m, _predicted(device, along)
 
 
-def find_nodes(position_m: style.Array, level: style.Array) -> style.Array:
+def find_nodes(position_m: Array, level: Array) -> Array:
     """Places (node,) in metres of the minima of level (place,) that lie below NODE of its maximum, the ends aside."""
     inner = level[1:-1]
     is_node = (inner < level[:-2]) & (inner <= level[2:]) & (inner < NODE * level.max())
-    nodes_m: style.Array = position_m[1:-1][is_node]
+    nodes_m: Array = position_m[1:-1][is_node]
     return nodes_m
 
 
@@ -90,14 +91,14 @@ def _origin(measured: Measurements | None) -> str:
     return "Curves computed, points SIMULATED." if measured.is_simulated else "Curves computed, points measured."
 
 
-def _predicted(device: Device, measurements: Measurements) -> style.Array:
+def _predicted(device: Device, measurements: Measurements) -> Array:
     """Shape (row,), m/s^2: the magnitude that each row should read."""
-    size: style.Array = np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
+    size: Array = np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
     return size
 
 
 def _draw(
-    axes: Axes, device: Device, curve: tuple[style.Array, style.Array], measured: Measurements | None, *, is_first: bool
+    axes: Axes, device: Device, curve: tuple[Array, Array], measured: Measurements | None, *, is_first: bool
 ) -> None:
     place_m, level = curve
     label = "computed" if measured is None else "computed, with the sensor at each place"
@@ -121,13 +122,13 @@ def _draw(
 
 
 def _columns(
-    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[style.Array, style.Array]]
-) -> dict[str, style.Array]:
+    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[Array, Array]]
+) -> dict[str, Array]:
     named = {f"{drive_text(device, layout, row)} (m/s^2)": level for row, (_, level) in zip(rows, curves, strict=True)}
     return {"position (m)": curves[0][0], **named}
 
 
-def _compared(device: Device, measured: Measurements) -> dict[str, style.Array]:
+def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     """A row a reading."""
     names = [actuator.name for actuator in device.actuators]
     return {
@@ -140,9 +141,7 @@ def _compared(device: Device, measured: Measurements) -> dict[str, style.Array]:
     }
 
 
-def _summary_of(
-    device: Device, layout: Measurements, row: int, curve: tuple[style.Array, style.Array]
-) -> dict[str, object]:
+def _summary_of(device: Device, layout: Measurements, row: int, curve: tuple[Array, Array]) -> dict[str, object]:
     place_m, level = curve
     return {
         "drive": drive_text(device, layout, row),

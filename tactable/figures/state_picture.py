@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, placement_text, zone_lists
@@ -26,10 +27,10 @@ _TITLE_LETTERS = 100  # a line of the title across the figure
 class Envelope:
     """Peak steady acceleration (m/s^2) along the bar (m): under standard fingers; least and greatest over touches."""
 
-    position_m: style.Array
-    standard: style.Array
-    least: style.Array
-    greatest: style.Array
+    position_m: Array
+    standard: Array
+    least: Array
+    greatest: Array
 
 
 def plot_state(played: PlayedDrive) -> Picture:
@@ -60,7 +61,7 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     plant = assemble(device)
     position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
 
-    def along(load: Load) -> style.Array:
+    def along(load: Load) -> Array:
         loaded = plant.with_fingers(*zip(*load, strict=True))
         return peak_along(loaded, frequency_hz, played.drive.complex_amplitudes, position_m)
 
@@ -138,7 +139,7 @@ def _promise_text(played: PlayedDrive) -> str:
     return f"{reached}contrast {figures.contrast_db:z.1f} dB ({contrasts})"
 
 
-def _columns(envelope: Envelope) -> dict[str, style.Array]:
+def _columns(envelope: Envelope) -> dict[str, Array]:
     return {
         "position (m)": envelope.position_m,
         "peak acceleration under standard fingers (m/s^2)": envelope.standard,

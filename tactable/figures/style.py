@@ -38,7 +38,6 @@ THRESHOLD_NOTE = "detection threshold"
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
 _NOTE_LETTERS_PER_INCH = 16
-Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 

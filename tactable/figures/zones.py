@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import Plant, assemble
 from precompute.model.response import peak_along
@@ -26,7 +27,7 @@ class _Shown:
     """A drive, its peak acceleration along the bar (place,), m/s^2, and its figures by zone."""
 
     drive: BarDrive
-    level: style.Array
+    level: Array
     state: SteadyState
 
 
@@ -138,9 +139,9 @@ def _factor_text(device: Device, shown: _Shown, wanted: Sequence[int]) -> str:
     return f"{_label(device, shown.drive)}: greatest in {first}, least in {last}"
 
 
-def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | style.Array]:
+def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | Array]:
     """The zones of the first drive, of the second, and so on."""
-    columns: dict[str, Sequence[object] | style.Array] = {
+    columns: dict[str, Sequence[object] | Array] = {
         "drive": [_label(device, each.drive) for each in shown for _ in device.zones],
         "zone": [zone.name for _ in shown for zone in device.zones],
     }

@@ -8,13 +8,11 @@ import cmath
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.render.limits import Drive, LimitError, clamp
 from precompute.model.assembly import assemble
-
-Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 
@@ -28,7 +26,7 @@ class AskedDrive:
     phases_rad: tuple[float, ...]
 
     @property
-    def phasors(self) -> NDArray[np.complex128]:
+    def phasors(self) -> Complex:
         """Shape (actuator,): amplitudes with their phases, fractions of full scale."""
         pairs = zip(self.amplitudes, self.phases_rad, strict=True)
         return np.array([cmath.rect(amplitude, phase_rad) for amplitude, phase_rad in pairs])

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from engine.loop.loop import Clock
@@ -24,8 +24,6 @@ from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
-
-Array = NDArray[np.float64]
 
 NAME = "board"
 PROBE_S = 0.5  # half of it is the least for a pace: 0.1 ms of jitter are then 400 ppm

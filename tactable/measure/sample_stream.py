@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.toml_table import TomlTable
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
@@ -115,7 +115,7 @@ class _Declaration(TomlTable):
     family = SensorError
 
 
-def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, NDArray[np.float64]]:
+def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, Array]:
     """The form that a header declares, and the scale (channel,) of its samples. Raises SensorError."""
     try:
         values = json.loads(line)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -23,8 +23,6 @@ from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 from tactable.measure.virtual_line import SENSOR, VirtualLine
 from tactable.rig.emulate import configuration_of
-
-Array = NDArray[np.float64]
 
 BOOT_ID = 0x5EED
 MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (docs/theory.md)

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.link_errors import LinkError
@@ -38,7 +38,6 @@ from tactable.measure.recorder import LostWindowError, Recorder, known_samples
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 STEP_OF_LEVEL = 3.0  # 9.5 dB: from 5 % to full scale in three steps of the five attempts

@@ -18,8 +18,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.render.limits import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
@@ -40,8 +40,6 @@ from tactable.measure.sensor import Sensor, SensorError
 from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
-
-Array = NDArray[np.float64]
 
 STEP_NS = 10_000_000
 """Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""

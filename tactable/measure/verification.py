@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from engine.effects.rules import Drives
 from engine.steady import SteadyDrive
@@ -46,8 +46,6 @@ from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import SPOILING, Fault
 from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowest_decay_per_s
-
-Array = NDArray[np.float64]
 
 BARS = 40  # see MOST_BROKEN; each is a mesh, and a plant in time for each click
 MOST_BROKEN = 0.1

@@ -16,8 +16,8 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.files import replace_file
 from engine.device import Device
 from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
@@ -38,8 +38,6 @@ from tactable.measure.stepped_sine import (
 )
 from tactable.measure.swept_sine import SweepOptions, SweptSine
 from tactable.measure.tone_fit import is_beside_hum
-
-Array = NDArray[np.float64]
 
 FREQUENCIES = 12  # with 8 places and 2 actuators 192 readings: 15 min at 4.7 s each (docs/results.md)
 PLACES = 8

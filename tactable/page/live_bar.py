@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
@@ -21,8 +21,6 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.page_messages import LOWEST_DB
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 12_000
 """40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.touch import Touch
 from tactable.page.judged_commands import Command
 from tactable.page.live_bar import POINTS, LiveBar, Moved
 from tactable.page.page_messages import LOWEST_DB, Drive
-
-Array = NDArray[np.float64]
 
 
 class BarLevels:

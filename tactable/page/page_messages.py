@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.touch.sources.pointer import Phase, PointerEvent
 
 VERSION = 6  # raise it with any change of these bytes: an old page is told to load again
@@ -54,7 +55,6 @@ _SOUND = struct.Struct("<II")
 _PER_DB = 100  # i16 in centibel: finer than anything that is shown
 _WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
 _PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
-Array = NDArray[np.float64]
 
 
 class Kind(IntEnum):

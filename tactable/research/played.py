@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from base.arrays import Array
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table, TableError
@@ -15,7 +16,6 @@ from engine.touch import Placement
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
 
 _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
@@ -102,7 +102,7 @@ class Click(_Asked, ClickEntry):
     """The click that a table has for the nearest places, or one that was solved (engine.table.click_entry)."""
 
     @property
-    def waveform(self) -> "NDArray[np.float64]":
+    def waveform(self) -> "Array":
         """Base displacement (time, actuator) as played, a fraction of full scale, linear between samples."""
         from tactable.explain.click_course import played_displacement
 

@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
@@ -27,8 +27,6 @@ from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 3_200.0  # its fastest, see above
 SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
@@ -205,10 +203,10 @@ class SensedBoard:
         for count, row, instant in zip(counts.tolist(), displacements.tolist(), instants.tolist(), strict=True):
             self.core.sense(count, row, int(instant))
 
-    def _counts(self, acceleration: Array) -> NDArray[np.int64]:
+    def _counts(self, acceleration: Array) -> Integers:
         """Counts of the part for accelerations (sample,) in m/s^2."""
         part = self._part
         noise = math.hypot(NOISE_M_PER_S2, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
         read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
-        counts: NDArray[np.int64] = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
+        counts: Integers = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
         return np.clip(counts, -GREATEST, GREATEST)

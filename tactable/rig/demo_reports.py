@@ -10,16 +10,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry
 from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from tactable.rig.promises import Promise
 from tactable.rig.simulated_bar import SimulatedClick, SimulatedDrive
-
-Array = NDArray[np.float64]
 
 AGREEMENT = 0.02
 """The fraction by which promise and simulation may differ."""

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
@@ -277,7 +277,7 @@ def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
     }
 
 
-def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: NDArray[np.float64]) -> dict[str, Any]:
+def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: Array) -> dict[str, Any]:
     """Promise and simulation of every finger, and what was felt in the run."""
     promise, (felt_db, quiet_db) = report.promise, report.in_run_db
     return {

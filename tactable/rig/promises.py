@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from engine.steady.steady_solver import SteadySolver
     from tactable.explain.click_source import ClickSource
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 _SILENT = 1e-15  # -300 dB: silence has a logarithm
 
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.touch import Touch
 from engine.touch.placement import CLOSEST_M
@@ -16,8 +16,6 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.rig.rig import LiveRun, Moment
-
-Array = NDArray[np.float64]
 
 POINTS = 22
 """The number of places along the bar that the paper measured."""

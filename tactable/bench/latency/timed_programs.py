@@ -5,8 +5,8 @@ from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Integers
 from base.c_library import find_compiler
 from engine.loop.realtime import PRIORITY, Step
 
@@ -45,6 +45,6 @@ def start_echo_engine(
     return subprocess.Popen([str(program), *map(str, numbers)], pass_fds=(touch, link))
 
 
-def read_echo_samples(path: Path) -> NDArray[np.int64]:
+def read_echo_samples(path: Path) -> Integers:
     """Shape (answer, 4): when each was due, sent, read and written, ns."""
     return np.fromfile(path, np.int64).reshape(-1, 4)
