@@ -13,7 +13,7 @@ import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from base.child import Child, ChildError, Parent, decode_line
 from base.printable import write_note
@@ -23,6 +23,9 @@ from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis
 from tactable.run.beside_loop import BesideLoop
+
+if TYPE_CHECKING:  # its kernels belong to the child alone
+    from precompute.clicks import ClickSolver
 
 _READ_BYTES = 1 << 16
 _NAME = "the solver of clicks"
@@ -98,41 +101,21 @@ class Answers:
         return answer["fingerprint"], ClickEntry(basis=self._bases[answer["basis_hash"]], **values)
 
 
-class Asker(Protocol):
-    """The side that asks: a `Parent`."""
+def solver_of(table_path: Path) -> "ClickSolver":
+    """The solver of clicks for the device of a table, with the options of clicks that a touch waits for."""
+    from precompute.clicks import ClickSolver
+    from precompute.clicks.of_table import read_click_options
 
-    def has_spoken(self) -> bool:
-        """Whether `read` would return at once."""
-
-    def read(self) -> dict[str, Any] | None:
-        """The next question; None at the end."""
-
-    def say(self, document: dict[str, Any]) -> None:
-        """Answer."""
-
-
-class Solver:
-    """Clicks for the device of one table."""
-
-    def __init__(self, path: Path) -> None:
-        from precompute.clicks import ClickSolver
-        from precompute.clicks.of_table import read_click_options
-
-        with Table.open(path, verify=False) as table:
-            self.device, options = table.device, read_click_options(table).waited_for
-        self.solver: ClickSolver = ClickSolver(self.device, options)
-
-    def solve(self, placement: Placement) -> ClickEntry:
-        """The click of fingers where they are."""
-        return self.solver.solve_entry(placement)
+    with Table.open(table_path, verify=False) as table:
+        return ClickSolver(table.device, read_click_options(table).waited_for)
 
 
 class Service:
     """Answers questions of one loop."""
 
-    def __init__(self, path: Path, parent: Asker) -> None:
+    def __init__(self, path: Path, parent: Parent) -> None:
         self._path, self._parent = path, parent
-        self._solver: Solver | None = None
+        self._solver: ClickSolver | None = None
         self._told = set[int]()
 
     def run(self) -> None:
@@ -142,7 +125,7 @@ class Service:
             return
         # Its kernels are loaded, or compiled, before the first question.
         corner_m = self._solver.device.surface.corner_m
-        self._solver.solve(Placement((0.2 * corner_m, 0.5 * corner_m, 0.8 * corner_m), (True, True, False)))
+        self._solver.solve_entry(Placement((0.2 * corner_m, 0.5 * corner_m, 0.8 * corner_m), (True, True, False)))
         self._parent.say({"is_ready": True})
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():
@@ -154,7 +137,7 @@ class Service:
 
     def _open(self) -> None:
         try:
-            self._solver = Solver(self._path)
+            self._solver = solver_of(self._path)
         except (TableError, OSError) as error:
             self._solver = None
             write_note(f"clicks of more fingers than the table holds are not solved: {error}")
@@ -165,7 +148,7 @@ class Service:
         solver = self._solver
         if solver is None or solver.device.fingerprint != question["fingerprint"]:
             return
-        click = solver.solve(Placement(tuple(map(point_of_json, question["at_m"])), tuple(question["is_felt"])))
+        click = solver.solve_entry(Placement(tuple(map(point_of_json, question["at_m"])), tuple(question["is_felt"])))
         values = {field.name: getattr(click, field.name) for field in fields(click) if field.name != "basis"}
         answer = {"fingerprint": solver.device.fingerprint, "click": _packed(values), "basis_hash": click.basis.hash}
         if click.basis.hash not in self._told:

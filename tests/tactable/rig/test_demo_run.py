@@ -23,7 +23,7 @@ from firmware_link.emulator.drive_log import Cause, DriveEvent, PlayedWaveform
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.table_build import build_table
-from precompute.clicks import ClickOptions
+from precompute.clicks import ClickOptions, ClickSolver
 from tactable.figures.demo_picture import draw_demo
 from tactable.rig import demo_run
 from tactable.rig.demo_page import print_demo
@@ -32,7 +32,7 @@ from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, 
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
 from tactable.rig.simulated_bar import ENVELOPE_S, SimulatedDrive, is_felt
-from tactable.run.click_process import Solver
+from tactable.run.click_process import solver_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
 from tests.engine.shared_recordings import recording_params
@@ -67,7 +67,7 @@ def reporter(table: Table) -> Reporter:
 class SolvingHere:
     """Solves each click at once."""
 
-    solver: Solver
+    solver: ClickSolver
     is_there: bool = True
     _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
 
@@ -75,7 +75,7 @@ class SolvingHere:
         return -2
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
-        self._ready.append((device.fingerprint, self.solver.solve(placement)))
+        self._ready.append((device.fingerprint, self.solver.solve_entry(placement)))
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         ready, self._ready = self._ready, []
@@ -87,7 +87,7 @@ def play(
 ) -> LiveRun:
     """As the demo does, in virtual time."""
     line = VirtualLine(DeviceConfiguration(0, len(table.device.actuators)), faults)
-    reopening, solving = ReopeningPort(line.open, line), SolvingHere(Solver(table.path))
+    reopening, solving = ReopeningPort(line.open, line), SolvingHere(solver_of(table.path))
     return play_to(
         *(line, line, table, Playback(recording, speed), effects),
         lambda: decode_log(line.server.log()),

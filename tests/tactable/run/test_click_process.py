@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from base.child import Parent
 from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
@@ -28,14 +29,14 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class FakeParent:
+class FakeParent(Parent):
     """Has asked all its questions already, and keeps the answers."""
 
     def __init__(self, *questions: dict[str, Any]) -> None:
         self._questions: list[dict[str, Any]] = list(questions)
         self.answers: list[dict[str, Any]] = []
 
-    def has_spoken(self) -> bool:
+    def has_spoken(self, timeout_s: float = 0.0) -> bool:  # noqa: ARG002  # a Parent
         return bool(self._questions)
 
     def read(self) -> dict[str, Any] | None:
