@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from base.files import replace_file
+from engine.device import Device
 from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
 from engine.effects.files.read import FORMATS, read_effect_file
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
@@ -100,12 +101,7 @@ def curve(
 
     device = find_device(device_name)
     middles = [zone.middle_m.real for zone in device.zones]
-    places_m = [read_option("--at", each, "m") for each in names_in(at)] or middles
-    for place_m in places_m:
-        if not 0 <= place_m <= device.bar.length_m:
-            raise OptionError(
-                f"--at {1e3 * place_m:g} mm is off the bar, which is {1e3 * device.bar.length_m:g} mm long"
-            )
+    places_m = [_read_place(device, each) for each in names_in(at)] or middles
     finger = device.finger if under_finger else None
     hz, g = compute_acceleration_curves(assemble(device), np.array(places_m), finger)
     document = {
@@ -157,13 +153,18 @@ def _place(device_name: str, at: str) -> Any:
     from precompute.studies.reach_along import compute_reach
 
     device = find_device(device_name)
-    at_m = read_option("--at", at, "m")
-    if not 0 <= at_m <= device.bar.length_m:
-        raise OptionError(f"--at {at}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
+    at_m = _read_place(device, at)
     reach = compute_reach(assemble(device), np.array([at_m]), device.finger)
     bands = [actuator.band_hz for actuator in device.actuators]
     band_hz = (min(low for low, _ in bands), max(high for _, high in bands))
     return BarPlace(device.name, at_m, band_hz, float(reach.one_tone_hz[0]))
+
+
+def _read_place(device: Device, text: str) -> float:
+    at_m = read_option("--at", text, "m")
+    if at_m > device.bar.length_m:
+        raise OptionError(f"--at {text}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
+    return at_m
 
 
 def _plain(converted: Converted, full_level_db: float) -> dict[str, Any]:
