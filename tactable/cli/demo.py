@@ -86,7 +86,7 @@ def demo(
             programs = None
             if control:
                 from tactable.control.client import default_socket
-                from tactable.page.processes.programs_process import ProgramsAt
+                from tactable.page.processes.engine_process import ProgramsAt
 
                 programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
             if drives is not None and effects_path is not None:

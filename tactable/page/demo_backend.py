@@ -27,12 +27,12 @@ from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, 
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import DroppedFile, encode_picture
+from tactable.page.page_server import PageBackend
 from tactable.page.page_tables import Builder, order_for
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
 from tactable.page.processes.build_process import BuildOrder
-from tactable.page.processes.engine_process import Order
-from tactable.page.processes.programs_process import ProgramsAt
+from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
@@ -64,7 +64,7 @@ def _is_same(one: Table, other: Table) -> bool:
     return (one.path, one.fingerprint, len(one.clicks)) == (other.path, other.fingerprint, len(other.clicks))
 
 
-class DemoBackend:
+class DemoBackend(PageBackend):
     """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring and of what goes with it.
 
     `programs` says where the control channel is; None: there is no channel. `say` prints a line.
@@ -80,7 +80,6 @@ class DemoBackend:
         programs: ProgramsAt | None = None,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.scene_number = 0
         self.restarts = 0
         """Number of restarts of processes that ended by themselves."""
         self._choice, self._offers = choice, offers

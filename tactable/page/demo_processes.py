@@ -12,8 +12,7 @@ from firmware_link.emulator import emulator_process
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import Applied, decode_applied
 from tactable.page.processes.asynchronous import AsyncChild
-from tactable.page.processes.engine_process import Order
-from tactable.page.processes.programs_process import ProgramsAt
+from tactable.page.processes.engine_process import Order, ProgramsAt
 
 
 class FirmwareProcess:

@@ -25,7 +25,7 @@ from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend
 from tactable.page.page_server import PageBackend, listen_at, serve
-from tactable.page.processes.programs_process import ProgramsAt
+from tactable.page.processes.engine_process import ProgramsAt
 from tactable.shipped import cache_folder
 
 _ELSEWHERE = ("192.0.2.1", "2001:db8::1")

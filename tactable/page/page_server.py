@@ -16,7 +16,7 @@ import socket
 import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -48,17 +48,19 @@ _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
-class PageBackend(Protocol):
-    """Source of what the page shows, and what its browsers may change in it."""
+class PageBackend:
+    """Source of what the page shows, and what its browsers may change in it: nothing, where it only looks on."""
 
-    scene_number: int
+    scene_number = 0
     """Changes whenever the scene does."""
 
     def scene(self) -> dict[str, Any]:
         """The part of the state that changes seldom, as JSON values."""
+        raise NotImplementedError
 
     def tick(self) -> tuple[list[bytes], bool]:
         """Advance to the present; the messages for all browsers, and whether anything moves."""
+        raise NotImplementedError
 
     def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
         """Take pointer events of a browser."""
@@ -74,9 +76,11 @@ class PageBackend(Protocol):
 
     def sound(self, finger: int) -> bytes | None:
         """Vibration that a finger felt, as a SOUND message; None where it is not known."""
+        raise NotImplementedError
 
     async def run(self) -> None:
         """Do the background work until cancelled."""
+        raise NotImplementedError
 
 
 class _Browser:

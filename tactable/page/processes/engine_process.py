@@ -16,10 +16,11 @@ from engine.loop.ring import RingWriter
 from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
+from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
+from tactable.control.slot import ControlOf, ControlProcess
 from tactable.page.choices import Choice, effects_of
-from tactable.page.processes.programs_process import Programs, ProgramsAt
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions
@@ -54,6 +55,56 @@ def decode_order(order: dict[str, Any]) -> Order:
     rule_file = None if order["rule_file"] is None else Path(order["rule_file"])
     choice = Choice.from_json(order["choice"])
     return Order(Path(order["table"]), order["port"], choice, rule_file, order["has_kernels"], order["is_first"])
+
+
+@dataclass(frozen=True)
+class ProgramsAt:
+    """Where programs reach the demo; the ports are as in tactable.control.slot.ControlOf."""
+
+    socket: str
+    port: int | None = None
+    osc_port: int | None = None
+
+
+class Programs:
+    """The control process of all runs, so that programs stay connected, from the first run on.
+
+    `slot` is None where no channel was asked for.
+    """
+
+    def __init__(self, asked: ProgramsAt | None, ring: Path) -> None:
+        self.slot: ControlProcess | None = None
+        self._asked, self._ring = asked, ring
+        self._is_announced = False
+
+    @property
+    def are_wanted(self) -> bool:
+        """Whether a channel was asked for."""
+        return self._asked is not None
+
+    def open(self, table: Path) -> ControlProcess | None:
+        """The slot of the next run, which is told of it. Raises ChildError where a port or the socket is taken."""
+        if self.slot is not None:
+            self.slot.change_run(table)
+        elif self._asked is not None:
+            asked = self._asked
+            of = ControlOf(Path(asked.socket), self._ring, table, asked.port, asked.osc_port, is_watched=False)
+            self.slot = ControlProcess(of)
+        return self.slot
+
+    def begin_run(self, capabilities: Capabilities) -> list[str]:
+        """Say that the device of the run is connected; the first time what to print."""
+        if self.slot is None:
+            return []
+        self.slot.begin_steps(capabilities)
+        lines = [] if self._is_announced else self.slot.lines
+        self._is_announced = True
+        return lines
+
+    def close(self) -> None:
+        """End the process."""
+        if self.slot is not None:
+            self.slot.__exit__(None, None, None)
 
 
 class _NextOrder:

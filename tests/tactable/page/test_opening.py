@@ -16,7 +16,7 @@ from tactable.cli.main import app
 from tactable.control.security import AccessPolicy
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, qr_code, reachable, token_for
-from tactable.page.processes.programs_process import ProgramsAt
+from tactable.page.processes.engine_process import ProgramsAt
 from tests.tactable.page.test_page_server import Notes
 
 SCREEN = {"DISPLAY": ":0"}

@@ -22,7 +22,7 @@ from tactable.page.page_messages import (
     Kind,
     encode_sound,
 )
-from tactable.page.page_server import MOST_BROWSERS, AddressError, PageServer, listen_at, serve
+from tactable.page.page_server import MOST_BROWSERS, AddressError, PageBackend, PageServer, listen_at, serve
 from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 pytestmark = pytest.mark.usefixtures("both_ends")
@@ -32,7 +32,7 @@ SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
 Visit = Callable[[AccessPolicy, "Notes"], Awaitable[None]]
 
 
-class Notes:
+class Notes(PageBackend):
     """A backend that notes what is done to it, and shows one picture after another."""
 
     def __init__(self) -> None:
