@@ -1,12 +1,12 @@
 """Sound of a click: the acceleration of every finger in the nominal plant, as a .wav file."""
 
-import wave
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import wavfile
 
 from base.arrays import Array
 from base.errors import TactableError
@@ -112,8 +112,4 @@ def sound_json(sound: Sound) -> dict[str, object]:
 
 def write_sound(sound: Sound, path: Path) -> None:
     """Write a .wav file of 16-bit PCM."""
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(sound.samples.shape[1])
-        file.setsampwidth(sound.samples.dtype.itemsize)
-        file.setframerate(SOUND_RATE_HZ)
-        file.writeframes(sound.samples.astype("<i2").tobytes())
+    wavfile.write(path, SOUND_RATE_HZ, sound.samples)

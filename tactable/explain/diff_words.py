@@ -1,6 +1,7 @@
 """Comparison of two tables, as a page or as JSON."""
 
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -64,30 +65,32 @@ def _figure_json(figure: FigureChange) -> dict[str, Any]:
 
 def print_diff(out: Console, found: TableDiff) -> None:
     """Print whether the tables differ, then device and provenance, then the figures that changed most."""
+    say = partial(print_lines, out)
     tolerance = found.tolerance
     limit = f"beyond {tolerance.level_db:g} dB, {100 * tolerance.ratio:.2g} % and a step of frequency"
-    print_lines(out, f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
+    say(f"the tables {'differ' if found.differs else f'are the same: nothing changed {limit}'}")
     for note in found.notes:
-        print_lines(out, note)
+        say(note)
     for title, changes in (("device", found.device), ("option", found.options), ("made", found.provenance)):
         for change in changes:
-            print_lines(out, f"{title}: {_change_text(change)}")
+            say(f"{title}: {_change_text(change)}")
     for name, percent in found.response_percent.items():
-        print_lines(out, f"response of {name}: changed by up to {percent:.3g} % of its greatest")
+        say(f"response of {name}: changed by up to {percent:.3g} % of its greatest")
     if found.arrays:
-        print_lines(out, f"other arrays that are not the same: {', '.join(found.arrays)}")
+        say(f"other arrays that are not the same: {', '.join(found.arrays)}")
     for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         _print_part(out, title, part, limit)
 
 
 def print_short_diff(out: Console, found: TableDiff) -> None:
     """Print what changed in the device, and for each figure of best rows and clicks where it changed most."""
+    say = partial(print_lines, out)
     for change in found.device:
         if not change.key.startswith(_UNCERTAINTY):
-            print_lines(out, f"device: {_change_text(change)}")
+            say(f"device: {_change_text(change)}")
     for title, part in (("best rows", found.best_rows), ("clicks", found.clicks)):
         if part.compared:
-            print_lines(out, f"{title}: {len(part.changed)} of {part.compared} changed")
+            say(f"{title}: {len(part.changed)} of {part.compared} changed")
             _print_largest(out, part)
 
 
@@ -108,24 +111,23 @@ def _text(value: Value, digits: int = 6) -> str:
 
 
 def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
+    say = partial(print_lines, out)
     for states, what in ((part.vanished, "vanished"), (part.appeared, "appeared")):
         if states:
             more = f" and {len(states) - _NAMED} more" if len(states) > _NAMED else ""
-            print_lines(out, f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
+            say(f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
     if not part.changed:
-        print_lines(out, f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
+        say(f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
         return
-    print_lines(
-        out, f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:"
-    )
+    say(f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:")
     _print_largest(out, part)
-    print_lines(out, f"the {min(_SHOWN, len(part.changed))} that changed most:")
+    say(f"the {min(_SHOWN, len(part.changed))} that changed most:")
     for state in part.changed[:_SHOWN]:
         figures = sorted(state.figures, key=lambda f: (f.unit == "", f.unit == "dB", f.size), reverse=True)
         texts = (
             f"{_named(f.figure)[0]} {_text(f.before, 3)} -> {_text(f.after, 3)}{_unit(f)}" for f in figures[:_FIGURES]
         )
-        print_lines(out, f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
+        say(f"  {describe(state.felt, state.quiet, state.level_db)}: {', '.join(texts)}")
 
 
 def _print_largest(out: Console, part: PartDiff) -> None:
