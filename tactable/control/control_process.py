@@ -214,6 +214,6 @@ async def serve(served: ControlOf, table: Table, reader: RingReader, parent: Par
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Say where programs reach the run, then serve them until it ends."""
     os.nice(_NICE)  # the loop comes first
-    served = ControlOf.from_plain(arguments)
+    served: ControlOf = arguments["served"]
     with RingReader(served.ring) as reader, Table.open(served.table, verify=False) as table:
         asyncio.run(serve(served, table, reader, parent))

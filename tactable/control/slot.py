@@ -9,10 +9,8 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from base.child import Child
-from base.plain import to_plain
 from engine.effects.control_step import ControlStep, Outcome
 from firmware_link.host.link_values import Capabilities
 from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
@@ -34,18 +32,12 @@ class ControlOf:
     is_watched: bool = True
     """Whether the run changes over to another table at the same path."""
 
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> "ControlOf":
-        """The value from what `to_plain` made of it."""
-        paths = {key: Path(plain[key]) for key in ("socket", "ring", "table")}
-        return cls(**{**plain, **paths})
-
 
 class ControlProcess(BesideLoop):
     """The child process, and the slot that the loop reads (program_steps.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
-        super().__init__("tactable.control.control_process", to_plain(served), "the control channel", start)
+        super().__init__("tactable.control.control_process", {"served": served}, "the control channel", start)
         self._decoder = StepDecoder()
         try:
             self.lines: list[str] = self._child.read()["lines"]

@@ -68,20 +68,6 @@ class Choice:
         """The switches as plain values; a level of None is full scale."""
         return to_plain(self)
 
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> "Choice":
-        """The choice that `as_json` wrote."""
-        level_db = FULL_SCALE_DB if values["level_db"] is None else values["level_db"]
-        return cls(
-            device=values["device"],
-            source=Source(values["source"]),
-            rules=Rules(values["rules"]),
-            level_db=level_db,
-            quiet_zones=tuple(values["quiet_zones"]),
-            is_loaded=values["is_loaded"],
-            actuators_m=tuple(values["actuators_m"]),
-        )
-
 
 @dataclass(frozen=True)
 class Offered:

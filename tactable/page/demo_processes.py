@@ -64,7 +64,7 @@ class EngineProcess:
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         try:
-            arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": to_plain(programs)}
+            arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": programs}
             module = "tactable.page.processes.engine_process"
             child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
         finally:
@@ -73,7 +73,7 @@ class EngineProcess:
 
     async def play(self, order: Order) -> tuple[list[str], int]:
         """Play another order; once it is ready, what to print and its first record in the ring. Raises ChildError."""
-        self.child.write(order.as_json())
+        self.child.write({"order": order})
         answer = await self.child.read()
         return answer["lines"], answer["first_record"]
 

@@ -75,7 +75,7 @@ class Builder:
         await asyncio.gather(*self._stopped, return_exceptions=True)
 
     async def _build(self, order: BuildOrder) -> None:
-        child = await AsyncChild.start("tactable.page.processes.build_process", order.as_json(), name="the build")
+        child = await AsyncChild.start("tactable.page.processes.build_process", {"order": order}, name="the build")
         try:
             await self._follow(child, order)
         except ChildError as error:

@@ -7,7 +7,6 @@ A rendered table is some megabytes of arrays. They travel behind the pickle that
 will stay, so that taking the table over copies nothing and holds the loop for a tenth of a millisecond.
 """
 
-import base64
 import os
 import pickle
 import struct
@@ -97,8 +96,7 @@ class TableWatch(BesideLoop):
     """The child process, and the end of its pipe that the loop reads."""
 
     def __init__(self, watched: Watched) -> None:
-        arguments = {"watched": base64.b64encode(pickle.dumps(watched)).decode()}
-        super().__init__("tactable.run.table_watch", arguments, "the watch for new tables")
+        super().__init__("tactable.run.table_watch", {"watched": watched}, "the watch for new tables")
         self._messages = Messages(self._descriptor)
 
     def poll(self) -> Rendering | None:
@@ -187,6 +185,4 @@ def _unpacked(packed: memoryview) -> Rendering:
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """The process behind a `TableWatch`."""
     os.nice(10)
-    watched = pickle.loads(base64.b64decode(arguments["watched"]))  # from our own process
-    assert isinstance(watched, Watched)
-    serve(watched, parent)
+    serve(arguments["watched"], parent)

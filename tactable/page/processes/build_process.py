@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,10 +34,6 @@ class BuildOrder:
     path: Path
     first: Path
     """Where the table with the first click is put; where the page has another table, it is not made."""
-
-    def as_json(self) -> dict[str, Any]:
-        """The arguments of the child process."""
-        return asdict(self) | {"path": str(self.path), "first": str(self.first)}
 
 
 def build(order: BuildOrder, parent: Parent) -> None:
@@ -101,6 +97,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     parent.end_with_it()
     os.nice(10)  # the page comes first
     try:
-        build(BuildOrder(arguments["device"], Path(arguments["path"]), Path(arguments["first"])), parent)
+        build(arguments["order"], parent)
     except KeyboardInterrupt:
         raise SystemExit(1) from None

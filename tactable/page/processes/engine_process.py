@@ -43,19 +43,6 @@ class Order:
     is_first: bool
     """Whether the table is the first of a device: its clicks, if any, are solved as they are asked for."""
 
-    def as_json(self) -> dict[str, Any]:
-        """A line to the process."""
-        rule_file = None if self.rule_file is None else str(self.rule_file)
-        plain = {"table": str(self.table), "port": self.port, "choice": self.choice.as_json(), "rule_file": rule_file}
-        return {**plain, "has_kernels": self.has_kernels, "is_first": self.is_first}
-
-
-def decode_order(order: dict[str, Any]) -> Order:
-    """The order of a line."""
-    rule_file = None if order["rule_file"] is None else Path(order["rule_file"])
-    choice = Choice.from_json(order["choice"])
-    return Order(Path(order["table"]), order["port"], choice, rule_file, order["has_kernels"], order["is_first"])
-
 
 @dataclass(frozen=True)
 class ProgramsAt:
@@ -116,12 +103,11 @@ class _NextOrder:
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Play orders until the page asks for the end; says a line for each run."""
-    asked = arguments["programs"]
-    path, programs_at = Path(arguments["ring"]), None if asked is None else ProgramsAt(**asked)
-    with RingWriter(path) as ring, closing(Programs(programs_at, path)) as programs:
+    path = Path(arguments["ring"])
+    with RingWriter(path) as ring, closing(Programs(arguments["programs"], path)) as programs:
         found = parent.read()
         while found is not None:
-            _run(decode_order(found), arguments["pointer_pipe"], ring, programs, parent)
+            _run(found["order"], arguments["pointer_pipe"], ring, programs, parent)
             found = parent.read()
 
 

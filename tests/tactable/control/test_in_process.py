@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 
 import tactable
-from base.plain import to_plain
 from engine.device import Device
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_player import EffectPlayer
@@ -283,7 +282,10 @@ async def test_open_sound_control_is_served_where_it_says(tmp_path: Path, capfd:
 
 def test_what_is_served_crosses_to_its_process_whole() -> None:
     served = ControlOf(Path("c.sock"), Path("ring"), Path("bar.nc"), 80, 81, is_watched=False)
-    assert ControlOf.from_plain(json.loads(json.dumps(to_plain(served)))) == served
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ChildHere(ours).write({"served": served})
+        assert ParentHere(theirs).read() == {"served": served}
 
 
 def test_events_are_read_as_often_as_the_page_says() -> None:

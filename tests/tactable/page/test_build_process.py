@@ -13,6 +13,7 @@ import pytest
 import precompute.builder.table_build
 from base.child import Parent
 from tactable.page.processes import build_process
+from tactable.page.processes.build_process import BuildOrder
 from tactable.rig.ready import early_path
 
 
@@ -47,7 +48,7 @@ def test_after_its_last_word_a_signal_ends_it_as_it_ends_any_process(
     path = tmp_path / "table.nc"
     monkeypatch.setattr(build_process, "open_cached", lambda *_: SimpleNamespace(path=path) if is_there else None)
     monkeypatch.setattr(precompute.builder.table_build, "build_table", lambda _, early, **__: early.touch())
-    build_process.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+    build_process.main(page, {"order": BuildOrder("reference-a", path, tmp_path / "first.nc")})
     usable = [said["usable"] for said in page.said if said.keys() == {"usable"}]
     assert usable[-2 + is_there :] == [*([] if is_there else [str(early_path(path))]), str(path)]
     assert path.exists() is not is_there
@@ -63,6 +64,6 @@ def test_a_signal_in_a_build_is_an_interrupt_and_ends_it(
     )
     path = tmp_path / "table.nc"
     with pytest.raises(SystemExit) as ended:
-        build_process.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+        build_process.main(page, {"order": BuildOrder("reference-a", path, tmp_path / "first.nc")})
     assert ended.value.code == 1 and not path.exists()
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
