@@ -11,8 +11,8 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Mask
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
@@ -31,7 +31,7 @@ REPORTS_HZ = 2 * MOST_COMMANDS_HZ
 """By the clock of the loop: a tap and its lift in turn, as fast as clicks may follow each other."""
 _PERIOD_NS = 1_000_000_000 // REPORTS_HZ
 _PASSES_AN_ANSWER = 16
-Times = NDArray[np.float64]
+Times = Array
 
 
 class _PacedClock:
@@ -164,10 +164,10 @@ class InProcess:
     stream: str
     simulated: bool
     answer_ns: Times
-    has_command: NDArray[np.bool_]
+    has_command: Mask
     by_fast_path: int
     """Number of the commands that the compiled step answered."""
-    fingers: NDArray[np.int64]
+    fingers: Integers
 
     def figures_json(self) -> dict[str, Any]:
         """Figures over the reports that bring a command, over all, and over the commands of one finger and of ten."""

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive
-
-Array = NDArray[np.float64]
 
 SHARE = 0.95
 """Of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised."""

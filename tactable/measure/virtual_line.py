@@ -3,7 +3,7 @@
 import select
 from collections.abc import Sequence
 
-from firmware_link.emulator import EmulatedFirmware
+from firmware_link.emulator.firmware import EmulatedFirmware
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.rig.accelerometer import SensedBoard
 
