@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from base.child import Child
-from base.plain import to_plain
 from engine.device import Device
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.table import Table
@@ -118,7 +117,7 @@ class Bench:
                 far_end = LightDevice(len(self._device.actuators), time.monotonic_ns())
             segment = self._segment(condition, stream, count, path, emulator)
             theirs = [each for each in (their_touch, their_link) if each is not None]
-            engine.write(to_plain(segment), [each.fileno() for each in theirs])
+            engine.write({"segment": segment}, [each.fileno() for each in theirs])
             _close(theirs)
             # The engine greets and arms the device, whose far end must be served meanwhile.
             LoadGenerator(Schedule.none(), touch, link, far_end, keeps_open=True).run(engine.fileno())
@@ -143,14 +142,14 @@ class Bench:
         self, condition: Condition, stream: Stream, count: int, path: Path, emulator: RunningEmulator | None
     ) -> Segment:
         return Segment(
-            descriptor=stream.descriptor.hex(),
+            descriptor=stream.descriptor,
             vendor_id=stream.vendor_id,
             product_id=stream.product_id,
             count=count,
-            steps=tuple(map(str, condition.steps)),
+            steps=condition.steps,
             processor=self._engine_processor,
             has_busy_thread=condition.load is BackgroundLoad.THREAD,
-            samples=str(path),
+            samples=path,
             port=emulator.port if emulator else None if self._transport.is_sockets else self._transport.name,
             bit_rate_hz=self._transport.bit_rate_hz,
             has_fast_path=condition.engine != WITHOUT_FAST_PATH,

@@ -40,16 +40,15 @@ NO_SEQUENCE = -1
 class Segment:
     """One uninterrupted stretch of measurement, as the engine's process is told of it."""
 
-    descriptor: str
-    """The report descriptor, as hex digits."""
+    descriptor: bytes
     vendor_id: int
     product_id: int
     count: int
     """Reports to come."""
-    steps: tuple[str, ...]
+    steps: tuple[Step, ...]
     processor: int
     has_busy_thread: bool
-    samples: str
+    samples: Path
     """Where the arrays go, .npz."""
     port: str | None
     """A serial port; None: the second socket."""
@@ -65,26 +64,27 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     with Table.open(Path(arguments["table"])) as table:
         parent.say({"device": table.device.name})
         while (order := parent.read()) is not None:
-            segment = Segment(**order)
             descriptors, parent.descriptors = parent.descriptors, []
-            _run(table, segment, descriptors, parent, library if segment.has_fast_path else None)
+            _run(table, order["segment"], descriptors, parent, library)
 
 
-def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent, fast: ctypes.CDLL | None) -> None:
+def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent, library: ctypes.CDLL | None) -> None:
     numbers = (segment.vendor_id, segment.product_id)
+    fast = library if segment.has_fast_path else None
     with ExitStack() as stack:
         for descriptor in descriptors:
             stack.enter_context(socket.socket(fileno=descriptor))
-        source = SocketSource(descriptors[0], bytes.fromhex(segment.descriptor), numbers, segment.count)
+        source = SocketSource(descriptors[0], segment.descriptor, numbers, segment.count)
         port = _ListeningPort(
             DescriptorPort("the socket", descriptors[1])
             if segment.port is None
             else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
         )
         trace = Trace()
-        steps = tuple(Step(step) for step in segment.steps)
         effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if segment.has_zones else DEFAULT_EFFECTS
-        options = LiveOptions(effects, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, steps, segment.processor, fast)
+        options = LiveOptions(
+            effects, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, segment.steps, segment.processor, fast
+        )
         if segment.has_busy_thread:
             stack.enter_context(_busy_thread())
         live = Live(table, source, port, SystemClock(), options, trace)
