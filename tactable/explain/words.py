@@ -11,7 +11,6 @@ from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
-from precompute.predict.rise_time import LONGEST_RISE_S
 
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
@@ -82,6 +81,8 @@ def level_text(level_db: float) -> str:
 
 def rise_text(t90_s: float) -> str:
     """A rise time in words, such as "83 ms"; rises are not followed beyond LONGEST_RISE_S."""
+    from precompute.predict.rise_time import LONGEST_RISE_S  # its kernels are compiled when it is imported
+
     return f"longer than {LONGEST_RISE_S:g} s" if t90_s >= LONGEST_RISE_S else f"{1e3 * t90_s:.0f} ms"
 
 
