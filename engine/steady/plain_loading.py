@@ -31,7 +31,7 @@ class PlainLoading:
 
     def loaded(self, cases: FingerCases) -> Complex:
         """Response over threshold (case, line, finger, actuator) at full scale, all fingers on the bar."""
-        cell, weight = self._cubics(cases.position_m)
+        cell, weight = self._cubics(np.real(cases.position_m))
         free = np.einsum("cfi,cfiak->ckfa", weight, self.drive[cell])
         between: Complex = np.array(
             [

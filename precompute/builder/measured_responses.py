@@ -7,7 +7,8 @@ from engine.table import Table
 from engine.table.netcdf_file import TableWriter, Variable
 from precompute.measurements.plant import estimate_errors, measured_plant
 from precompute.measurements.response_table import MeasuredResponses
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
+from precompute.model.plant import Plant
 
 MODEL = "model"
 MEASURED = "measured responses"

@@ -17,7 +17,6 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from base.files import written_path
@@ -41,8 +40,9 @@ from precompute.clicks.click_plants import count_modes
 from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.response_table import MeasuredResponses
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
+from precompute.model.plant import Plant
 from precompute.parallel.interrupt import remembered_interrupt
 from precompute.predict.at_positions import search_frequencies
 from precompute.sampling.place_receptances import solve_place_receptances
@@ -132,12 +132,7 @@ def _checked(progress: Progress, check: Callable[[], None]) -> Progress:
 
 def _model_attributes(plant: Plant, options: BuildOptions) -> dict[str, int | float]:
     """Mesh and modes, which follow from the band, as attributes of the table."""
-    length_m, basis = np.diff(plant.node_m), compute_basis(plant)
-    found: dict[str, int | float] = {
-        "mesh_elements": len(length_m),
-        "mesh_longest_element_m": float(length_m.max()),
-        "modes": len(basis.square_omega),
-    }
+    found = plant.resolution | {"modes": len(compute_basis(plant).square_omega)}
     if options.clicks_up_to:
         found["click_modes"] = count_modes(plant.device, lines_for(plant.device, options.click_options.length_s))
     return found

@@ -31,7 +31,7 @@ from precompute.calibration.misfit import Loss, Misfit, MisfitModel
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
 from precompute.measurements.types import MeasurementError
-from precompute.model.assembly import Plant, assemble, dense
+from precompute.model.assembly import BarPlant, assemble_bar, dense
 from precompute.model.modal import compute_basis, compute_modal_model
 
 _BEYOND = 16  # model modes above the measured ones: some may be missing, and dampers couple with higher ones
@@ -52,7 +52,7 @@ class ModelModes:
     shape (place, mode): deflections where shapes were measured.
     """
 
-    plant: Plant
+    plant: BarPlant
     pole: Complex
     field: Complex
     shape: Complex
@@ -80,8 +80,8 @@ class ModesMisfit(MisfitModel):
     def _values_at(self, coordinate: Array) -> Array:
         return np.array([p.value_at(x) for p, x in zip(self.parameters, coordinate.tolist(), strict=True)])
 
-    def _plant(self, values: Array) -> Plant:
-        plant = assemble(with_values(self._device, self.parameters, values))
+    def _plant(self, values: Array) -> BarPlant:
+        plant = assemble_bar(with_values(self._device, self.parameters, values))
         own = [v for p, v in zip(self.parameters, values.tolist(), strict=True) if p.part == "sensor"]
         mass_kg = own[0] if own else self._modes.sensor_mass_kg
         sensor = Finger(mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=0.0)
@@ -189,7 +189,7 @@ def calibrate_modes(
     """
     names = modal_names(device, modes) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, modes.sensor_mass_kg)
-    if len(modes) > (most := assemble(device).size // 2):
+    if len(modes) > (most := assemble_bar(device).size // 2):
         raise MeasurementError(f"there are {len(modes)} modes; the model has {most} at the most: leave the highest out")
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         misfit = ModesMisfit(device, modes, chosen)

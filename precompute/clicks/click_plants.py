@@ -28,9 +28,11 @@ from numpy.typing import NDArray
 
 from base.compiled import njit
 from engine.device import Device, Threshold
-from precompute.model.assembly import Plant, assemble
+from engine.device.points import Points
+from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import compute_basis
+from precompute.model.plant import Plant
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
@@ -61,7 +63,7 @@ class SampledPlants:
         self.scenarios, self.lines = scenarios, lines
         self.modes = modes or count_modes(scenarios.device, lines)
         self._shapes_of, square_omega = _sampled_modes(scenarios, self.modes)
-        bars = [calibrated.bar for calibrated in scenarios.calibrated]
+        bars = [calibrated.surface for calibrated in scenarios.calibrated]
         mass_damping = np.array([bar.mass_damping_per_s for bar in bars])
         stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
         self._compliance = (1 / square_omega[:, self.modes :]).astype(np.float32)
@@ -110,14 +112,14 @@ class SampledPlants:
             out *= self._transfers
         return out
 
-    def _shapes(self, position_m: Array) -> Single:
+    def _shapes(self, position_m: Points) -> Single:
         """Mode shapes (scenario, place, mode) of the first sampled bars at positions (scenario, place)."""
         shape = np.empty((*position_m.shape, self._pole.shape[1] - 1 + self._compliance.shape[1]), np.float32)
         for plant, every, nodal in self._shapes_of:
             members = every[: np.searchsorted(every, len(shape))]
             sampler = plant.sampler(position_m[members].ravel())
             row = np.repeat(np.arange(len(members)), position_m.shape[1])
-            ends = nodal[row[:, None], 2 * sampler.element[:, None] + np.arange(4)]
+            ends = nodal[row[:, None], sampler.dof]
             weight = sampler.weight.astype(np.float32)
             shape[members] = np.einsum("pkm,pk->pm", ends, weight).reshape(len(members), *shape.shape[1:])
         return shape
@@ -169,7 +171,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
     """
     groups: dict[tuple[complex, ...], list[int]] = {}
     for index, device in enumerate(scenarios.calibrated):
-        places_m = (device.bar.length_m, *(actuator.position_m for actuator in device.actuators))
+        places_m = (device.surface.corner_m, *(actuator.position_m for actuator in device.actuators))
         groups.setdefault(places_m, []).append(index)
     square_omega = np.empty((len(scenarios), modes + _STATIC_MODES))
     shapes = []
@@ -177,7 +179,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
         base = scenarios.calibrated[members[0]]
         plant = assemble(base)
         basis = compute_basis(plant, modes + _STATIC_MODES)
-        drive = basis.shape[plant.actuator_dof]
+        drive = basis.at_actuators
         own = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in base.actuators])
         # In the base's modes the whole is diagonal; the bar alone is what the springs and masses of actuators leave.
         bar_stiffness = np.diag(basis.square_omega) - (drive.T * own[:, 0]) @ drive
@@ -186,8 +188,8 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
         for row, index in enumerate(members):
             device = scenarios.device_of(index)
             added = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in device.actuators])
-            stiffness = _bending_n_m2(device) / _bending_n_m2(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
-            mass = _mass_kg_per_m(device) / _mass_kg_per_m(base) * bar_mass + (drive.T * added[:, 1]) @ drive
+            stiffness = _bending(device) / _bending(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
+            mass = _mass(device) / _mass(base) * bar_mass + (drive.T * added[:, 1]) @ drive
             # Bending and mass scale the bar; its modes with other actuators are combinations of those of the base.
             square, vector = scipy.linalg.eigh(stiffness, mass, check_finite=False, driver="gvd")
             square_omega[index] = np.maximum(square, 0.0)
@@ -196,14 +198,14 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
     return shapes, square_omega
 
 
-def _bending_n_m2(device: Device) -> float:
-    bar = device.bar
-    return bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12
+def _bending(device: Device) -> float:
+    """What the bending stiffness of a surface is proportional to, whose sides and Poisson's ratio do not vary."""
+    return device.surface.youngs_modulus_pa * device.surface.width_m * device.surface.thickness_m**3
 
 
-def _mass_kg_per_m(device: Device) -> float:
-    bar = device.bar
-    return bar.density_kg_per_m3 * bar.width_m * bar.thickness_m
+def _mass(device: Device) -> float:
+    """What its mass is proportional to."""
+    return device.surface.density_kg_per_m3 * device.surface.width_m * device.surface.thickness_m
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

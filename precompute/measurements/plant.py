@@ -14,12 +14,12 @@ from scipy.interpolate import CubicSpline
 from base.arrays import Array, Complex, Mask
 from engine.device import Device, Finger
 from precompute.measurements.response_table import MeasuredResponses
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import BarPlant, assemble_bar
 from precompute.model.response import solve_response
 
 
 @dataclass(frozen=True)
-class MeasuredPlant(Plant):
+class MeasuredPlant(BarPlant):
     """A plant whose response to its actuators was measured."""
 
     responses: MeasuredResponses
@@ -36,7 +36,7 @@ class MeasuredPlant(Plant):
         field: Complex = -(acceleration / omega**2) @ self._along_bar.T
         return field
 
-    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> Plant:
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> BarPlant:
         """Raises ValueError: the bar was measured without fingers; predict.performance adds them to its response."""
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 
@@ -64,7 +64,7 @@ def _spline_matrix(place_m: Array, node_m: Array) -> Array:
 
 def measured_plant(device: Device, responses: MeasuredResponses) -> MeasuredPlant:
     """Assemble the plant of a device whose responses were measured."""
-    plant = assemble(device)
+    plant = assemble_bar(device)
     return MeasuredPlant(device, plant.node_m, plant.K, plant.C, plant.M, responses)
 
 
@@ -91,7 +91,7 @@ def estimate_errors(device: Device, responses: MeasuredResponses) -> Interpolati
     between_hz = CubicSpline(hz[kept_hz], measured[kept_hz])(hz[left_hz]) - measured[left_hz]
     matrix = _spline_matrix(place_m[kept_m], place_m[left_m])[0::2]
     between_m = measured[..., kept_m] @ matrix.T - measured[..., left_m]
-    modelled = solve_response(assemble(device), hz).acceleration(place_m)
+    modelled = solve_response(assemble_bar(device), hz).acceleration(place_m)
     distance = np.sqrt((abs(modelled - measured) ** 2).mean(axis=2) / (abs(measured) ** 2).mean(axis=2))
     return InterpolationErrors(
         between_frequencies=(abs(between_hz) / size[left_hz]).max(axis=(0, 2)),

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.model.assembly import Plant
 from precompute.model.gram import compute_gram
+from precompute.model.plant import Plant
 from precompute.model.response import Response, by_tone, solve_response
 
 Array = NDArray[np.float64]

@@ -15,9 +15,10 @@ from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
 from engine.steady.receptances import Receptances
 from engine.steady.steady_solver import SteadySolver
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from precompute.model.plant import Plant
 from precompute.predict.performance import compute_figures
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.bars import sample_bars

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.steady.receptances import Receptances
-from precompute.model.assembly import Plant
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_modal_model
+from precompute.model.plant import Plant
 from precompute.model.transfers import transfers_at
 
 Array = NDArray[np.float64]

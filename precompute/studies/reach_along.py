@@ -7,8 +7,8 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Finger
 from engine.device.quantity import GRAVITY_M_PER_S2
-from precompute.model.assembly import Plant
 from precompute.model.frequencies import fine_frequencies, in_band
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
 _CHUNK = 64  # frequencies at a time: fields of 150 columns in 256 elements take 80 MB

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.model.assembly import Plant
 from precompute.model.frequencies import in_band
 from precompute.model.gram import compute_gram
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.table.best_rows import BestRows
 from engine.table.netcdf_file import TableWriter, Variable, VariableStream
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
 from precompute.model.frequencies import BEAT_HZ
+from precompute.model.plant import Plant
 from precompute.sweep.best import BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
 from precompute.sweep.grid import (

@@ -28,7 +28,7 @@ def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
     plant, receptances = plant_of(table), table.receptances
     if device is not None:
         threshold_m_per_s2 = device.threshold.peak_m_per_s2(receptances.frequency_hz)
-        plant, receptances = replace(plant, device=device), replace(receptances, threshold_m_per_s2=threshold_m_per_s2)
+        plant, receptances = plant.with_device(device), replace(receptances, threshold_m_per_s2=threshold_m_per_s2)
     return SteadyDesigner(plant.device, plant, receptances)
 
 

@@ -35,8 +35,9 @@ from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, encode_click
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import sample_scenarios

@@ -87,7 +87,7 @@ class _RollingBuffer:
 class _ModalPlant(TransientPlant):
     """The plant whose "points" are the modes of its basis."""
 
-    def look_at(self, position_m: Array) -> None:  # noqa: ARG002  # the points of the base class
+    def look_at(self, position_m: object) -> None:  # noqa: ARG002  # the points of the base class
         modes = len(self.basis.square_omega)
         self.position_m, self._shape = np.zeros(modes), np.eye(modes)
 

@@ -15,7 +15,7 @@ from engine.table import Table, TableError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.size import table_bytes
 from precompute.builder.table_build import build_table
-from precompute.model.assembly import assemble
+from precompute.model.assembly import assemble_bar
 from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
@@ -248,7 +248,7 @@ def test_an_exception_on_the_way_leaves_nothing(
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_table_states_its_mesh_and_its_modes(folder: Path, name: str) -> None:
-    plant = assemble(DEVICES[name])
+    plant = assemble_bar(DEVICES[name])
     with opened(folder, name) as table:
         assert table.attributes["mesh_elements"] == len(plant.node_m) - 1
         assert table.attributes["mesh_longest_element_m"] == pytest.approx(np.diff(plant.node_m).max())
