@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Points = NDArray[np.float64] | NDArray[np.complex128]
+from base.arrays import Array, Complex
+
+Points = Array | Complex
 _Scalar = TypeVar("_Scalar", bound=complex)
 
 _BETWEEN = " x "

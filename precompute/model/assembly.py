@@ -9,12 +9,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device, Finger
 from engine.device.parts import Bar
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
-from precompute.model.plant import Complex, Plant, Sampler
+from precompute.model.plant import Plant, Sampler
 
-Array = NDArray[np.float64]
 BANDWIDTH = 3
 """Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
 ZONE_PLACES = 257

@@ -13,10 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device, Finger
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

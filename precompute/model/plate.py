@@ -18,11 +18,10 @@ import scipy.linalg
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device, Finger
 from engine.device.parts import Plate
-from precompute.model.plant import Complex, Plant, Sampler
-
-Array = NDArray[np.float64]
+from precompute.model.plant import Plant, Sampler
 
 _MARGIN = 24
 """Degrees beyond half the wave number times the side: receptances on point springs are then right to 0.1 dB."""

@@ -62,9 +62,7 @@ def blocked_force(actuators: Sequence[Actuator], frequency_hz: NDArray[np.float6
     return out
 
 
-def solve_response(
-    plant: Plant, frequency_hz: NDArray[np.float64], touched_m: Points | None = None
-) -> Response:
+def solve_response(plant: Plant, frequency_hz: NDArray[np.float64], touched_m: Points | None = None) -> Response:
     """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i H_i (docs/theory.md#model).
 
     H_i is the transfer function of an actuator, 1 where the device file has none. A column for each actuator, as

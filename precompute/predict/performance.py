@@ -14,7 +14,7 @@ from precompute.sampling.fingers import SampledFingers
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_EVERY = 8  # of the places in a zone is looked at for the range of its peak
+_LOOKED_AT = 32  # steps between the places of a zone that are looked at for the range of its peak
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,8 @@ def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Ar
     columns = np.ascontiguousarray(np.moveaxis(field, 1, 0)[:, :, None])
     energy = np.array([omega**2 @ plant.gram(column)[:, :, 0, 0].real for column in columns])
     # Magnitudes of the tones are added at each place (paper eq. (8)).
-    sampler, zones = plant.zone_sampler, len(plant.device.zones)
-    looked_at = Sampler(sampler.dof[::_EVERY], sampler.weight[::_EVERY])
+    zones, places = plant.zone_places_m.shape
+    every = np.arange(zones * places).reshape(zones, places)[:, :: round(places / _LOOKED_AT)].ravel()
+    looked_at = Sampler(plant.zone_sampler.dof[every], plant.zone_sampler.weight[every])
     level = np.tensordot(omega**2, abs(looked_at.sample(field)), 1)
     return energy[:, :-1] / energy.sum(axis=1, keepdims=True), level.reshape(len(level), zones, -1).max(axis=2)
