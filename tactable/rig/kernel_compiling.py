@@ -25,7 +25,6 @@ SWEEP = ("precompute.model.band_solver", "precompute.model.gram", "precompute.sw
 """What the rows of a sweep take, which zones play."""
 BUILDS = (
     "precompute.sampling.bars",
-    "precompute.predict.performance",
     "precompute.predict.rise_time",
 )
 """What builds take beside that."""
