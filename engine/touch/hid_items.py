@@ -2,7 +2,6 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -115,15 +114,6 @@ def read_declarations(
         parser.read_item(item)
     parser.check_end(len(descriptor))
     return parser.declarations
-
-
-def application_usages(descriptor: bytes) -> set[int]:
-    """Usages (page << 16 | usage) of the application collections, as far as the descriptor keeps to the grammar."""
-    parser = _Parser([], [], 0)
-    with suppress(DescriptorError):
-        for item in _items(descriptor):
-            parser.read_item(item)
-    return {application.usage for application in parser.declarations.applications}
 
 
 class _Item(NamedTuple):

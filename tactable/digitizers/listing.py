@@ -21,9 +21,7 @@ _MARK = "SIMULATED"
 def list_devices(machine: Machine) -> dict[str, list[Any]]:
     """Digitizers, serial ports and sound cards, and problems that keep others from being found."""
     problems: list[str] = []
-    system = machine.hid()
-    hid_rows = [row for device in find_digitizers(system) for row in _rows_of(system, device, problems)]
-    digitizers = [*hid_rows, *_evdev_rows(machine), _simulated_row()]
+    digitizers = [*_hid_rows(machine, problems), *_evdev_rows(machine), _simulated_row()]
     ports = [
         {
             "path": port.path,
@@ -57,6 +55,15 @@ def _card_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
         }
         for card in cards
     ]
+
+
+def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
+    try:
+        system = machine.hid()
+        return [row for device in find_digitizers(system) for row in _rows_of(system, device, problems)]
+    except DigitizerError as error:
+        problems.append(str(error))
+        return []
 
 
 def _rows_of(system: HidSystem, device: HidDigitizer, problems: list[str]) -> Iterator[dict[str, Any]]:

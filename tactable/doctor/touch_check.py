@@ -12,6 +12,7 @@ from engine.touch.sources.hid_discovery import (
     HidSystem,
     find_digitizers,
     find_event_node,
+    load_hid_system,
     parse_number,
     refusal,
     select_digitizer,
@@ -29,7 +30,7 @@ from tactable.doctor.ports import SystemFiles, check_ports, port_rules
 class Machine:
     """Access to the machine's digitizers, ports, files and sound cards, which tests replace."""
 
-    hid: Callable[[], HidSystem] = HidSystem
+    hid: Callable[[], HidSystem] = load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
     ports: Callable[[], Sequence[PortDescription]] = find_ports
     files: SystemFiles = field(default_factory=SystemFiles)
@@ -43,21 +44,30 @@ def open_found(system: HidSystem, device: HidDigitizer) -> tuple[Digitizer | Non
         digitizer = open_digitizer(descriptor, device.vendor_id, device.product_id, device.report_id)
     except (DescriptorError, DigitizerError) as error:
         return None, str(undecodable(system, device, error))
-    if not os.access(device.path, os.R_OK):
-        return digitizer, str(refusal(device, PermissionError()))
+    if system.has_nodes and not os.access(device.path, os.R_OK):
+        return digitizer, str(refusal(system, device, PermissionError()))
     return digitizer, None
 
 
 def examine(machine: Machine) -> list[Check]:
     """Every check, in the order of the chain from touch to wire."""
-    return [*_check_digitizers(machine.hid()), *check_ports(machine.ports(), machine.files)]
+    try:
+        system = machine.hid()
+        found = find_digitizers(system)
+    except DigitizerError as error:
+        return [Check("hidapi", str(error), "run `pip install hidapi`"), *check_ports(machine.ports(), machine.files)]
+    checks = [_check_backend(system), *_check_digitizers(system, found)]
+    return [*checks, *check_ports(machine.ports(), machine.files)]
 
 
-def _check_digitizers(system: HidSystem) -> list[Check]:
-    if not system.sysfs.is_dir():
-        remedy = "run a kernel with CONFIG_HIDRAW, or load its module; in a container mount /sys"
-        return [Check("hidraw", f"{system.sysfs} is not there: no HID device can be read", remedy)]
-    found = find_digitizers(system)
+def _check_backend(system: HidSystem) -> Check:
+    if not system.has_nodes:
+        finding = "libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth"
+        return Check("hidapi", finding, "install a hidapi wheel with the module hidraw: `pip install -U hidapi`")
+    return Check("hidapi", f"module {system.backend}")
+
+
+def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[Check]:
     if not found:
         return [Check("digitizer", "none found", "plug one in; without one, `tactable demo` needs no hardware")]
     checks = []
@@ -66,7 +76,7 @@ def _check_digitizers(system: HidSystem) -> list[Check]:
         what = f"digitizer {device.path}"
         if problem is None:
             checks.append(Check(what, f"{device.name or device.number}: readable"))
-        elif not os.access(device.path, os.R_OK):
+        elif system.has_nodes and not os.access(device.path, os.R_OK):
             checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
         else:
             node = find_event_node(system, device) or "another digitizer, or a page's pointer events"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from engine.touch.sources.hid_discovery import HidSystem
+from engine.touch.sources.hid_discovery import load_hid_system
 from engine.touch.sources.hidraw import HidrawCounters, HidrawSource, open_hidraw
 from firmware_link.emulator.emulator_process import EmulatorLog
 from firmware_link.host.serial_port import SerialPort, path_of
@@ -196,7 +196,7 @@ def refusals() -> Refusals:
         with open_touch_screen():
             pass
         port = until_it_works(lambda: path_of(SERIAL_NUMBER))
-        system = HidSystem()
+        system = load_hid_system()
         found = Refusals(
             digitizer=error_as_nobody(lambda: open_hidraw(system, TOUCH_SERIAL_NUMBER)),
             port=error_as_nobody(lambda: SerialPort(port)),
@@ -244,7 +244,7 @@ def show_touch_screen(stage: Stage) -> None:
 @contextlib.contextmanager
 def open_touch_screen() -> Iterator[HidrawSource]:
     """By the name that stays, as soon as the kernel shows it."""
-    system = HidSystem()
+    system = load_hid_system()
     with contextlib.closing(until_it_works(lambda: open_hidraw(system, TOUCH_SERIAL_NUMBER))) as source:
         yield source
 

@@ -1,37 +1,96 @@
-"""Finds the digitizers among the HID nodes of this machine, chooses one by name, and explains missing rights.
+"""Finds the digitizers among the HID interfaces of this machine, chooses one by name, and explains missing rights."""
 
-The kernel describes its nodes, /dev/hidrawN, in /sys/class/hidraw: who may open none of them sees them all.
-"""
-
+import importlib
+import os
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, cast
 
 from base.errors import TactableError
 from engine.touch.descriptor import SurfaceKind
 from engine.touch.digitizer import DigitizerError
-from engine.touch.hid_items import application_usages
 from engine.touch.sources.evdev import SLOT_AXES
 
 RULE_FILE = "/etc/udev/rules.d/70-tactable.rules"  # before 73-seat-late.rules, which acts on the tag
 
-_TOUCH_USAGES = {0x0D << 16 | kind.value for kind in SurfaceKind}  # HID Usage Tables, page 0x0D
+_DIGITIZER_PAGE = 0x0D  # HID Usage Tables
+_TOUCH_USAGES = frozenset(kind.value for kind in SurfaceKind)
 _VENDOR_AND_PRODUCT = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
-_IDENTITY = re.compile(r"([0-9A-Fa-f]+):([0-9A-Fa-f]+):([0-9A-Fa-f]+)")
+# hidapi's number of a bus to the kernel's, which recordings hold: USB, Bluetooth, I2C, SPI.
+_KERNEL_BUS = {1: 0x03, 2: 0x05, 3: 0x18, 4: 0x1C}
+
+
+class HidHandle(Protocol):
+    """The part of hidapi's `device` that is used."""
+
+    def open_path(self, path: bytes) -> None:
+        """Open read-write; OSError says "open failed" and no more."""
+
+    def close(self) -> None:
+        """Give the device back."""
+
+    def error(self) -> str:
+        """Why the last call failed."""
+
+    def set_nonblocking(self, value: int) -> int:
+        """With 1 a read does not wait."""
+
+    def read(self, max_length: int) -> list[int]:
+        """One report, empty for none; OSError once the device is gone."""
+
+    def get_report_descriptor(self) -> list[int]:
+        """The device's bytes."""
+
+    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
+        """Report ID (0 for a device without report IDs), then the report."""
+
+    def send_feature_report(self, buff: bytes) -> int:
+        """As `get_feature_report`; negative for a failure."""
+
+
+class HidModule(Protocol):
+    """The part of a hidapi module that is used."""
+
+    def enumerate(self) -> list[dict[str, Any]]:
+        """One entry per top-level collection."""
+
+    def device(self) -> HidHandle:
+        """A handle that is not open."""
 
 
 @dataclass(frozen=True)
 class HidSystem:
-    """Where the kernel describes its HID nodes, and where the nodes are."""
+    """A module of hidapi by its name, and where the kernel describes the nodes."""
 
+    module: HidModule
+    backend: str
     sysfs: Path = Path("/sys/class/hidraw")
-    nodes: Path = Path("/dev")
 
-    def about(self, path: str) -> Path:
-        """The folder that describes the device of a node."""
-        return self.sysfs / Path(path).name / "device"
+    @property
+    def has_nodes(self) -> bool:
+        """Paths are Linux's own /dev/hidrawN: readable without hidapi, by a descriptor that can be waited on."""
+        return self.backend == "hidraw"
+
+    @property
+    def ring_size(self) -> int:
+        """Unread reports that are kept; the kernel then drops the newest, hidapi's own threads the oldest."""
+        return 63 if self.has_nodes else 31
+
+
+def load_hid_system(import_module: Callable[[str], object] = importlib.import_module) -> HidSystem:
+    """The right module of hidapi: `hidraw` where there is one. Raises `DigitizerError` when hidapi is not installed.
+
+    `hid` is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
+    """
+    for name in ("hidraw", "hid"):
+        try:
+            return HidSystem(cast(HidModule, import_module(name)), name)
+        except ImportError:
+            continue
+    raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
 
 
 @dataclass(frozen=True)
@@ -64,44 +123,47 @@ class HidDigitizer:
 
 
 def find_digitizers(system: HidSystem) -> tuple[HidDigitizer, ...]:
-    """Every interface with a touch screen or touch pad collection, in the order of its path; opens none."""
-    names = sorted(node.name for node in system.sysfs.iterdir()) if system.sysfs.is_dir() else []
-    found = (_digitizer(system, str(system.nodes / name)) for name in names)
-    return tuple(digitizer for digitizer in found if digitizer is not None)
+    """Every interface with a touch screen or touch pad collection, in the order of its path; opens none.
 
-
-def _digitizer(system: HidSystem, path: str) -> HidDigitizer | None:
-    """The digitizer of a node; None for another device, and for one that was unplugged meanwhile."""
-    about = system.about(path)
+    Raises `DigitizerError` when the system cannot say.
+    """
     try:
-        usages = application_usages((about / "report_descriptor").read_bytes())
-        text = (about / "uevent").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
-    if not usages & _TOUCH_USAGES:
-        return None
-    # The kernel's properties of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0.
-    kernel = {key: value.strip() for key, _, value in (line.partition("=") for line in text.splitlines())}
-    identity = _IDENTITY.fullmatch(kernel.get("HID_ID", ""))  # such as 0003:000004F3:0000200A
-    bus, vendor_id, product_id = (0, 0, 0) if identity is None else (int(part, 16) for part in identity.groups())
+        collections = system.module.enumerate()
+    except OSError as error:
+        raise DigitizerError(f"cannot list HID devices: {error}") from error
+    touch = [c for c in collections if c["usage_page"] == _DIGITIZER_PAGE and c["usage"] in _TOUCH_USAGES]
+    by_path = {os.fsdecode(collection["path"]): collection for collection in touch}
+    return tuple(_digitizer(system, path, by_path[path]) for path in sorted(by_path))
+
+
+def _digitizer(system: HidSystem, path: str, collection: dict[str, Any]) -> HidDigitizer:
+    manufacturer, product = (collection.get(f"{key}_string") or "" for key in ("manufacturer", "product"))
+    kernel = _read_uevent(system.sysfs, path) if system.has_nodes else {}
     return HidDigitizer(
         path=path,
-        name=re.sub(r"^(.+) \1\b", r"\1", kernel.get("HID_NAME", "")),  # many products begin with their maker's name
-        vendor_id=vendor_id,
-        product_id=product_id,
-        serial_number=kernel.get("HID_UNIQ", ""),
-        bus=bus,
-        interface_number=_interface_number(about),
+        name=product if product.startswith(manufacturer) else f"{manufacturer} {product}".strip(),
+        vendor_id=collection["vendor_id"],
+        product_id=collection["product_id"],
+        serial_number=(collection.get("serial_number") or "").strip(),
+        bus=_kernel_bus(kernel) or _KERNEL_BUS.get(collection.get("bus_type", 0), 0),
+        interface_number=collection.get("interface_number", -1),
         port=kernel.get("HID_PHYS", ""),
     )
 
 
-def _interface_number(about: Path) -> int:
-    """Number of a USB interface, -1 for other devices."""
+def _read_uevent(sysfs: Path, path: str) -> dict[str, str]:
+    """The kernel's properties of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0; empty where it has none."""
     try:
-        return int((about.resolve().parent / "bInterfaceNumber").read_text(encoding="ascii"), 16)
-    except (OSError, ValueError):
-        return -1
+        text = (sysfs / Path(path).name / "device" / "uevent").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return {}
+    return {key: value for key, _, value in (line.partition("=") for line in text.splitlines())}
+
+
+def _kernel_bus(kernel: dict[str, str]) -> int:
+    """Bus of HID_ID=0003:000004F3:0000200A, 0 where it is absent: hidapi does not know every bus."""
+    digits = kernel.get("HID_ID", "").partition(":")[0]
+    return int(digits, 16) if re.fullmatch("[0-9A-Fa-f]+", digits) else 0
 
 
 def select_digitizer(name: str, found: Sequence[HidDigitizer]) -> HidDigitizer:
@@ -147,10 +209,10 @@ def udev_rule(vendor_id: int, product_id: int) -> str:
     return f'SUBSYSTEM=="hidraw", KERNELS=="*:{vendor_id:04X}:{product_id:04X}.*", TAG+="uaccess"'
 
 
-def refusal(device: HidDigitizer, reason: object) -> DigitizerError:
+def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> DigitizerError:
     """Why a device cannot be opened or read, and what to do about it."""
     what = f"{device.path} ({device.name or device.number})"
-    if isinstance(reason, PermissionError):
+    if system.has_nodes and isinstance(reason, PermissionError):
         return DigitizerError(
             f"no permission to read {what}: put this udev rule into {RULE_FILE} "
             f"(`tactable doctor --emit-udev` prints it), then plug the device in again: "
@@ -161,7 +223,8 @@ def refusal(device: HidDigitizer, reason: object) -> DigitizerError:
 
 def find_event_node(system: HidSystem, device: HidDigitizer) -> str | None:
     """Path of the device's input node with multitouch slots, which a kernel driver fills; None without one."""
-    for node in sorted((system.about(device.path) / "input").glob("input*/event*")):
+    inputs = system.sysfs / Path(device.path).name / "device" / "input"
+    for node in sorted(inputs.glob("input*/event*")) if system.has_nodes else ():
         try:
             words = (node.parent / "capabilities" / "abs").read_text(encoding="ascii").split()
         except OSError:

@@ -51,10 +51,11 @@ class Bench:
 
     hid: FakeMachine
     ports: tuple[PortDescription, ...] = ()
+    backend: str = "hidraw"
     cards: tuple[Interface, ...] | None = ()
 
     def system(self) -> HidSystem:
-        return self.hid.system()
+        return self.hid.system(self.backend)
 
     def machine(self) -> Machine:
         return Machine(self.system, lambda: None, lambda: self.ports, cards=self.find_cards)
@@ -112,7 +113,7 @@ def test_sound_cards_are_listed_with_the_text_that_chooses_them_and_the_doctor_n
 
 
 def test_a_device_that_cannot_be_used_is_listed_with_the_reason(bench: Bench) -> None:
-    bench.hid.plug("hidraw0", descriptor=bytes.fromhex("050d 0904 a101 09"))
+    bench.hid.plug("hidraw0", descriptor=b"\x05\x0d\x09")
     bench.hid.plug("hidraw1", vendor_id=0x056A)
     rows = bench.json("list")["digitizers"]
     assert [row["usable"] for row in rows] == [False, False, True]
@@ -147,6 +148,16 @@ def test_the_input_node_is_named_where_only_a_kernel_driver_decodes_the_reports(
     assert check.remedy == "use /dev/input/event5"
     with pytest.raises(DigitizerError, match=r"Wacom.*/dev/input/event5"):
         learn_live(bench.machine(), device.path, None, print)
+
+
+def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
+    def system() -> HidSystem:
+        raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
+
+    machine = Machine(system, lambda: None, lambda: ())
+    listing = json.loads(CliRunner().invoke(app, ["list", "--json"], obj=machine).stdout)
+    assert [row["stable_id"] for row in listing["digitizers"]] == ["simulated"]
+    assert "pip install hidapi" in listing["problems"][0]
 
 
 # ---- record ----------------------------------------------------------------------------------------------
@@ -269,14 +280,15 @@ def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("layers")
 def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Bench) -> None:
     bench.ports = (PortDescription("/nowhere/ttyACM0", "bar", "bar driver"),)
+    bench.backend = "hid"
     result = bench.run("doctor", "--json")
     assert result.exit_code == 1
     checks = {check["name"]: check for check in json.loads(result.stdout)}
     failed = {name for name, check in checks.items() if check["needed"] and not check["passed"]}
-    assert failed == {"hidraw", "serial port /nowhere/ttyACM0"}
+    assert failed == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
     assert all(check["remedy"] for check in checks.values() if not check["passed"])
     assert 'KERNEL=="ttyACM0", TAG+="uaccess"' in checks["serial port /nowhere/ttyACM0"]["remedy"]
-    assert "CONFIG_HIDRAW" in checks["hidraw"]["remedy"]
+    assert "hidraw" in checks["hidapi"]["remedy"]
 
 
 def test_the_rule_is_printed_for_one_for_all_and_for_a_device_not_there(bench: Bench) -> None:

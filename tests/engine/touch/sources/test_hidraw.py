@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,13 +14,14 @@ from engine.touch.sources import LIFT_ALL, Source
 from engine.touch.sources.hid_discovery import (
     RULE_FILE,
     find_digitizers,
+    load_hid_system,
     parse_number,
     refusal,
     select_digitizer,
 )
 from engine.touch.sources.hidraw import Connection, HidrawSource, read_descriptor
 from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
-from tests.engine.touch.sources.fake_hid import DESCRIPTOR, RING, FakeMachine, touch_report
+from tests.engine.touch.sources.fake_hid import DESCRIPTOR, MODE, RING, FakeMachine, touch_report
 
 MS = 1_000_000
 NUMBER = "04f3:200a"
@@ -35,25 +37,35 @@ def machine(tmp_path: Path) -> Iterator[FakeMachine]:
 # ---- finding ---------------------------------------------------------------------------------------------
 
 
+def test_the_module_hidraw_comes_before_the_libusb_one_and_without_both_the_remedy_is_named() -> None:
+    def import_module(name: str) -> object:
+        if name not in installed:
+            raise ImportError(name)
+        return SimpleNamespace()
+
+    installed = {"hidraw", "hid"}
+    assert load_hid_system(import_module).backend == "hidraw"
+    installed.remove("hidraw")
+    assert load_hid_system(import_module).backend == "hid"
+    installed.clear()
+    with pytest.raises(DigitizerError, match="pip install hidapi"):
+        load_hid_system(import_module)
+
+
 def test_a_device_of_several_collections_is_found_once_and_other_devices_never(machine: FakeMachine) -> None:
-    assert find_digitizers(machine.system()) == ()
-    mouse, pen = bytes.fromhex("05 01 09 02 a1 01 c0"), bytes.fromhex("05 0d 09 02 a1 01 c0")
-    touch = machine.plug("hidraw0", descriptor=mouse + DESCRIPTOR + application(finger(), usage=TOUCH_PAD, report_id=9))
-    machine.plug("hidraw1", descriptor=mouse + pen)
-    machine.plug("hidraw2", descriptor=b"")
+    touch = machine.plug("hidraw0", usages=((0x0D, 0x04), (0x0D, 0x05), (0x01, 0x02)))
+    machine.plug("hidraw1", usages=((0x01, 0x06), (0x0D, 0x02), (0xFF00, 0x04)))
     assert [device.path for device in find_digitizers(machine.system())] == [touch.path]
 
 
-@pytest.mark.parametrize(
-    ("hid_id", "number", "bus"),
-    [("0018:000004F3:0000200A", NUMBER, 0x18), ("", "0000:0000", 0), ("what?", "0000:0000", 0)],
-)
-def test_a_device_is_described_as_the_kernel_knows_it(machine: FakeMachine, hid_id: str, number: str, bus: int) -> None:
-    machine.plug(hid_id=hid_id, serial_number="A1", product_string="ELAN ELAN Touch Bar")
-    (machine.folder / "sys" / "hidraw0" / "bInterfaceNumber").write_text("01\n")
+@pytest.mark.parametrize(("hid_id", "bus"), [("0018:000004F3:0000200A", 0x18), ("", 0x05), ("what?", 0x05)])
+def test_what_hidapi_says_of_a_device_is_passed_on_but_the_bus_that_the_kernel_knows_better(
+    machine: FakeMachine, hid_id: str, bus: int
+) -> None:
+    machine.plug(bus_type=2, hid_id=hid_id, serial_number=" A1 ")
     (device,) = find_digitizers(machine.system())
-    assert (device.name, device.number, device.serial_number, device.bus) == ("ELAN Touch Bar", number, "A1", bus)
-    assert (device.port, device.interface_number) == ("usb-0000:00:14.0-6/input0", 1)
+    assert (device.name, device.number, device.serial_number, device.bus) == ("Touch Bar", NUMBER, "A1", bus)
+    assert device.port == "usb-0000:00:14.0-6/input0"
 
 
 def test_a_digitizer_is_chosen_by_any_of_its_names_and_one_for_two_or_none_is_refused_with_the_choice(
@@ -234,20 +246,47 @@ def test_a_full_ring_is_an_overflow_that_releases_everything(
     assert source.clock_time_ns(source.source_time_ns(1009 * MS)) == 1009 * MS
 
 
-# ---- surfaces --------------------------------------------------------------------------------------------
+# ---- through hidapi --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "report_id"), [(NUMBER, None), (f"{NUMBER}#01", 1), (f"{NUMBER}#0C", 12)])
-def test_a_surface_is_chosen_by_its_report_also_after_a_replug(
-    machine: FakeMachine, name: str, report_id: int | None
+def test_hidapi_is_asked_again_and_again_where_nothing_can_be_waited_on(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source = machine.open(NUMBER, "hid")
+    assert (source.fileno(), source.next_time_ns()) == (None, 0)
+    device.queue.append(touch_report((1, 5, True)))
+    assert source.read(3 * MS) == touch_report((1, 5, True))
+    assert source.read(3 * MS) is None
+    assert source.next_time_ns() == 5 * MS
+    machine.unplug(device)
+    assert source.read(5 * MS) == LIFT_ALL
+    assert source.state is Connection.LOST
+
+
+@pytest.mark.parametrize(("backend", "answers", "failed"), [("hidraw", 3, 0), ("hid", 3, 0), ("hid", 0, 2)])
+def test_features_are_sent_where_the_kernel_does_not_also_to_a_device_that_answers_none(
+    machine: FakeMachine, backend: str, answers: int, failed: int
 ) -> None:
-    device = machine.plug(descriptor=DESCRIPTOR + application(finger(), usage=TOUCH_PAD, report_id=0x0C))
-    source = machine.open(name)
+    features = ((2, b"\x02\x05"), (0x11, b"\x11" + bytes(256)), (7, b"\x07\x00"))
+    device = machine.plug(features=dict(features[:answers]))
+    assert machine.open(NUMBER, backend).counters.failed_features == failed
+    assert device.asked_features == ([2, 0x11, 7] if backend == "hid" else [])
+    assert device.sent_features == ([b"\x07\x02"] if backend == "hid" else [])
+
+
+@pytest.mark.parametrize(("name", "mode"), [(NUMBER, 2), (f"{NUMBER}#01", 2), (f"{NUMBER}#0C", 3)])
+def test_only_the_mode_of_the_surface_is_set_which_may_be_chosen_by_its_report(
+    machine: FakeMachine, name: str, mode: int
+) -> None:
+    pad = application(finger(), usage=TOUCH_PAD, report_id=0x0C)
+    device = machine.plug(descriptor=DESCRIPTOR[: -len(MODE)] + pad + MODE)
+    source = machine.open(name, "hid")
+    assert device.sent_features == [bytes([7, mode])]
     machine.unplug(device)
     assert source.read(0) == LIFT_ALL
-    machine.plug("hidraw1", descriptor=device.descriptor)
+    device = machine.plug("hidraw1", descriptor=device.descriptor)
     source.read(1000 * MS)
-    assert source.report_id == source.device.report_id == report_id
+    assert device.sent_features == [bytes([7, mode])]
+    assert source.report_id == source.device.report_id == (None if name == NUMBER else int(name[-2:], 16))
     with pytest.raises(DigitizerError, match="'xy' is no report ID"):
         machine.open(f"{NUMBER}#xy")
 
@@ -259,19 +298,27 @@ def test_no_permission_prints_where_the_rule_goes_and_it_names_the_device_as_the
     machine: FakeMachine,
 ) -> None:
     machine.plug()
-    said = str(refusal(find_digitizers(machine.system())[0], PermissionError(13, "Permission denied")))
+    system = machine.system()
+    said = str(refusal(system, find_digitizers(system)[0], PermissionError(13, "Permission denied")))
     assert RULE_FILE in said
     assert 'SUBSYSTEM=="hidraw", KERNELS=="*:04F3:200A.*", TAG+="uaccess"' in said
     assert (parse_number("04F3:200a"), parse_number("/dev/hidraw0")) == ((0x04F3, 0x200A), None)
 
 
-def test_a_node_that_cannot_be_opened_or_is_gone_again_says_what_to_do(machine: FakeMachine) -> None:
-    device = machine.plug()
-    (found,) = find_digitizers(machine.system())
-    Path(device.path).rename(device.path + "-away")
-    with pytest.raises(DigitizerError, match=r"No such file.*other programs"):
-        machine.open(NUMBER)
-    Path(device.path + "-away").rename(device.path)
+def test_a_device_kept_by_the_system_and_a_node_that_is_gone_again_say_what_to_do(machine: FakeMachine) -> None:
+    machine.plug(open_error="busy")
+    with pytest.raises(DigitizerError, match=r"busy.*other programs"):
+        machine.open(NUMBER, "hid")
+    (device,) = find_digitizers(machine.system())
     machine.close()
     with pytest.raises(DigitizerError, match="plug it in again"):
-        HidrawSource(machine.system(), found)
+        HidrawSource(machine.system(), device)
+
+
+def test_a_system_that_cannot_list_says_so(machine: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise OSError("udev is not there")
+
+    monkeypatch.setattr(machine, "enumerate", refuse)
+    with pytest.raises(DigitizerError, match="udev is not there"):
+        find_digitizers(machine.system())
