@@ -65,14 +65,6 @@ class Placement:
         """
         return cls.on(device, _positions_m(device, felt), _positions_m(device, quiet))
 
-    @classmethod
-    def in_zones(cls, device: "Device", states: Sequence[ZoneState]) -> "Placement":
-        """A finger in the middle of every zone that is not free."""
-        touched = [
-            (zone, state) for zone, state in zip(device.zones, states, strict=True) if state is not ZoneState.FREE
-        ]
-        return cls(tuple(zone.middle_m for zone, _ in touched), tuple(state is ZoneState.FELT for _, state in touched))
-
     def zone_states(self, device: "Device") -> tuple[ZoneState, ...]:
         """State of every zone: FELT where one of its fingers feels, else QUIET where one rests."""
         edges, states = zone_finder(device), [ZoneState.FREE] * len(device.zones)

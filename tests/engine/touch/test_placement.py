@@ -22,9 +22,8 @@ def test_fingers_are_in_the_order_of_the_bar_each_with_its_role() -> None:
 
 
 def test_a_zone_stands_for_its_middle() -> None:
-    states = (ZoneState.QUIET, ZoneState.FREE, ZoneState.FELT, ZoneState.FREE, ZoneState.FREE)
     first, third = DEVICE.zones[0], DEVICE.zones[2]
-    assert Placement.in_zones(DEVICE, states) == Placement.on(
+    assert Placement.named(DEVICE, [third.name], [first.name]) == Placement.on(
         DEVICE, [(third.start_m + third.stop_m) / 2], [(first.start_m + first.stop_m) / 2]
     )
 
