@@ -277,7 +277,7 @@ def fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 1.0 and is_kept(picture))
     rig.choose(is_loaded=False)
     freed_s = rig.until(lambda picture: not picture.is_loaded).time_s
-    free = rig.until(lambda picture: picture.time_s > freed_s + 3.0)
+    free = rig.until(lambda picture: picture.time_s > freed_s + 1.5)
     assert free.made[0].simulated_db is not None and loaded.made[0].simulated_db is not None
     assert abs(free.made[0].simulated_db - loaded.made[0].simulated_db) > 0.5
 
