@@ -15,7 +15,7 @@ from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.fleet.test_fleet_run import BROKEN, assert_complete, write_broken
 from tests.tactable.cli.in_process import run_here
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.machine(stall_s=None)
 
 BIN = Path(sys.executable).parent
 GOOD = 6

@@ -113,7 +113,7 @@ def test_an_interrupted_build_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_the_cost_is_of_what_was_solved_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Counts do not depend on the number of workers; processor time of workers counts; what is taken over is free."""
     monkeypatch.setattr("precompute.clicks.tabulated._PAYS", 1)  # these clicks alone would start no worker

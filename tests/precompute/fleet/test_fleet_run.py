@@ -149,7 +149,7 @@ def test_whatever_decides_a_table_decides_whether_it_is_kept(tmp_path: Path) -> 
     assert make_job(unit, OPTIONS, tmp_path / "elsewhere", "later").key == make_job(unit, OPTIONS, tmp_path, "").key
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     bars, out = tmp_path / "bars", tmp_path / "out"

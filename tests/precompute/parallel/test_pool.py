@@ -149,7 +149,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) -> None:
     script = tmp_path / "sleepers.py"
     script.write_text(SCRIPT)
@@ -180,7 +180,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_worker_in_a_kernel_does_not_outlive_a_killed_process(tmp_path: Path) -> None:
     script, computing = tmp_path / "kernel.py", tmp_path / "computing"
     script.write_text(KERNEL)

@@ -26,7 +26,7 @@ def test_clicks_of_every_case_are_timed_and_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "growth.png").stat().st_size > 1000
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_clicks_are_timed_in_a_process_of_their_own_and_shared_among_workers() -> None:
     (row,) = measure_clicks(COARSE, CHEAP, [("fingers", 1)], 2)
     assert (row["series"], row["value"]) == ("fingers", 1)

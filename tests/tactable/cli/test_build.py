@@ -49,7 +49,7 @@ def test_rolled_back_is_the_table_before_unless_that_is_damaged(tmp_path: Path) 
     assert path.read_bytes() == before
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")

@@ -140,14 +140,14 @@ def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, 
 def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware_says_when_it_had_a_command(
     table: Path, tmp_path: Path
 ) -> None:
-    words = (str(table), "--rounds", "1", *GENTLE)
+    words = (str(table), "--rounds", "1", "--no-echo", "--realtime", "collector")
     recorded = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
     document = report(tmp_path / "recorded", *words, *recorded)
     (condition,) = document["conditions"]
     assert (condition["reports_sent"], condition["reports_lost"]) == (700, 0)
     assert document["in_process"][-1]["reports"] == 692
     assert "SIMULATED" in (tmp_path / "recorded" / "report.md").read_text(encoding="utf-8")
-    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations", "--no-echo")
+    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations")
     document = report(tmp_path / "terminal", *words, *over)
     (condition,) = document["conditions"]
     assert condition["stages"]["line"]["count"] >= 0.9 * condition["commands"]
