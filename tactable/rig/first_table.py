@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.best_rows import BestRows, write_best_rows
+from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.click_grid import Clicks
 from engine.table.netcdf_file import TableWriter
@@ -94,16 +94,13 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
             }
         )
         write_receptances(writer, receptances, device)
-        if has_rows and (rows := _best_rows(device)):
-            write_best_rows(writer, rows, device)
+        if has_rows:
+            from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
+
+            if rows := find_best_rows(device):
+                write_best_rows(writer, rows, device)
         if clicks is not None:
             write_clicks(writer, clicks, device)
-
-
-def _best_rows(device: Device) -> BestRows:
-    from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
-
-    return find_best_rows(device)
 
 
 def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:

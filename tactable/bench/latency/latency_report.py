@@ -140,13 +140,13 @@ def _measure_rounds(
 ) -> dict[Condition, list[Measured]]:
     """Every segment of every round by its condition, each under the background load of its part of the round."""
     measured: dict[Condition, list[Measured]] = {}
-    done = 0
+    done, count = 0, rounds * sum(len(plan.conditions(load)) for load in plan.loads)
     for number, load, conditions in plan.rounds(rounds):
         bench.measure_exchange()
         with background_load(load):
             for condition in conditions:
                 done += 1
-                on_progress(f"round {number + 1}: {done} of {rounds * plan.segments_a_round}: {condition.name}")
+                on_progress(f"round {number + 1}: {done} of {count}: {condition.name}")
                 measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
     bench.measure_exchange()
     return measured

@@ -1,27 +1,46 @@
 """Child process that compiles kernels for the page, then builds its tables: one with few places first.
 
-Kernels of clicks come first. A device without any table gets its first click with them, and the page solves the others
-as fingers ask for them. Then come those of steady drives, and those of builds.
+Numba compiles a kernel with a declared signature when its module is imported, and keeps it in a cache; later imports
+load it in milliseconds. So a process that must not wait imports none of these modules until this one has. Kernels of
+clicks come first, since steady drives can do without for a while (`engine.steady.plain_solver`), and no click can. They
+have no declared signature: the first click compiles them, and a device without any table gets it; the page solves the
+others as fingers ask for them. Then come those of steady drives, and those of builds.
 """
 
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from base.child import Parent
 from base.files import rename_durably
-from tactable.rig.first_table import early_options, write_first_table
-from tactable.rig.kernel_compiling import BUILDS, STEADY, SWEEP, compile_all, compile_for_clicks
+from tactable.rig.first_table import early_options, solve_first_click, write_first_table
 from tactable.rig.ready import early_path, open_cached
 from tactable.shipped import find_device
 
+STEADY = (
+    "engine.steady.forms",
+    "engine.steady.optimum",
+    "engine.steady.ascent",
+    "engine.steady.loading",
+    "engine.steady.drive_search",
+)
+"""What steady drives at any positions take."""
+SWEEP = ("precompute.model.band_solver", "precompute.model.gram", "precompute.sweep.sweep_kernels")
+"""What the rows of a sweep take, which zones play."""
+BUILDS = (
+    "precompute.sampling.bars",
+    "precompute.predict.rise_time",
+)
+"""What builds take beside that."""
+_FIRST_CLICK = "the first click"
+_ALL = (_FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)
 _HEAD_START_S = 3.0
 """The page changes over to the table with the first click in this time, and starts what solves the others."""
 
@@ -42,16 +61,17 @@ def build(order: BuildOrder, parent: Parent) -> None:
     Says {"step", "fraction"} as it goes on, {"compiled": true} once those that play takes are, and {"usable": path} for
     each usable table.
     """
-    device, early, say = find_device(order.device), early_path(order.path), partial(_say_module, parent)
-    clicks = compile_for_clicks(say, device)
+    device, early = find_device(order.device), early_path(order.path)
+    _say_module(parent, _FIRST_CLICK)
+    clicks = solve_first_click(device)
     found = open_cached(device, order.path)
     if found is None:
         write_first_table(device, order.first, clicks)
         parent.say({"usable": str(order.first)})
         time.sleep(_HEAD_START_S)
-    compile_all((*STEADY, *SWEEP), say)
+    _compile(parent, (*STEADY, *SWEEP))
     parent.say({"compiled": True})
-    compile_all(BUILDS, say)
+    _compile(parent, BUILDS)
     if found is not None and found.path == order.path:
         parent.say({"usable": str(order.path)})
         return
@@ -71,8 +91,16 @@ def build(order: BuildOrder, parent: Parent) -> None:
     parent.say({"usable": str(order.path)})
 
 
-def _say_module(parent: Parent, module: str, number: int, count: int) -> None:
-    parent.say({"step": f"compiling {module}, {number} of {count}", "fraction": (number - 1) / count})
+def _compile(parent: Parent, modules: Sequence[str]) -> None:
+    """Compile the kernels of these modules, of the lists above."""
+    for module in modules:
+        _say_module(parent, module)
+        import_module(module)
+
+
+def _say_module(parent: Parent, module: str) -> None:
+    before, count = _ALL.index(module), len(_ALL)
+    parent.say({"step": f"compiling {module}, {before + 1} of {count}", "fraction": before / count})
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Page:
     monkeypatch.setattr(os, "nice", lambda _: 0)
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(time, "sleep", lambda _: None)
-    for name in ("compile_for_clicks", "compile_all", "write_first_table"):
+    for name in ("solve_first_click", "_compile", "write_first_table"):
         monkeypatch.setattr(build_process, name, lambda *_: None)
     return Page()
 

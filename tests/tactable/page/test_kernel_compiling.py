@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.rig.kernel_compiling import BUILDS, STEADY, SWEEP
+from tactable.page.processes.build_process import BUILDS, STEADY, SWEEP
 
 ROOT = Path(__file__).parents[3]
 PLAYS_FIRST = ("tactable.page.opening", "tactable.page.processes.engine_process", "tactable.rig.ready")
