@@ -7,3 +7,5 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Points = Array | Complex
+"""Points of a surface (engine.device.points): real on a bar, complex on a plate."""

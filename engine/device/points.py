@@ -6,23 +6,10 @@ way, and its magnitude a distance. A point of a bar is real; points of a plate a
 
 import math
 import re
-from collections.abc import Sequence
-from typing import Any, TypeVar
-
-import numpy as np
-
-from base.arrays import Array, Complex
-
-Points = Array | Complex
-_Scalar = TypeVar("_Scalar", bound=complex)
+from typing import Any
 
 _BETWEEN = " x "
 _WORDS = re.compile(r"(.+?)\s*[x×]\s*(.+)")  # noqa: RUF001  # as people type it, and as it is printed
-
-
-def points_of(points: Sequence[complex]) -> Any:
-    """An array (point,): real where all points are those of a bar."""
-    return np.array(points, dtype=np.complex128 if any(isinstance(each, complex) for each in points) else np.float64)
 
 
 def is_within(point: complex, corner_m: complex, beyond_m: float = 0.0) -> bool:
@@ -33,6 +20,8 @@ def is_within(point: complex, corner_m: complex, beyond_m: float = 0.0) -> bool:
 
 def clip_points(points: Any, corner_m: complex) -> Any:
     """The nearest points on the surface that reaches from 0 to `corner_m`, of one point or an array of them."""
+    import numpy as np  # it takes 0.1 s, which who lists devices does not wait for
+
     x = np.clip(np.real(points), 0.0, corner_m.real)
     return x + 1j * np.clip(np.imag(points), 0.0, corner_m.imag) if isinstance(corner_m, complex) else x
 

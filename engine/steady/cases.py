@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from engine.device import Finger
-from engine.device.points import Points, clip_points
+from engine.device.points import clip_points
 
 Array = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from base.compiled import njit
 from engine.device import Device, Threshold
-from engine.device.points import Points
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import compute_basis

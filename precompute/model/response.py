@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from engine.device import Actuator
-from engine.device.points import Points
 from precompute.model.plant import Plant, Sampler
 from precompute.model.transfers import transfers_at
 
