@@ -62,7 +62,7 @@ def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
     Code that is older than a source counts as none. A build compiles at its end and a run at its start, so that neither
     a run nor a touch waits without a word.
     """
-    name = "search.find_drive-*.nbi"
+    name = "drive_search.find_drive-*.nbi"
     folder = os.environ.get(_VARIABLE)
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
     beside = _SOLVER / "__pycache__"
