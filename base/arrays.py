@@ -8,4 +8,4 @@ Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Points = Array | Complex
-"""Points of a surface (engine.device.points): real on a bar, complex on a plate."""
+"""Points of a surface (base.points): real on a bar, complex on a plate."""

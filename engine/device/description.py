@@ -7,10 +7,10 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from base.points import point_text
 from engine.device.actuator_transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
 from engine.device.electrodes import LINEARISERS, Electrodes
 from engine.device.parts import Actuator, DeviceError, Limits, Spread, Surface, Sweep
-from engine.device.points import point_text
 from engine.device.quantity import QuantityError, read_angle_rad, read_quantity
 from engine.device.toml_table import TomlTable
 

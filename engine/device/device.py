@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from base.points import point_text
 from engine.device.description import (
     DeviceTable,
     check_bands,
@@ -36,7 +37,6 @@ from engine.device.parts import (
     Uncertainty,
     Zone,
 )
-from engine.device.points import point_text
 from engine.device.surface_description import read_surface, read_touch_axis, read_zones
 from engine.device.texts import text_with_values
 from engine.device.threshold import DEFAULT, Threshold, read_threshold, shipped_threshold

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
+from base.points import point_text
 from engine.device.description import DeviceTable
 from engine.device.parts import Bar, Plate, Surface, Sweep, TouchAcross, TouchAxis, Zone
-from engine.device.points import point_text
 
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 CLICKS_TOP_HZ = 2000.0

@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from engine.device.points import point_words
+from base.points import point_words
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0  # 1.5 g is 33 to 41 dB (docs/theory.md); 80 dB is a hundred times that, beyond any bar

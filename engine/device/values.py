@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
+from base.points import point_text
 from engine.device.device import Device
 from engine.device.parts import DeviceError, Uncertainty
-from engine.device.points import point_text
 from engine.device.quantity import quantity_text
 
 Value = int | float | complex | str | None

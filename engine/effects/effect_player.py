@@ -49,7 +49,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from engine.device.points import clip_points, is_within
+from base.points import clip_points, is_within
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_play import Play
 from engine.effects.rules import Effects, Rule, Trigger, changed_level

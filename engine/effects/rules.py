@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from base.errors import TactableError
-from engine.device.points import is_within
+from base.points import is_within
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
@@ -76,7 +76,7 @@ class Rule:
     zones: frozenset[int] | None = None
     """Indices of the zones; None: any."""
     region_m: tuple[complex, complex] | None = None
-    """First and last corner, both included (engine.device.points); None: anywhere."""
+    """First and last corner, both included (base.points); None: anywhere."""
     after_ns: int = 0
     """How long a finger rests before a HOLD."""
     every_m: float = 0.0

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from base.errors import TactableError
-from engine.device.points import point_of, sides_of
+from base.points import point_of, sides_of
 from engine.loop.command_latency import Stamps
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.touch import Placement, Touch

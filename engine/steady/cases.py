@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Points
+from base.points import clip_points
 from engine.device import Finger
-from engine.device.points import clip_points
 
 Array = NDArray[np.float64]
 

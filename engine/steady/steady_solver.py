@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.errors import TactableError
+from base.points import is_within, point_text
 from engine.device import Device
-from engine.device.points import is_within, point_text
 from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
 from engine.steady.drive_search import find_drive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers

@@ -15,7 +15,7 @@ from bisect import bisect_right
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from engine.device.points import is_within
+from base.points import is_within
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
 
@@ -45,7 +45,7 @@ class Touch(NamedTuple):
 
     contact_id: int
     position_m: complex
-    """Real on a bar (engine.device.points)."""
+    """Real on a bar (base.points)."""
     zone: int | None
     is_palm: bool = False
 

@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from base.errors import TactableError
-from engine.device.points import is_within, order_of, point_text, point_words
+from base.points import is_within, order_of, point_text, point_words
 from engine.touch.finger_tracker import ZoneState, zone_finder
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class PlacementError(TactableError, ValueError):
 
 @dataclass(frozen=True)
 class Placement:
-    """Points of the fingers in metres (engine.device.points), rising along the surface, and whether each of them feels.
+    """Points of the fingers in metres (base.points), rising along the surface, and whether each of them feels.
 
     Fingers of a plate that lie at the same height along it rise across it.
     """

@@ -19,7 +19,7 @@ _ROUNDING = 1e-9
 class Places:
     """Places over a surface from edge to edge: at least two `along` it, and on a plate at least two `across`.
 
-    corner_m: the end of the bar, or the corner of the plate (engine.device.points). Rows follow one another.
+    corner_m: the end of the bar, or the corner of the plate (base.points). Rows follow one another.
     """
 
     corner_m: complex

@@ -14,8 +14,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from base.points import json_of
 from engine.device import Device
-from engine.device.points import json_of
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
 from precompute.clicks.of_table import read_click_options

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from base.arrays import Points
+from base.points import clip_points
 from engine.device import Device, Finger
-from engine.device.points import clip_points
 from precompute.sampling.devices import sample_devices
 
 Array = NDArray[np.float64]

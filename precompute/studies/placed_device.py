@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import tomlkit
 
+from base.points import order_of
 from engine.device import Device
-from engine.device.points import order_of
 from precompute.studies.placement_search import with_actuators_at
 
 

@@ -15,8 +15,8 @@ from math import comb
 import numpy as np
 
 from base.arrays import Array
+from base.points import order_of
 from engine.device import Device
-from engine.device.points import order_of
 from precompute.parallel.pool import WorkerPool
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from base.arrays import Array
+from base.points import order_of
 from engine.device import Device, Zone
-from engine.device.points import order_of
 from engine.device.surface_description import ROMAN
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import WorkerPool

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from base.errors import TactableError
-from engine.device.points import point_text
+from base.points import point_text
 from tactable.control.requests import DEFAULT_LEASE_S, VERSION
 
 _READ_BYTES = 1 << 16

@@ -21,8 +21,8 @@ import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
+from base.points import json_of
 from engine.device import Device
-from engine.device.points import json_of
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.program_scene import Scene
 from tactable.control.requests import (

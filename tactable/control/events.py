@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from engine.device.points import json_of
+from base.points import json_of
 from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.render.link_commands import RendererError

@@ -6,7 +6,7 @@ quiet fingers, the effects that it defined, and its regions but for those that s
 defines an effect anew takes it over. A region keeps the effects that it was set with, whatever becomes of their names.
 """
 
-from engine.device.points import is_within
+from base.points import is_within
 from engine.effects.control_step import SceneSettings
 from engine.effects.rules import Effect
 from tactable.control.requests import ControlError, Region

@@ -22,7 +22,7 @@ from dataclasses import replace
 from typing import Any
 
 from base.errors import TactableError
-from engine.device.points import json_of, point_of_json
+from base.points import json_of, point_of_json
 from engine.effects.control_step import ControlStep, Role, SceneSettings, TriggeredEffect
 from engine.effects.rules import Effect, Rule, Segment, Trigger
 from tactable.control.program_scene import Scene

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from base.plain import to_plain
+from base.points import is_within
 from engine.device import Device
-from engine.device.points import is_within
 from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table

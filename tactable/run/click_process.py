@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from base.child import Child, ChildError, Parent, decode_line
+from base.points import json_of, point_of_json
 from base.printable import write_note
 from engine.device import Device
-from engine.device.points import json_of, point_of_json
 from engine.table import ClickEntry, Table, TableError
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis

@@ -3,7 +3,7 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from engine.device.points import order_of
+from base.points import order_of
 from engine.touch import Placement
 from engine.touch.places import Places
 
