@@ -16,7 +16,7 @@ poles is the least that reaches the points; noisy points are never reached, and 
 Points that no causal actuator has, such as those whose phases have the wrong sign, leave a large miss, or are reached
 only by a function that grows beyond all bounds beside them. Both are refused when the device file is read.
 
-The engine only reads and checks it: a table's receptances and clicks hold it already, and limits are the command's.
+The engine only reads and checks it: a table's modes and clicks hold it already, and limits are the command's.
 """
 
 from dataclasses import dataclass

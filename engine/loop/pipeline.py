@@ -8,7 +8,7 @@ The journey of one touch:
 3. `EffectPlayer.take_touches` follows the rules: which fingers are to feel and which are to rest, where each of them
    is, at which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
-   or a steady drive as a SET: solved from the table's receptances for the fingers' own positions, or looked up among
+   or a steady drive as a SET: solved from the table's modes for the fingers' own positions, or looked up among
    the rows of its sweep for their zones, as the rules say. The `Answerer`
    asks for it: a drive that follows a finger keeps its frequency where it can, and a click that no table holds is
    solved beside the loop and awaited, until `learn` brings it.

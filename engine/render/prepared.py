@@ -68,7 +68,7 @@ def render_table(
             raise RendererError(f"{table.path}: drives of zones: {table.no_row_text(())}")
         steady = ZoneDrives(device, capabilities, table.best_rows, refuses, fit.scales)
     else:
-        steady = SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales, has_kernels=has_kernels)
+        steady = SteadyDrives(device, capabilities, table.modes, refuses, fit.scales, has_kernels=has_kernels)
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,

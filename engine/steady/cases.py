@@ -63,6 +63,11 @@ def sample_deviations(fingers: int, cases: int, axes: int = 1) -> Deviations:
     return Deviations(offset=offset, exponent=every[:, :, axes:])
 
 
+def axes_of(corner_m: complex) -> int:
+    """Axes along which places vary on the surface that reaches from 0 to `corner_m`."""
+    return 1 + isinstance(corner_m, complex)
+
+
 def cases_at(position_m: Points, deviations: Deviations, finger: Finger, corner_m: complex) -> FingerCases:
     """The cases of fingers at points (finger,), kept on the surface that reaches from 0 to `corner_m`."""
     rank = np.argsort(np.argsort(position_m, kind="stable"), kind="stable")

@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Objective, cases of fingers and the rule of the level are those of engine.steady.steady_solver, which needs compiled
-kernels. This solver looks at the frequencies of the receptances only, and not between them. At each of them it takes
+kernels. This solver looks at the frequencies of the search only, and not between them. At each of them it takes
 the drive of the greatest ratio of two quadratic forms, a generalised eigenvector; several felt or quiet fingers are
 weighted against each other in a few rounds, the weakest felt and the strongest quiet one more each time. Where that
 drive is too soft for the wanted level, a part of the squared amplitude is added to the form below the fraction: the
@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.steady.cases import FingerCases, cases_at, sample_deviations
+from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.modes import Modes, energy_points, held_zones
 from engine.steady.plain_loading import PlainLoading
-from engine.steady.receptances import Receptances
 from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
 
@@ -42,14 +42,15 @@ _TOLERANCE_DB = 1e-3  # LEVEL_TOLERANCE_DB of steady_solver.py, which imports ke
 class PlainSolver:
     """Solves placements on one device, as engine.steady.steady_solver.SteadySolver does, without a compiled kernel."""
 
-    def __init__(self, device: Device, receptances: Receptances) -> None:
-        self.device, self._pitch_m = device, receptances.pitch_m
-        self._frequency_hz = hz = receptances.frequency_hz
-        self._place_m = receptances.place_m
+    def __init__(self, device: Device, modes: Modes) -> None:
+        self.device = device
+        self._frequency_hz = hz = modes.frequency_hz
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz
         self._usable = (hz >= low_hz[:, None] - slack_hz) & (hz <= high_hz[:, None] + slack_hz)
-        self._loading = PlainLoading(receptances)
+        self._loading = PlainLoading(modes)
+        self._points_m, self._share = energy_points(device)
+        self._untouched = self._loading.untouched(self._points_m).swapaxes(0, 1) * self._usable.T[:, None]
 
     def prepare(self) -> None:
         """Nothing: there is nothing to load."""
@@ -61,13 +62,14 @@ class PlainSolver:
         level_db: float,
         held_hz: float | None = None,  # noqa: ARG002  # the frequency may jump where a finger moves
     ) -> SteadyDrive:
-        """A drive for fingers at these positions on the bar, at least one of them `felt`, at a level over threshold.
+        """A drive for fingers at these points, at least one of them `felt`, at a level over threshold.
 
         level_db: in dB; an infinite level asks for the loudest drive.
         """
-        position_m, is_felt = np.array(positions_m, dtype=np.float64), np.array(felt, dtype=np.bool_)
-        limit, device = self.device.limits.amplitude, self.device
-        cases = cases_at(position_m, _deviations(len(position_m), _CASES), device.finger, device.bar.length_m)
+        position_m, is_felt = np.array(positions_m), np.array(felt, dtype=np.bool_)
+        limit, corner_m = self.device.limits.amplitude, self.device.surface.corner_m
+        deviations = _deviations(len(position_m), _CASES, axes_of(corner_m))
+        cases = cases_at(position_m, deviations, self.device.finger, corner_m)
         loaded = self._loading.loaded(cases) * self._usable.T[:, None]
         rows = loaded[0][:, is_felt]
         index, amplitude, value, objective = -1, np.zeros(loaded.shape[3], dtype=np.complex128), 0.0, "level"
@@ -102,22 +104,11 @@ class PlainSolver:
         if not is_felt.all():
             power = _squares(loaded[1:]).mean(axis=0).swapaxes(0, 1)
             return power[is_felt], power[~is_felt]
-        pushed = self._loading.to_places(cases.position_m[0]) * self._loading.impedance(cases)[0][:, None]
-        untouched = (self._loading.drive * self._usable).transpose(2, 0, 1)
-        power = _squares(untouched - pushed @ loaded[0])
-        whole = np.full(len(self._place_m), self._pitch_m)
-        return tuple(np.einsum("p,kpab->kab", part, power)[None] for part in (self._held(cases.position_m[0]), whole))
-
-    def _held(self, position_m: Array) -> Array:
-        """How much of the bar each place (place,) stands for within the zones that hold fingers, in metres."""
-        half_m, zones = self._pitch_m / 2, self.device.zones
-        distance_m = [[abs(at_m - (z.start_m + z.stop_m) / 2) - z.length_m / 2 for z in zones] for at_m in position_m]
-        found = np.zeros(len(self._place_m))
-        for zone in {int(nearest) for nearest in np.argmin(distance_m, axis=1)}:
-            start_m, stop_m = self._place_m - half_m, self._place_m + half_m
-            shared_m = np.minimum(stop_m, zones[zone].stop_m) - np.maximum(start_m, zones[zone].start_m)
-            found += np.maximum(shared_m, 0.0)
-        return found
+        standard = cases.position_m[0]
+        pushed = self._loading.receptances(self._points_m, standard) * self._loading.impedance(cases)[0][:, None]
+        power = _squares(self._untouched - pushed @ loaded[0])
+        held = self._share[held_zones(self.device, standard)].sum(axis=0)
+        return tuple(np.einsum("p,kpab->kab", part, power)[None] for part in (held, self._share[-1]))
 
 
 def _squares(response: Complex) -> Complex:

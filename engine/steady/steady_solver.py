@@ -1,8 +1,8 @@
-"""Steady drives for fingers at any positions, solved from the receptances of the untouched bar when fingers come.
+"""Steady drives for fingers at any positions, solved from the modes of the untouched surface when fingers come.
 
 Theory of operation
 -------------------
-Each solve puts the fingers on the bar (engine.steady.loading): the standard finger, by which levels are stated, and
+Each solve puts the fingers on the surface (engine.steady.loading): the standard finger, by which levels are stated, and
 a few sampled cases of every finger's stiffness, damping, mass and exact position. It then maximises the expected
 contrast, the weakest felt over the strongest quiet finger, each power averaged over the sampled cases, above the
 wanted level of the standard felt fingers and within the amplitude limit (engine.steady.drive_search). With nothing
@@ -21,24 +21,26 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
-from engine.steady.cases import Deviations, FingerCases, cases_at, sample_deviations
+from engine.steady.cases import TOLERANCE_M, FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.condensed import CondensedModes
 from engine.steady.drive_search import find_drive
-from engine.steady.loading import fill_energies, fill_loaded, fill_powers
-from engine.steady.receptances import Receptances
+from engine.steady.loading import fill_energies, fill_loaded, fill_powers, fill_shapes
+from engine.steady.modes import Modes, energy_points, held_zones
 from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Complex32 = NDArray[np.complex64]
 
 _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3
 """The same as in engine.table.levels; this package needs no table."""
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
+_FLAT = 1e-9  # a smaller singular value is rounding: bars have no y
 _ALL = -1
 """Stands in place of the index of a frequency where all are searched."""
 JUMP_HZ, FOLLOWED_HZ = 2.0, 8.0
@@ -56,23 +58,20 @@ class SteadyError(TactableError, ValueError):
 class SteadySolver:
     """Solves placements on one device, one at a time: its buffers are its own, so threads need a solver each."""
 
-    def __init__(self, device: Device, receptances: Receptances) -> None:
-        self.device, self.frequency_hz, self.pitch_m = device, receptances.frequency_hz, receptances.pitch_m
-        self._places = len(receptances.place_m)
-        self._kept: dict[tuple[int, int], tuple[Single, Single]] = {}
-        hz = receptances.frequency_hz
-        omega = 2 * np.pi * hz
-        self._omega: Single = omega.astype(np.float32)
-        weight = omega**2 / receptances.threshold_m_per_s2
-        self._drive = _split(receptances.drive * weight.astype(np.float32))
-        self._point = _split(receptances.point)
+    def __init__(self, device: Device, modes: Modes) -> None:
+        self.device, self.frequency_hz, hz = device, modes.frequency_hz, modes.frequency_hz
+        self._kept: dict[tuple[int, ...], list[Single]] = {}
+        self._omega: Single = (2 * np.pi * hz).astype(np.float32)
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz[:, None]
         self._usable = np.ascontiguousarray((hz[:, None] >= low_hz - slack_hz) & (hz[:, None] <= high_hz + slack_hz))
-        self._middle_m = np.array([zone.middle_m for zone in device.zones])
-        self._half_m = np.array([zone.length_m / 2 for zone in device.zones])
-        self._of_zone = np.stack([self._integral(zone.start_m.real, zone.stop_m.real) for zone in device.zones])
-        self._of_bar = self._integral(0.0, device.bar.length_m)
+        self._condensed = condensed = CondensedModes(modes)
+        points_m, self._share = energy_points(device)
+        at, actuators = self._shapes(points_m), len(device.actuators)
+        functions = len(condensed.drive)
+        parts = -1, actuators, 2, len(hz)
+        self._field = tuple((at[:, :functions] @ each).reshape(parts) for each in (condensed.drive, condensed.damper))
+        self._at_points = np.ascontiguousarray(at[:, functions:])
 
     def prepare(self) -> None:
         """Load or compile the kernels and sample the cases, so that no later solve waits for that."""
@@ -92,32 +91,36 @@ class SteadySolver:
         """
         self._check(positions_m, felt, level_db)
         device = self.device
-        deviations = self._deviations(len(positions_m))
-        position_m = np.array(positions_m, dtype=np.float64)
-        return self.solve_cases(
-            cases_at(position_m, deviations, device.finger, device.bar.length_m), tuple(felt), level_db, held_hz
-        )
+        fingers, corner_m = len(positions_m), device.surface.corner_m
+        deviations = _deviations(fingers, _CASES if fingers <= _FEW_FINGERS else _FEW_CASES, axes_of(corner_m))
+        cases = cases_at(np.array(positions_m), deviations, device.finger, corner_m)
+        return self.solve_cases(cases, tuple(felt), level_db, held_hz)
 
     def solve_cases(
         self, cases: FingerCases, felt: tuple[bool, ...], level_db: float, held_hz: float | None = None
     ) -> SteadyDrive:
         """As `solve`, for given cases of the fingers."""
-        limit, pitch_m = self.device.limits.amplitude, self.pitch_m
+        limit, modes = self.device.limits.amplitude, self._condensed
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape
-        between, loaded = self._buffers(count, fingers)
-        fill_loaded(self._drive, self._point, self._omega, pitch_m, cases.position_m, impedance, between, loaded)
+        away = np.round((cases.position_m - cases.position_m[0]).T / TOLERANCE_M, 6).astype(np.complex128)
+        span = _span(away.tobytes(), fingers)
+        shape = self._shapes(cases.position_m).reshape(count, fingers, -1)
+        nodes, taken, between, loaded = self._buffers(count, fingers, span.shape[2])
+        field = modes.spread, modes.line, self._omega
+        fill_loaded(shape, span, modes.drive, modes.damper, *field, impedance, nodes, taken, between, loaded)
         is_felt = np.array(felt)
         felt_at = np.flatnonzero(is_felt)
         order = np.concatenate([felt_at, np.flatnonzero(~is_felt)])
-        actuators, lines = self._drive.shape[1], self._drive.shape[3]
+        actuators, lines = loaded.shape[2], loaded.shape[4]
         is_share, is_flat = len(felt_at) == fingers, False
         if is_share:
-            share = self._stretches(cases.position_m[0])
-            is_flat = bool(np.allclose(share[0], share[1], rtol=1e-9, atol=0.0))
+            held = held_zones(self.device, cases.position_m[0])
+            share = np.stack([self._share[held].sum(axis=0), self._share[-1]])
+            is_flat = bool(np.isclose(share[0].sum(), share[1].sum(), rtol=1e-9, atol=0.0))
             forms = np.empty((2, actuators**2, lines))
-            field = self._drive, self._point, self._omega, pitch_m, cases.position_m[0]
-            fill_energies(*field, impedance[:1], loaded[0], share, forms)
+            at = *self._field, self._at_points, shape[0], modes.damper
+            fill_energies(*at, *field, impedance[:1], loaded[0], share, forms)
         else:
             forms = np.empty((fingers, actuators**2, lines))
             fill_powers(loaded[1:], forms)
@@ -158,34 +161,26 @@ class SteadySolver:
             achieved=bool(np.isinf(level_db) or full_level_db >= level_db - LEVEL_TOLERANCE_DB),
         )
 
-    def _deviations(self, fingers: int) -> Deviations:
-        return _deviations(fingers, _CASES if fingers <= _FEW_FINGERS else _FEW_CASES)
+    def _shapes(self, points_m: Points) -> Single:
+        """Functions (point, function) at points."""
+        along, across = self._condensed.steps(points_m.ravel())
+        out = np.empty((len(along), self._condensed.grid.shape[2]), dtype=np.float32)
+        fill_shapes(along, across, self._condensed.grid, out)
+        return out
 
-    def _buffers(self, cases: int, fingers: int) -> tuple[Single, Single]:
-        """Space for receptances between fingers and for responses, kept: fresh pages cost more than what fills them."""
-        found = self._kept.get((cases, fingers))
+    def _buffers(self, cases: int, fingers: int, nodes: int) -> list[Single]:
+        """Space of `fill_loaded`, kept: fresh pages cost more than what fills them."""
+        found = self._kept.get((cases, fingers, nodes))
         if found is None:
-            _, actuators, parts, lines = self._drive.shape
-            between = np.empty((fingers, fingers, parts, lines), dtype=np.float32)
-            loaded = np.empty((cases, fingers, actuators, parts, lines), dtype=np.float32)
-            found = self._kept[cases, fingers] = between, loaded
+            each = len(self.device.actuators), 2, len(self.frequency_hz)
+            shapes = (
+                (2, fingers, nodes, int(np.prod(each))),
+                (fingers, *each),
+                (fingers, fingers, *each[1:]),
+                (cases, fingers, *each),
+            )
+            found = self._kept[cases, fingers, nodes] = [np.empty(shape, dtype=np.float32) for shape in shapes]
         return found
-
-    def _stretches(self, position_m: Array) -> Array:
-        """Weights (2, place) of power in the energy of the zones that hold the fingers, and of the bar."""
-        held = sorted({int(k) for k in (abs(position_m[:, None] - self._middle_m) - self._half_m).argmin(axis=1)})
-        return np.stack([self._of_zone[held].sum(axis=0), self._of_bar])
-
-    def _integral(self, start_m: float, stop_m: float) -> Array:
-        """Weights (place,) that integrate a function from its values at the places, cubic through four of them."""
-        places, pitch_m = self._places, self.pitch_m
-        weight = np.zeros(places)
-        for piece in range(places - 1):
-            low, high = max(start_m / pitch_m, piece), min(stop_m / pitch_m, piece + 1)
-            if high > low:
-                first = min(max(piece - 1, 0), places - 4)
-                weight[first : first + 4] += _cubic_integral(low - first, high - first)
-        return weight * pitch_m
 
     def _check(self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float) -> None:
         corner_m = self.device.surface.corner_m
@@ -209,15 +204,12 @@ def _value_of(objective: str, value: float, limit: float) -> float:
     return float(10 * np.log10(value)) + (20 * float(np.log10(limit)) if objective == "level" else 0.0)
 
 
-def _split(values: Complex32) -> Single:
-    """Real and imaginary parts (..., 2, frequency) of values (..., frequency)."""
-    return np.ascontiguousarray(np.stack([values.real, values.imag], axis=-2), dtype=np.float32)
-
-
-def _cubic_integral(low: float, high: float) -> Array:
-    """Integrals (4,) from low to high of the cubics that are 1 at one of 0, 1, 2, 3 and 0 at the others."""
-    node, half = np.arange(4.0), 0.5 * (high - low)
-    # Gauss's rule of two points is exact for cubics.
-    at = 0.5 * (low + high) + half / np.sqrt(3.0) * np.array([-1.0, 1.0])
-    values = [np.prod([(at - o) / (k - o) for o in node if o != k], axis=0).sum() for k in node]
-    return half * np.array(values)
+@lru_cache(maxsize=4 * MOST_FINGERS)  # away from edges, cases differ by the same
+def _span(away: bytes, fingers: int) -> Single:
+    """Orthonormal rows (finger, case, node) that span quadratic functions of what the cases' positions differ by."""
+    apart = np.frombuffer(away, dtype=np.complex128).reshape(fingers, -1)
+    x, y = apart.real, apart.imag
+    powers = np.stack([np.ones_like(x), x, x * x, y, x * y, y * y], axis=-1)
+    vectors, sizes, _ = np.linalg.svd(powers, full_matrices=False)
+    nodes = int((sizes > _FLAT * sizes[:, :1]).sum(axis=1).max())
+    return np.ascontiguousarray(vectors[:, :, :nodes], dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The table file: clicks, receptances, best rows and sweeps, read, written and compared."""
+"""The table file: clicks, modes, best rows and sweeps, read, written and compared."""
 
 from engine.table.click_entry import ClickEntry
 from engine.table.click_grid import Clicks

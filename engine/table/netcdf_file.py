@@ -25,7 +25,7 @@ from engine.table.history import remove_leftovers, replace_table
 from engine.table.spool import SpoolFile
 
 FORMAT = "tactable table"
-FORMAT_REVISION = 7  # tables/FORMAT.md; raise it when an older reader would misread
+FORMAT_REVISION = 8  # tables/FORMAT.md; raise it when an older reader would misread
 _READ_BYTES = 1 << 24  # 16 MiB at a time: tables of gigabytes are copied and checked in little memory
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"

@@ -88,13 +88,16 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("level combination actuator", "drive_phase"),
         **_arrays("level combination zone", "share", "peak_acceleration", "dead_spot"),
     },
-    "receptances": {
+    "modes": {
         **_labels("actuator", "part"),
         **_arrays("frequency", "frequency", least=1e-3, greatest=1e6),
         **_arrays("frequency", "threshold", least=1e-9, greatest=1e6),
-        **_arrays("place", "place"),
-        **_arrays("place actuator frequency part", "drive"),
-        **_arrays("pair frequency part", "point"),
+        **{name: ArrayKind((name,)) for name in ("along", "across")},
+        **_arrays("across along function", "shape"),
+        **_arrays("function actuator frequency part", "drive"),
+        **_arrays("mode", "natural_frequency", "damping", least=0, greatest=1e18),
+        **_arrays("mode actuator", "shape_at_actuator"),
+        **_arrays("actuator", "damper"),
     },
     "clicks": {
         **_labels("actuator", "spread"),

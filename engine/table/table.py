@@ -1,4 +1,4 @@
-"""An open table: its device, clicks by placement, receptances, best rows and sweep (tables/FORMAT.md)."""
+"""An open table: its device, clicks by placement, modes, best rows and sweep (tables/FORMAT.md)."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from engine.device import Device
-from engine.steady.receptances import Receptances
+from engine.steady.modes import Modes
 from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
 from engine.table.click_columns import read_clicks
 from engine.table.click_entry import ClickEntry
@@ -18,8 +18,8 @@ from engine.table.click_entry import played_at as click_played_at
 from engine.table.click_grid import Clicks
 from engine.table.error import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.table.mode_columns import read_modes
 from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
-from engine.table.receptance_columns import read_receptances
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement
@@ -33,7 +33,7 @@ __all__ = ["Table", "TableError"]
 
 
 class Table:
-    """An open table: its device, clicks, receptances and best rows, and views of the sweep for any zone combination.
+    """An open table: its device, clicks, modes and best rows, and views of the sweep for any zone combination.
 
     `Table.open` makes one. It is a context manager: the file is closed at its end, all but the sweep stays usable.
     `best_rows`: the rows of the sweep that zones play, none for a bar with one actuator. `clicks`: the tabulated ones,
@@ -44,7 +44,7 @@ class Table:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
-        self.device, self.best_rows, self.clicks, self._receptances = parts
+        self.device, self.best_rows, self.clicks, self._modes = parts
         self.fingerprint = str(self.attributes["device_fingerprint"])
 
     @classmethod
@@ -95,11 +95,11 @@ class Table:
         return bool(found)
 
     @property
-    def receptances(self) -> Receptances:
+    def modes(self) -> Modes:
         """What steady drives at any positions are solved from. Raises TableError where the table has none."""
-        if self._receptances is None:
-            raise TableError(f"{self.path}: has no receptances, as packed tables have none; build it")
-        return self._receptances
+        if self._modes is None:
+            raise TableError(f"{self.path}: has no modes, as packed tables have none; build it")
+        return self._modes
 
     @property
     def is_shipped(self) -> bool:
@@ -194,7 +194,7 @@ class Table:
     def _steady(self) -> "SteadySolver":
         from engine.steady.steady_solver import SteadySolver  # it brings a compiler, which few who open a table need
 
-        return SteadySolver(self.device, self.receptances)
+        return SteadySolver(self.device, self.modes)
 
     def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
         """Kinetic-energy share of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
@@ -235,7 +235,7 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
-_LiveParts = tuple[Device, BestRows, Clicks, Receptances | None]
+_LiveParts = tuple[Device, BestRows, Clicks, Modes | None]
 """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
 
@@ -256,9 +256,9 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:
             clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
         else:
             clicks = Clicks.of(Places.every(length_m, pitch_m), [])
-        is_packed = IS_SHIPPED in file.attrs and "receptances" not in groups
-        receptances = None if is_packed else read_receptances(groups["receptances"])
-        return device, rows, clicks, receptances
+        is_packed = IS_SHIPPED in file.attrs and "modes" not in groups
+        modes = None if is_packed else read_modes(groups["modes"], device)
+        return device, rows, clicks, modes
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

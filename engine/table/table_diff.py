@@ -17,7 +17,7 @@ from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
 # Value by value, or derived from such.
-_COMPARED = ("responses", "receptances", "sweep", "coherent_sweep", "best_rows", "clicks")
+_COMPARED = ("responses", "modes", "sweep", "coherent_sweep", "best_rows", "clicks")
 _INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", BestRow, ClickEntry)

@@ -1,6 +1,6 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has two parts: the responses of the bar with its receptances and sweeps, and the clicks. For each
+A table has two parts: the responses of the bar with its modes and sweeps, and the clicks. For each
 part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
 part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
 equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
@@ -35,7 +35,7 @@ class Part(StrEnum):
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of the file that hold the part."""
-        of_responses = ("responses", "receptances", "sweep", "coherent_sweep", "best_rows", "measured")
+        of_responses = ("responses", "modes", "sweep", "coherent_sweep", "best_rows", "measured")
         return of_responses if self is Part.RESPONSES else (self.value,)
 
 
@@ -63,8 +63,8 @@ class BuildOptions:
         )
 
 
-# Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide; best
-# rows of the sweep reach the levels within the limit.
+# Responses are those of the untouched surface, drives at frequencies that resonances under fingers decide; best rows
+# of the sweep reach the levels within the limit.
 _RESPONSES = ("surface", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
 # Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text", "finger_origin")

@@ -1,4 +1,4 @@
-"""Building a table: responses, receptances, sweeps, best rows and clicks of a device, written whole or not at all.
+"""Building a table: responses, modes, sweeps, best rows and clicks of a device, written whole or not at all.
 
 A build writes a new file beside its target and takes over the parts of the earlier table that are still right
 (builder.incremental). It solves the others, verifies the file, and only then puts it in the earlier table's place, so
@@ -26,8 +26,8 @@ from engine.table import ClickEntry, Table, TableError
 from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.click_grid import Clicks
+from engine.table.mode_columns import write_modes
 from engine.table.netcdf_file import TableWriter
-from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.cost import BuildCost
@@ -44,8 +44,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant
 from precompute.parallel.interrupt import remembered_interrupt
-from precompute.predict.at_positions import search_frequencies
-from precompute.sampling.place_receptances import solve_place_receptances
+from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
@@ -232,8 +231,7 @@ class _Builder:
         with self.cost.measured("responses"):
             grid = compute_grid_response(plant, self.device.sweep.frequency_hz, zone_points(self.device))
             write_responses(writer, plant, grid)
-            hz = search_frequencies(plant, compute_basis(plant))
-            write_receptances(writer, solve_place_receptances(plant, hz), self.device)
+            write_modes(writer, steady_modes(steady_basis(plant)), self.device)
             if self.responses is not None:
                 write_measured(writer, self.device, self.responses)
         with self.cost.measured("sweep"):

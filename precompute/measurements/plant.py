@@ -29,12 +29,10 @@ class MeasuredPlant(BarPlant):
         """Whether the responses were measured: always."""
         return True
 
-    def known_field(self, frequency_hz: Array) -> Complex:
-        """Field (frequency, actuator, degree of freedom) from the measured accelerations."""
-        acceleration: Complex = self._over_frequency(frequency_hz)
-        omega = 2 * np.pi * frequency_hz[:, None, None]
-        field: Complex = -(acceleration / omega**2) @ self._along_bar.T
-        return field
+    def known_drive(self, frequency_hz: Array) -> tuple[Array, Complex]:
+        """Splines that are 1 at one of the measured places, and the displacements there."""
+        displacement: Complex = -self._over_frequency(frequency_hz) / (2 * np.pi * frequency_hz[:, None, None]) ** 2
+        return self._along_bar, displacement.transpose(2, 1, 0)
 
     def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> BarPlant:
         """Raises ValueError: the bar was measured without fingers; predict.performance adds them to its response."""

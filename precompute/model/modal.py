@@ -117,7 +117,7 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
     error, greatest = np.zeros((len(basis.square_omega) // _STEP_OF_MODES, *exact.shape[1:])), np.zeros(exact.shape[1:])
     for w, reference in zip(omega, exact, strict=True):
         touch = finger.stiffness_n_per_m + 1j * w * finger.damping_n_s_per_m - w**2 * finger.mass_kg
-        impedance = np.concatenate([1j * w * _dampers(basis), np.full(len(middle_m), touch)])
+        impedance = np.concatenate([1j * w * mount_dampers(basis), np.full(len(middle_m), touch)])
         free = _partial_receptances(basis, shape, 1j * w)
         attached = np.linalg.solve(np.eye(len(shape)) + free * impedance, free)  # (1 + G Z)^-1 G
         change = attached[:, count:, :count].swapaxes(-1, -2) - reference
@@ -137,7 +137,7 @@ def _partial_receptances(basis: Basis, shape: Array, s: complex) -> Complex:
     return np.asarray(sums, dtype=np.complex128)
 
 
-def _dampers(basis: Basis) -> Array:
+def mount_dampers(basis: Basis) -> Array:
     """Shape (actuator,), N s/m: what the actuators damp beyond sigma + eta omega^2 of the modes.
 
     The modes are those of the bar with its actuators, so where only the bar is damped, too much is in them.

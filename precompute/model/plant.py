@@ -94,12 +94,12 @@ class Plant(ABC):
 
     @property
     def is_measured(self) -> bool:
-        """Whether the responses to the actuators were measured: `known_field` has them."""
+        """Whether the responses to the actuators were measured: `known_drive` has them."""
         return False
 
-    def known_field(self, frequency_hz: Array) -> Complex | None:  # noqa: ARG002  # a model has none
-        """Displacement (frequency, actuator, degree of freedom) of the untouched surface where it was measured.
+    def known_drive(self, frequency_hz: Array) -> tuple[Array, Complex] | None:  # noqa: ARG002  # a model has none
+        """Displacement of the untouched surface where it was measured: functions, and their share; else None.
 
-        Metres at full scale; None where it was not.
+        shape (degree of freedom, function); drive (function, actuator, frequency), metres at full scale.
         """
         return None

@@ -84,7 +84,7 @@ def solve_response(plant: Plant, frequency_hz: NDArray[np.float64], touched_m: P
     for column, actuator in enumerate(actuators):
         if actuator.transfer is not None:
             out[:, column] *= actuator.transfer.at(frequency_hz)[:, None]
-    known = plant.known_field(np.asarray(frequency_hz, dtype=np.float64))
+    known = plant.known_drive(np.asarray(frequency_hz, dtype=np.float64))
     if known is not None:
-        out[:, : len(actuators)] = known
+        out[:, : len(actuators)] = np.einsum("df,fak->kad", *known, optimize=True)
     return Response(plant, np.asarray(frequency_hz, dtype=np.float64), out)

@@ -16,9 +16,7 @@ def export(
     table_path: TableArgument,
     group: Annotated[
         str,
-        typer.Argument(
-            help="sweep, coherent_sweep, best_rows, responses, receptances or clicks, as in tables/FORMAT.md."
-        ),
+        typer.Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
     ],
     path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
 ) -> None:

@@ -28,7 +28,7 @@ class ExplainedRow:
         self.felt_zones = words.zone_names(device, placement)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
-        self.level_db: Array = compute_levels(device, table.receptances, placement.position_m, *played)
+        self.level_db: Array = compute_levels(device, table.modes, placement.position_m, *played)
         self.percentiles_db: list[list[float]] = np.percentile(self.level_db[1:], (5, 50, 95), axis=0).T.tolist()
         """5th, 50th and 95th percentile over the sampled cases of each finger."""
 

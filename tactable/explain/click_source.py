@@ -43,7 +43,7 @@ class ClickSource:
     def _steady(self) -> "SteadySolver":
         from engine.steady.steady_solver import SteadySolver
 
-        return SteadySolver(self.table.device, self.table.receptances)
+        return SteadySolver(self.table.device, self.table.modes)
 
     def holds(self, placement: Placement) -> bool:
         """Whether the table has the click of the nearest places."""

@@ -47,7 +47,7 @@ _LONGEST_NAME = 64  # of a file that was dropped; its end, which tells more
 def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
     """The view of a table; the bars of a view before it move on where they are of the same device.
 
-    A table without rows of a sweep, which is one of receptances alone or of a bar with one actuator, has no second bar.
+    A table without rows of a sweep, which is one of modes alone or of a bar with one actuator, has no second bar.
     """
     if before is None or before.table.fingerprint != table.fingerprint:
         bar, paper = LiveBar(table.device), PaperBar(table.device, table.best_rows)
@@ -306,7 +306,7 @@ class DemoBackend(PageBackend):
         return table
 
     async def _first_table(self, device: Device, with_click: Path | None) -> Table:
-        """The table of a device that has no other: with a click once one is solved, until then of receptances alone.
+        """The table of a device that has no other: with a click once one is solved, until then of modes alone.
 
         with_click: where the builder puts the one with a click; None: it makes none, for actuators that were moved, and
         the click is solved here once kernels are compiled.

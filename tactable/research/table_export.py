@@ -16,7 +16,7 @@ ROWS = {
     "coherent_sweep": ("pair", "frequency", "ratio", "phase"),
     "best_rows": ("level", "combination"),
     "responses": ("frequency", "actuator", "zone", "point"),
-    "receptances": ("place", "actuator", "frequency"),
+    "modes": ("function", "actuator", "frequency"),
     "clicks": ("click",),
 }
 """Dimensions whose elements are the rows of the CSV; the others are columns. Arrays of neither are left out."""

@@ -1,7 +1,7 @@
 """One rendered command of the demo: what its fingers were promised, and what the simulated bar did under them.
 
 Promises are for the positions that the fingers really have, with standard fingers on the bar as it is described. That
-of a steady drive was solved from receptances in frequency, that of a click comes from the waveform of its table row;
+of a steady drive was solved from modes in frequency, that of a click comes from the waveform of its table row;
 the simulation takes the bytes that the firmware got to a bar in time. So they check each other and the whole chain
 between them. Neither is a measurement.
 """

@@ -1,9 +1,9 @@
-"""The first table of a device, made in a moment: receptances alone, of which steady drives are solved at once.
+"""The first table of a device, made in a moment: modes alone, of which steady drives are solved at once.
 
 A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
-need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
-page plays one's own device while the kernels are compiled and the table is built. Such a table has no sweeps, and goes
-with its run. Once kernels are compiled it has the best rows of a sweep that is not kept.
+need none. As many are taken as the page's moving bar has, so that the page plays one's own device while kernels are
+compiled and the table is built. Such a table has no sweeps, and goes with its run. Once kernels are compiled it has
+the best rows of a sweep that is not kept.
 
 It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
 hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
@@ -22,18 +22,18 @@ from engine.table import Table
 from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
 from engine.table.click_grid import Clicks
+from engine.table.mode_columns import write_modes
 from engine.table.netcdf_file import TableWriter
-from engine.table.receptance_columns import write_receptances
 from engine.touch.places import Places
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.place_receptances import modal_receptances
+from precompute.sampling.steady_modes import steady_modes
 
 if TYPE_CHECKING:
     from precompute.clicks import ClickOptions
 
 IS_FIRST = "is_first"
-"""Attribute of a table of receptances alone."""
+"""Attribute of a table of modes alone."""
 MODES = 24
 """Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
 
@@ -64,7 +64,7 @@ def solve_first_click(device: Device) -> Clicks:
 
 
 def is_first(table: Table) -> bool:
-    """Whether a table has receptances alone, and goes with its run."""
+    """Whether a table has modes alone, and goes with its run."""
     return IS_FIRST in table.attributes
 
 
@@ -75,7 +75,7 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
     be written.
     """
     basis = compute_basis(assemble(device), MODES)
-    receptances = modal_receptances(basis)
+    modes = steady_modes(basis)
     with TableWriter(path, completes=True) as writer:
         writer.describe(
             {
@@ -90,10 +90,10 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
                 IS_FIRST: 1,
                 "modes": MODES,
-                **_click_attributes(clicks, receptances.pitch_m),
+                **_click_attributes(clicks, modes.places.pitch_m),
             }
         )
-        write_receptances(writer, receptances, device)
+        write_modes(writer, modes, device)
         if has_rows:
             from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
 

@@ -1,6 +1,6 @@
 """Promises for the positions that fingers really have: what standard fingers there get of a drive or a click.
 
-A steady drive is solved for the positions from receptances between places, or looked up for zones; its promise is
+A steady drive is solved for the positions from modes, or looked up for zones; its promise is
 computed apart from that, by finite elements at the drive's own frequencies. A click is the table's for the nearest
 places; what it gives at the positions follows from its waveform, in the nominal plant. Where no kernel is compiled, the
 promise of a drive is what a sum of modes makes of it.
@@ -81,7 +81,7 @@ class Promises:
     def _solver(self) -> "SteadySolver":
         from engine.steady.steady_solver import SteadySolver
 
-        return SteadySolver(self._table.device, self._table.receptances)
+        return SteadySolver(self._table.device, self._table.modes)
 
     @cached_property
     def _bar(self) -> _ModalBar:

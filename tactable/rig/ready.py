@@ -1,8 +1,8 @@
 """Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
 
-A shipped table holds the best rows of a shipped device and clicks at few places, compressed. Responses, receptances and
-sweeps are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's
-modes when such a table is unpacked. The page builds the table on the user's machine meanwhile, compares the clicks with
+A shipped table holds the best rows of a shipped device and clicks at few places, compressed. Responses and
+sweeps are left out, since they are large; modes, which steady drives are solved from, are computed when such a table is
+unpacked. The page builds the table on the user's machine meanwhile, compares the clicks with
 the shipped ones one by one, and changes over.
 
 It is played only where its device fingerprint is that of the device. The fingerprint of its code may be an older one:
@@ -22,13 +22,13 @@ from typing import Any
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
+from engine.table.mode_columns import write_modes
 from engine.table.netcdf_file import TableWriter
-from engine.table.receptance_columns import write_receptances
 from engine.table.table_diff import compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.place_receptances import modal_receptances
+from precompute.sampling.steady_modes import steady_modes
 from tactable.rig.first_table import MODES
 from tactable.shipped import ready_folder
 
@@ -75,14 +75,14 @@ def open_shipped(device: Device, path: Path) -> Table | None:
 
 
 def _unpack(packed: bytes, device: Device, path: Path) -> None:
-    """Write a shipped table with receptances at `path`; raises TableError where it is of another device or format."""
+    """Write a shipped table with modes at `path`; raises TableError where it is of another device or format."""
     with work_folder("unpack") as folder:
         small = folder / "small.nc"
         small.write_bytes(packed)
         with Table.open(small, device=device) as table, TableWriter(path, completes=True) as writer:
             writer.describe(plain_attributes(table))
             table.copy_groups(writer, GROUPS)
-            write_receptances(writer, modal_receptances(compute_basis(assemble(device), MODES)), device)
+            write_modes(writer, steady_modes(compute_basis(assemble(device), MODES)), device)
 
 
 def plain_attributes(table: Table) -> dict[str, Any]:

@@ -182,20 +182,23 @@ def test_a_wrong_placement_is_refused_by_name(
 
 
 @pytest.mark.machine(stall_s=None)
-def test_the_solver_needs_no_scipy_and_the_receptances_no_compiler() -> None:
+def test_the_solver_needs_no_scipy_and_the_modes_no_compiler() -> None:
     program = """
 import sys
 sys.modules["scipy"] = None
 import numpy as np
 from engine.device import Device
-from engine.steady import Receptances
+from engine.steady import Modes
+from engine.touch.places import Places
 assert "numba" not in sys.modules
 from engine.steady.steady_solver import SteadySolver
-hz, places = np.arange(60.0, 300.0), np.linspace(0.0, 0.2794, 57)
+hz, places = np.arange(60.0, 300.0), Places(0.2794, 57)
 random = np.random.default_rng(1)
 def fields(*shape):
     return ((random.normal(size=shape) + 1j * random.normal(size=shape)) * 1e-6).astype(np.complex64)
-table = Receptances(hz, np.full(len(hz), 0.2), places, fields(57, 2, len(hz)), fields(57 * 58 // 2, len(hz)))
+shape = random.normal(size=(57, 5)).astype(np.float32)
+own = np.linspace(50.0, 900.0, 5), np.full(5, 60.0), random.normal(size=(5, 2)), np.full(2, 0.05)
+table = Modes(hz, np.full(len(hz), 0.2), places, shape, fields(5, 2, len(hz)), *own)
 solver = SteadySolver(Device.read(sys.argv[1]), table)
 solver.solve([0.05, 0.1], [True, False], 10.0)
 solver.solve([0.05, 0.1, 0.2], [True, False, False], 10.0)

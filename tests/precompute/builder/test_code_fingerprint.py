@@ -49,7 +49,7 @@ def test_what_numbers_come_from_counts_and_what_none_comes_from_does_not() -> No
 
 def test_a_changed_number_makes_tables_stale() -> None:
     assert counts("engine.device.uncertainty", "_ROUNDING = 1e-9", "_ROUNDING = 1e-8")
-    assert counts("precompute.predict.rise_time", "WITHIN = 0.1", "WITHIN = 0.2")
+    assert counts("precompute.sampling.steady_modes", "PITCH_M = 5e-3", "PITCH_M = 4e-3")
     two = {name: sources()[name] for name in ("engine.device.parts", "precompute.clicks.closed_form")}
     assert fingerprint_of(two | {"precompute.clicks.closed_form": "changed = 1"}) != fingerprint_of(two)
     assert fingerprint_of(sources()) == code_fingerprint()

@@ -152,7 +152,7 @@ def _play_table(rng: random.Random, folder: Path) -> None:
         )
         for placement in (in_zones(table.device, [0]), in_zones(table.device, [1], [3])):
             table.click_at(placement, 20.0)
-        assert table.receptances is None or np.isfinite(table.receptances.drive).all()
+        assert table.modes is None or np.isfinite(table.modes.drive).all()
 
 
 def _play_device(rng: random.Random, _folder: Path) -> None:

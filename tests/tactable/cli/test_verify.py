@@ -60,7 +60,7 @@ def with_rows(click_table: Path, path: Path) -> Path:
     with Table.open(click_table) as table, TableWriter(path) as writer:
         kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
         writer.describe({key: value.item() if hasattr(value, "item") else value for key, value in kept.items()})
-        table.copy_groups(writer, ["responses", "receptances", "entries", "clicks"])
+        table.copy_groups(writer, ["responses", "modes", "entries", "clicks"])
         write_best_rows(writer, rows_of(table.device), table.device)
     return path
 

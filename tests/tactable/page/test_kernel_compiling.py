@@ -20,7 +20,7 @@ from tactable.rig.first_table import open_first_table
 from tactable.shipped import find_device
 device = find_device("reference-a")
 with open_first_table(device, Path("first.nc")) as table:
-    assert PlainSolver(device, table.receptances).solve([0.03, 0.2], [True, False], 20.0).achieved
+    assert PlainSolver(device, table.modes).solve([0.03, 0.2], [True, False], 20.0).achieved
 print(*sys.modules)
 """
 SLOW = {"numba", "scipy.fft", "scipy.signal", "scipy.stats"}
