@@ -28,10 +28,10 @@ class SampledFingers:
     stiffness_n_per_m: Array
 
     def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[complex, Finger]]:
-        """Position in metres and finger of one case, in each of `zones` (indices)."""
+        """Point and finger of one case, in each of `zones` (indices)."""
         return [
             (
-                float(self.position_m[zone, self.place[case, zone]]),
+                self.position_m[zone, self.place[case, zone]].item(),
                 Finger(
                     mass_kg=float(self.mass_kg[case, zone]),
                     damping_n_s_per_m=float(self.damping_n_s_per_m[case, zone]),
