@@ -9,7 +9,7 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from base.files import partial_path, unwritable, written_path
 from engine.table.error import TableError
 from engine.table.history import remove_leftovers, replace_table
@@ -30,6 +31,8 @@ _READ_BYTES = 1 << 24  # 16 MiB at a time: tables of gigabytes are copied and ch
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
 
+ACROSS = "_across"
+"""Ends the name of the array that holds the second coordinate of a plate's points."""
 Values = NDArray[Any]
 
 
@@ -111,6 +114,13 @@ class TableWriter:
         stream = self.open_stream(group, variable, data.shape, "str" if is_text(values) else data.dtype)
         stream.append(data)
         stream.close()
+
+    def write_points(self, group: str, variable: Variable, points: Points) -> None:
+        """Write points as an array of distances along the surface, and for a plate one of those across it."""
+        self.write(group, variable, points.real)
+        if np.iscomplexobj(points):
+            across = replace(variable, name=f"{variable.name}{ACROSS}", meaning=f"{variable.meaning}, across the plate")
+            self.write(group, across, points.imag)
 
     def copy(self, group: str, source: Any) -> None:
         """Write an open group of another table as it is there, in bounded memory; its arrays are checked as any."""
@@ -239,6 +249,12 @@ def _verify_arrays(path: Path, checksums: Mapping[str, int]) -> None:
                 found = zlib.crc32(_bytes_of(piece), found)
             if found != checksum:
                 raise TableError(f"{path}: {name} was not written as it was computed: is the disk full or failing?")
+
+
+def read_points(arrays: Mapping[str, h5py.Dataset], name: str) -> Points:
+    """Points of a group with these open arrays, as `write_points` wrote them."""
+    along, across = np.asarray(arrays[name][...]), arrays.get(f"{name}{ACROSS}")
+    return along if across is None else along + 1j * np.asarray(across[...])
 
 
 def pieces(variable: Any) -> Iterator[Values]:

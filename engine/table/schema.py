@@ -50,7 +50,7 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
     "responses": {
         **_labels("actuator", "zone", "part"),
         **_arrays("frequency", "frequency"),
-        **_arrays("zone point", "position"),
+        **_arrays("zone point", "position", "position_across"),
         **_arrays("frequency actuator zone point part", "acceleration"),
         **_arrays("frequency zone actuator actuator_2 part", "zone_gram"),
         **_arrays("frequency actuator actuator_2 part", "total_gram"),
@@ -101,7 +101,7 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
     },
     "clicks": {
         **_labels("actuator", "spread"),
-        **_arrays("place", "place"),
+        **_arrays("place", "place", "place_across"),
         **_arrays("sample", "sample"),
         **_arrays("level", "level", may_be_infinite=True),
         **_arrays("function sample", "basis_function", kind=Kind.WHOLE, least=-32768, greatest=32767),
@@ -129,5 +129,13 @@ TEXT_ATTRIBUTES = (
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
 """Attribute of a table that holds best rows and clicks alone, made to be small."""
-WHOLE_ATTRIBUTES = (*("format_revision", "clicks_up_to", IS_SHIPPED), *("mesh_elements", "modes", "click_modes"))
+WHOLE_ATTRIBUTES = (
+    "format_revision",
+    "clicks_up_to",
+    IS_SHIPPED,
+    "mesh_elements",
+    "ritz_functions",
+    "modes",
+    "click_modes",
+)
 REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m", "mesh_longest_element_m")

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.error import TableError
-from engine.table.netcdf_file import pieces
+from engine.table.netcdf_file import pieces, read_points
 from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
+from engine.touch.places import Places
 
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four
@@ -194,9 +195,12 @@ def _check_basis(arrays: Arrays, device: Device) -> None:
 
 def _check_placements(arrays: Arrays, device: Device) -> None:
     """The fingers of a click lie at rising places."""
-    place_m, finger = arrays["place"][...], arrays["finger_place"][...]
-    _check_even("clicks/place", place_m, device.bar.length_m, fewest=2)
-    if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= len(place_m):
+    finger = arrays["finger_place"][...]
+    try:
+        places = Places.at(device.surface.corner_m, read_points(arrays, "place").tolist())
+    except ValueError as error:
+        raise _FlawError(f"clicks/place: {error}") from None
+    if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= places.count:
         raise _FlawError("clicks/finger_place: expected at least one finger, at one of the places")
     before, after = finger[:, :-1], finger[:, 1:]
     if not ((after == -1) | ((before >= 0) & (after > before))).all():

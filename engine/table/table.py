@@ -9,6 +9,7 @@ import h5netcdf
 import h5py
 import numpy as np
 
+from base.points import point_text
 from engine.device import Device
 from engine.steady.modes import Modes
 from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
@@ -137,7 +138,7 @@ class Table:
     def no_row_text(self, felt: Sequence[str]) -> str:
         """Why there is no best row for these zones, and what to do."""
         if len(self.device.actuators) < 2:
-            return "has no sweep: the bar has one actuator; play it by positions"
+            return f"has no sweep: the {self.device.surface.kind} has one actuator; play it by positions"
         if not self.best_rows:
             return "has no best rows of the sweep, as tables of earlier versions have none; build it again"
         return f"has no row of the sweep for zones {', '.join(felt) or 'none'}: name one to three"
@@ -168,9 +169,9 @@ class Table:
         placement = Placement.named(self.device, felt, quiet)
         click = self.click_at(placement, level_db)
         if click is None:
-            words = ", ".join(f"{1e3 * at_m:g}" for at_m in placement.position_m)
+            words = ", ".join(map(point_text, placement.position_m))
             raise TableError(
-                f"{self.path}: has no click for fingers at {words} mm: build it with clicks for so many fingers; more "
+                f"{self.path}: has no click for fingers at {words}: build it with clicks for so many fingers; more "
                 "than two, and two at one place, are only solved when they come"
             )
         return click
@@ -251,11 +252,11 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:
         rows = BestRows([], device.limits.amplitude)
         if "best_rows" in groups:
             rows = read_best_rows(groups["best_rows"], device)
-        length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
+        corner_m, pitch_m = device.surface.corner_m, float(file.attrs["click_pitch_m"][0])
         if "clicks" in groups:
-            clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
+            clicks = read_clicks(groups["clicks"], corner_m, float(file.attrs["click_tolerance_m"][0]))
         else:
-            clicks = Clicks.of(Places.every(length_m, pitch_m), [])
+            clicks = Clicks.of(Places.every(corner_m, pitch_m), [])
         is_packed = IS_SHIPPED in file.attrs and "modes" not in groups
         modes = None if is_packed else read_modes(groups["modes"], device)
         return device, rows, clicks, modes

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from base.points import point_text
 from engine.device.values import Change, Value, compare_values, device_values
 from engine.table.best_rows import BestRow
 from engine.table.click_entry import ClickEntry
@@ -18,6 +19,7 @@ _PROVENANCE = ("created", "code_fingerprint", "code_version")
 _DEVICE = ("title", "device_name", "device_description", "device_fingerprint")
 # Value by value, or derived from such.
 _COMPARED = ("responses", "modes", "sweep", "coherent_sweep", "best_rows", "clicks")
+_AXES = {"frequency": "frequencies", "actuator": "actuators", "position": "places", "position_across": "places"}
 _INPUT_FINGERPRINT = "_input_fingerprint"  # fingerprints of the same
 _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", BestRow, ClickEntry)
@@ -230,10 +232,9 @@ def _plain(value: Any) -> Value:
 def _compare_responses(before: Table, after: Table, tolerance: Tolerance) -> tuple[list[str], dict[str, float]]:
     if before.is_shipped or after.is_shipped:
         return [], {}  # a shipped table holds none
-    axes = ("frequency", "actuator", "position")
-    own, other = ([table.values("responses", axis) for axis in axes] for table in (before, after))
-    for what, a, b in zip(("frequencies", "actuators", "places"), own, other, strict=True):
-        if not np.array_equal(a, b):
+    own, other = before.checksums(), after.checksums()
+    for axis, what in _AXES.items():
+        if own.get(f"responses/{axis}") != other.get(f"responses/{axis}"):
             return [f"the responses have other {what}, and are not compared"], {}
     values, changed = (
         table.values("responses", "acceleration") @ np.array([1, 1j]) for table in (before, after)
@@ -257,7 +258,7 @@ def _rows_by_key(table: Table) -> dict[_Key, BestRow]:
 
 def _click_key(click: ClickEntry) -> _Key:
     placement = click.placement
-    words = [f"{1e3 * at_m:.1f} mm" for at_m in placement.position_m]
+    words = [point_text(np.round(at_m, 4).item()) for at_m in placement.position_m]
     felt, quiet = (tuple(words[finger] for finger in which) for which in (placement.felt, placement.quiet))
     return felt, quiet, None
 

@@ -5,6 +5,7 @@ A finger belongs to the nearest place. The fingers of a placement, each as the n
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +20,8 @@ _ROUNDING = 1e-9
 class Places:
     """Places over a surface from edge to edge: at least two `along` it, and on a plate at least two `across`.
 
-    corner_m: the end of the bar, or the corner of the plate (base.points). Rows follow one another.
+    corner_m: the end of the bar, or the corner of the plate (base.points). Places are numbered as fingers are
+    sorted: along the surface first, and across it where they are equally far along.
     """
 
     corner_m: complex
@@ -35,6 +37,16 @@ class Places:
         )
         return cls(corner_m, along, across)
 
+    @classmethod
+    def at(cls, corner_m: complex, position_m: Sequence[complex]) -> "Places":
+        """The places at these points (place,), as `position_m` gives them. Raises ValueError for any others."""
+        across = max(1, sum(at_m.real == 0 for at_m in position_m))
+        found = cls(corner_m, len(position_m) // across, across)
+        even = found.along > 1 and (across > 1) == isinstance(corner_m, complex) and found.count == len(position_m)
+        if even and all(abs(a - b) <= _ROUNDING for a, b in zip(position_m, found.position_m, strict=True)):
+            return found
+        raise ValueError("expected an even grid from one end of the surface to the other")
+
     @property
     def count(self) -> int:
         """Number of places."""
@@ -47,21 +59,17 @@ class Places:
 
     @cached_property
     def position_m(self) -> tuple[complex, ...]:
-        """Points of the places, row by row."""
+        """Points of the places."""
         along_m = [self.corner_m.real * (place / (self.along - 1)) for place in range(self.along)]
         if self.across == 1:
             return tuple(along_m)
-        across_m = [self.corner_m.imag * (row / (self.across - 1)) for row in range(self.across)]
-        return tuple(complex(x, y) for y in across_m for x in along_m)
+        across_m = [self.corner_m.imag * (place / (self.across - 1)) for place in range(self.across)]
+        return tuple(complex(x, y) for x in along_m for y in across_m)
 
     def nearest(self, position_m: complex) -> int:
         """The place nearest to a point; beyond an edge of the surface it is one at the edge."""
-        place = _nearest(position_m.real, self.corner_m.real, self.along)
-        return (
-            place + self.along * _nearest(position_m.imag, self.corner_m.imag, self.across)
-            if self.across > 1
-            else place
-        )
+        along = _nearest(position_m.real, self.corner_m.real, self.along)
+        return self.across * along + _nearest(position_m.imag, self.corner_m.imag, self.across)
 
     def key(self, placement: Placement) -> Key:
         """Key of a placement's nearest places; two fingers at one place are two equal or successive numbers."""
@@ -74,4 +82,4 @@ class Places:
 
 
 def _nearest(at_m: float, side_m: float, count: int) -> int:
-    return min(max(int(at_m / (side_m / (count - 1)) + 0.5), 0), count - 1)
+    return min(max(int(at_m / (side_m / (count - 1)) + 0.5), 0), count - 1) if count > 1 else 0

@@ -1,6 +1,6 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has two parts: the responses of the bar with its modes and sweeps, and the clicks. For each
+A table has two parts: the responses of the surface with its modes and sweeps, and the clicks. For each
 part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
 part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
 equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
@@ -84,7 +84,10 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
             chosen["responses"] = options.responses_sha256
         case Part.CLICKS:
             values.pop("sweep")
-            chosen |= {"clicks_up_to": options.clicks_up_to, "options": asdict(options.click_options)}
+            chosen |= {
+                "clicks_up_to": options.clicks_up_to,
+                "options": asdict(options.click_options.on(device.surface.corner_m)),
+            }
     return hashlib.sha256(json.dumps(chosen | values, sort_keys=True, default=json_of).encode()).hexdigest()
 
 

@@ -37,7 +37,7 @@ from precompute.builder.size import check_size
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import count_modes
-from precompute.clicks.tabulated import MOST_TABULATED, tabulate_clicks, tabulated_keys
+from precompute.clicks.tabulated import most_tabulated, tabulate_clicks, tabulated_keys
 from precompute.measurements.plant import measured_plant
 from precompute.measurements.response_table import MeasuredResponses
 from precompute.model.assembly import assemble
@@ -66,7 +66,7 @@ def build_table(
     path: Path | str,
     *,
     created: str | None = None,
-    clicks_up_to: int = MOST_TABULATED,
+    clicks_up_to: int | None = None,
     click_options: ClickOptions = DEFAULT_OPTIONS,
     early: bool = False,
     in_the_end: int | None = None,
@@ -81,14 +81,14 @@ def build_table(
     """Compute, write and verify the table of `device`; only then it takes the place of what was at `path`.
 
     `created` is the date to note, by default now. `clicks_up_to`: the most fingers that have clicks, at all places of
-    the options' pitch: 0, 1 or 2; more fingers are solved when they come. `early`: where no clicks of this device are
-    there yet, a table with those of one finger comes first. `in_the_end`: the most fingers of the table that is to
-    follow, which this one notes so that whoever continues knows; None: `clicks_up_to`. Clicks are solved by `workers`
-    processes. With `reuse`, parts of a table at `path` are taken over if this code made them from inputs that have not
-    changed. The table that was at `path` is kept as the previous one; a build that `completes` it keeps the one before.
-    With `responses` the bar moves as it was measured, while the effect of fingers, rise times and clicks remain the
-    model's. `accept` gets the complete file before it takes its place, and refuses it by an exception. Returns what it
-    took.
+    the options' pitch: 0, 1 or on a bar 2; more fingers are solved when they come. None: as many as there can be.
+    `early`: where no clicks of this device are there yet, a table with those of one finger comes first. `in_the_end`:
+    the most fingers of the table that is to follow, which this one notes so that whoever continues knows; None:
+    `clicks_up_to`. Clicks are solved by `workers` processes. With `reuse`, parts of a table at `path` are taken over if
+    this code made them from inputs that have not changed. The table that was at `path` is kept as the previous one; a
+    build that `completes` it keeps the one before. With `responses` the bar moves as it was measured, while the effect
+    of fingers, rise times and clicks remain the model's. `accept` gets the complete file before it takes its place, and
+    refuses it by an exception. Returns what it took.
 
     Raises TableError if the table cannot be written or disk or memory have no room for it, and for an unknown number of
     fingers; DeviceError for a device that was changed in what its text, which a table holds, cannot state;
@@ -98,9 +98,16 @@ def build_table(
     """
     path, device = written_path(Path(path)), restated(device)
     sha256 = "" if responses is None else responses.sha256
+    click_options = click_options.on(device.surface.corner_m)
+    most = most_tabulated(click_options.places(device.surface.corner_m))
+    clicks_up_to = most if clicks_up_to is None else clicks_up_to
     options = BuildOptions(code_fingerprint(), clicks_up_to, click_options, sha256)
-    if not 0 <= clicks_up_to <= MOST_TABULATED:
-        raise TableError(f"clicks of up to {clicks_up_to} fingers: a table holds those of up to {MOST_TABULATED}")
+    if not 0 <= clicks_up_to <= most:
+        kind = device.surface.kind
+        raise TableError(
+            f"clicks of up to {clicks_up_to} fingers: the table of a {kind} holds those of up to {most}; others are "
+            "solved when they come"
+        )
     check_size(device, path)
     with threadpool_limits(1, "blas"), remembered_interrupt() as check:  # unpinned BLAS: 100 times slower when busy
         checked = _checked(progress, check)
@@ -245,7 +252,7 @@ class _Builder:
 
     @property
     def _places(self) -> Places:
-        return Places.every(self.device.bar.length_m, self.options.click_options.pitch_m)
+        return self.options.click_options.places(self.device.surface.corner_m)
 
     def _click_attributes(self) -> dict[str, int | float]:
         places = self._places

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, even_points
 from engine.device import Device, Finger
 from engine.device.parts import Bar
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
@@ -66,8 +66,8 @@ class BarPlant(Plant):
 
     @cached_property
     def zone_places_m(self) -> Array:
-        """Shape (zone, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
-        return np.array([np.linspace(zone.start_m, zone.stop_m, ZONE_PLACES) for zone in self.device.zones])
+        """Shape (zone, 1, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
+        return np.array([[even_points(zone.start_m, zone.stop_m, ZONE_PLACES)] for zone in self.device.zones])
 
     def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
         """Sampler at positions (point,) on the bar."""

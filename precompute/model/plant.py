@@ -85,7 +85,7 @@ class Plant(ABC):
     @property
     @abstractmethod
     def zone_places_m(self) -> NDArray[np.float64] | NDArray[np.complex128]:
-        """Points (zone, point) in each zone, edges included, where peaks are looked for."""
+        """Points (zone, across, along) in each zone, edges included, where peaks are looked for; a bar has one row."""
 
     @cached_property
     def zone_sampler(self) -> Sampler:

@@ -18,7 +18,7 @@ import scipy.linalg
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, even_points
 from engine.device import Device, Finger
 from engine.device.parts import Plate
 from precompute.model.plant import Plant, Sampler
@@ -112,6 +112,18 @@ def _derivatives(degree: NDArray[np.int64]) -> tuple[Array, Array, Array]:
     return found[0], found[1], found[2]
 
 
+class ModeSampler(Sampler):
+    """A sampler whose every point sees all degrees of freedom: one product, without a copy of the field a point."""
+
+    def sample(self, field: Complex) -> Complex:
+        """Shape (..., point) from a field (..., degree of freedom)."""
+        return np.asarray(field @ self.weight.T)
+
+    def shapes(self, shape: Array) -> Array:
+        """Shape (point, mode) from mode shapes (degree of freedom, mode)."""
+        return np.asarray(self.weight @ shape)
+
+
 @dataclass(frozen=True)
 class PlatePlant(Plant):
     """A plate on its actuators; its degrees of freedom are the undamped modes of both together, mass-normalised.
@@ -139,7 +151,7 @@ class PlatePlant(Plant):
     def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
         """Sampler at points (point,) on the plate."""
         weight = self.ritz.at(np.asarray(position_m, dtype=np.complex128)) @ self.shape
-        return Sampler(np.broadcast_to(np.arange(self.size), weight.shape), weight)
+        return ModeSampler(np.broadcast_to(np.arange(self.size), weight.shape), weight)
 
     def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "PlatePlant":
         """The plant with a grounded finger at each point (docs/theory.md#fingers)."""
@@ -185,17 +197,19 @@ class PlatePlant(Plant):
     @cached_property
     def _integrals(self) -> list[Array]:
         """Integrals (mode, mode) of products over each zone, and over what is in none."""
-        whole = self.ritz.mean_products(0j, self.device.surface.corner_m)
-        each = [self.ritz.mean_products(zone.start_m, zone.stop_m) for zone in self.device.zones]
-        return [self.shape.T @ part @ self.shape for part in (*each, whole - sum(each, np.zeros_like(whole)))]
+        whole = self.integral_over(0j, self.device.surface.corner_m)
+        each = [self.integral_over(zone.start_m, zone.stop_m) for zone in self.device.zones]
+        return [*each, whole - sum(each, np.zeros_like(whole))]
+
+    def integral_over(self, start_m: complex, stop_m: complex) -> Array:
+        """Integrals (mode, mode) of products over a rectangle, m^2."""
+        return self.shape.T @ self.ritz.mean_products(start_m, stop_m) @ self.shape
 
     @property
     def zone_places_m(self) -> NDArray[np.complex128]:
-        """Points (zone, point) in each zone, edges included, row by row."""
-        step = np.linspace(0.0, 1.0, _ROWS)
-        unit = (step + 1j * step[:, None]).ravel()
-        spans = [(zone.start_m, zone.stop_m - zone.start_m) for zone in self.device.zones]
-        return np.array([start + span.real * unit.real + 1j * span.imag * unit.imag for start, span in spans])
+        """Points (zone, row, column) in each zone, edges included."""
+        each = [even_points(zone.start_m, zone.stop_m, _ROWS, _ROWS) for zone in self.device.zones]
+        return np.array(each).reshape(-1, _ROWS, _ROWS)
 
 
 def assemble_plate(device: Device) -> PlatePlant:

@@ -23,7 +23,7 @@ class Response:
     frequency_hz: NDArray[np.float64]
     displacement_m: NDArray[np.complex128]
 
-    def acceleration(self, position_m: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def acceleration(self, position_m: Points) -> NDArray[np.complex128]:
         """A = -omega^2 G at positions (point,): shape (frequency, column, point), m/s^2 at full scale."""
         omega = 2 * np.pi * self.frequency_hz
         return -(omega**2)[:, None, None] * self.plant.sampler(position_m).sample(self.displacement_m)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.model.plant import Plant, Sampler
+from precompute.model.plant import Plant
 from precompute.model.response import by_tone, solve_response
 from precompute.model.steady import SteadyState, steady_state_of
 from precompute.sampling.fingers import SampledFingers
@@ -14,7 +14,7 @@ from precompute.sampling.fingers import SampledFingers
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_LOOKED_AT = 32  # steps between the places of a zone that are looked at for the range of its peak
+_STEPS = 32  # about, of the places along a zone, are looked at for the range of its peak
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Ar
     columns = np.ascontiguousarray(np.moveaxis(field, 1, 0)[:, :, None])
     energy = np.array([omega**2 @ plant.gram(column)[:, :, 0, 0].real for column in columns])
     # Magnitudes of the tones are added at each place (paper eq. (8)).
-    zones, places = plant.zone_places_m.shape
-    every = np.arange(zones * places).reshape(zones, places)[:, :: round(places / _LOOKED_AT)].ravel()
-    looked_at = Sampler(plant.zone_sampler.dof[every], plant.zone_sampler.weight[every])
+    every = max(1, plant.zone_places_m.shape[-1] // _STEPS)
+    looked_at = plant.sampler(plant.zone_places_m[:, ::every, ::every].ravel())
     level = np.tensordot(omega**2, abs(looked_at.sample(field)), 1)
-    return energy[:, :-1] / energy.sum(axis=1, keepdims=True), level.reshape(len(level), zones, -1).max(axis=2)
+    peak = level.reshape(len(level), len(plant.device.zones), -1).max(axis=2)
+    return energy[:, :-1] / energy.sum(axis=1, keepdims=True), peak

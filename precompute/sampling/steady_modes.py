@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, even_points
 from engine.steady.modes import Modes
 from engine.touch.places import Places
 from precompute.model.frequencies import add_resonances
@@ -44,7 +44,7 @@ def steady_modes(basis: Basis, frequency_hz: Array | None = None) -> Modes:
     corner_m, surface = device.surface.corner_m, device.surface
     steps_m = [side_m / _FEWEST_STEPS for side_m in (corner_m.real, corner_m.imag) if side_m]
     places = Places.every(corner_m, min(PITCH_M, *steps_m))
-    sampler = plant.sampler(np.array(places.position_m))
+    sampler = plant.sampler(even_points(0 * corner_m, corner_m, places.along, places.across))  # row by row
     modes = Modes(
         frequency_hz=hz,
         threshold_m_per_s2=device.threshold.peak_m_per_s2(hz),

@@ -1,4 +1,4 @@
-"""Coherent sweep: what the bar does under many complex amplitude vectors ("directions") at one frequency."""
+"""Coherent sweep: what the surface does under many complex amplitude vectors ("directions") at one frequency."""
 
 from dataclasses import dataclass
 

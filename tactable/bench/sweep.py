@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from base.arrays import Array
+from base.arrays import Array, Points
 from engine.device import Device
 from precompute.model.assembly import BarPlant, assemble_bar
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
@@ -117,7 +117,7 @@ def _time_points(plant: BarPlant, grid: GridResponse) -> float:
     return (time.perf_counter() - start) / SAMPLED_POINTS
 
 
-def solve_point(plant: BarPlant, position_m: Array, pair_hz: Array, amplitude: Array) -> tuple[Array, Array]:
+def solve_point(plant: BarPlant, position_m: Points, pair_hz: Array, amplitude: Array) -> tuple[Array, Array]:
     """Localized factor and peak of every zone for two tones, by SciPy's banded solver on the assembled matrices."""
     zones = len(plant.device.zones)
     energy, level = np.zeros(zones + 1), np.zeros(position_m.shape)

@@ -44,7 +44,7 @@ def build(
     device_name: DeviceArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = "3 mm",
+    pitch: Pitch = None,
     threshold: ThresholdCurve = None,
     workers: Workers = None,
     reuse: Annotated[
@@ -100,7 +100,7 @@ class WantedTable:
 
     output: Path | None
     clicks_up_to: int | None
-    pitch_m: float
+    pitch_m: float | None
     workers: int | None
     reuses: bool
     responses: Path | None
@@ -113,7 +113,6 @@ class WantedTable:
         """Build the table of a device and print what it holds."""
         from precompute.builder.table_build import EARLY_IN_PLACE, build_table
         from precompute.clicks import ClickOptions
-        from precompute.clicks.tabulated import MOST_TABULATED
         from precompute.measurements.response_table import read_responses
         from precompute.parallel.pool import available_cores
 
@@ -123,7 +122,7 @@ class WantedTable:
             scales = self.scales_forces
             responses = read_responses(self.responses, device, self.sensor_mass_kg, scales_forces=scales)
         # Clicks are computed by the model in time: with measured responses only where they are asked for.
-        fingers = 0 if responses else MOST_TABULATED
+        fingers = 0 if responses else None
         with shown_progress(self.as_json) as show:
 
             def progress(step: str, fraction: float) -> None:

@@ -1,4 +1,4 @@
-"""The first modes of a bar: their shapes, untouched and with fingers, and how fast each dies away."""
+"""The first modes of a bar or a plate: their shapes, untouched and with fingers, and how fast each dies away."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from base.arrays import Array
+from base.arrays import Points
 from engine.device import Device
 from precompute.model.modes import Mode
 from tactable.figures.picture_file import Picture
@@ -16,9 +16,14 @@ _MOST_PANELS = 8
 
 
 def plot_modes(
-    device: Device, position_m: Array, finger_m: Sequence[complex], untouched: Sequence[Mode], touched: Sequence[Mode]
+    device: Device, position_m: Points, finger_m: Sequence[complex], untouched: Sequence[Mode], touched: Sequence[Mode]
 ) -> Picture:
-    """Picture of up to eight modes, a panel each; both sets are numbered by their frequencies."""
+    """Picture of up to eight modes, a panel each; both sets are numbered by their frequencies.
+
+    position_m (point,): where shapes are given. A plate is seen from above, in rows of points, untouched on the left.
+    """
+    if np.iscomplexobj(position_m):
+        return _plot_plate_modes(device, position_m, finger_m, untouched, touched)
     count = max(1, min(_MOST_PANELS, len(untouched)))
     figure = Figure(figsize=(9, 1.6 + 1.3 * count), layout="constrained")
     panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -37,8 +42,44 @@ def plot_modes(
             draw_zone_names(axes, device)
     draw_actuators(panels[-1], device)
     panels[-1].set_xlabel("along the bar (mm)")
-    columns: dict[str, Any] = {"position (mm)": 1e3 * position_m}
-    for name, _, _, modes in sets:
+    return _finished(figure, device, {"position (mm)": 1e3 * position_m}, finger_m, untouched, touched)
+
+
+def _plot_plate_modes(
+    device: Device, position_m: Points, finger_m: Sequence[complex], untouched: Sequence[Mode], touched: Sequence[Mode]
+) -> Picture:
+    count = max(1, min(_MOST_PANELS, len(untouched)))
+    corner_m = device.surface.corner_m
+    figure = Figure(figsize=(9, 0.6 + count * 4 * corner_m.imag / corner_m.real), layout="constrained")
+    panels = figure.subplots(count, 2, sharex=True, sharey=True, squeeze=False)
+    rows, extent = np.count_nonzero(position_m.real == 0), (0, 1e3 * corner_m.real, 0, 1e3 * corner_m.imag)
+    for column, (name, modes) in enumerate((("untouched", untouched), ("with finger", touched))):
+        for k, axes in enumerate(panels[:, column]):
+            if k >= len(modes):
+                axes.set_axis_off()
+                continue
+            shape = modes[k].shape.reshape(rows, -1)
+            axes.imshow(shape, cmap="RdBu", vmin=-1, vmax=1, origin="lower", extent=extent)
+            axes.contour(shape, [0.0], colors="black", linewidths=0.7, extent=extent)  # the nodal lines
+            axes.set_title(f"{k + 1} {name}: {modes[k].frequency_hz:.1f} Hz", fontsize="small")
+            for actuator in device.actuators:
+                axes.plot(1e3 * actuator.position_m.real, 1e3 * actuator.position_m.imag, "k^", ms=5)
+            for at_m in finger_m if column else ():
+                axes.plot(1e3 * at_m.real, 1e3 * at_m.imag, "v", color=VERMILLION, ms=7)
+    panels[-1, 0].set(xlabel="along the plate (mm)", ylabel="across (mm)")
+    columns = {"along (mm)": 1e3 * position_m.real, "across (mm)": 1e3 * position_m.imag}
+    return _finished(figure, device, columns, finger_m, untouched, touched)
+
+
+def _finished(
+    figure: Figure,
+    device: Device,
+    columns: dict[str, Any],
+    finger_m: Sequence[complex],
+    untouched: Sequence[Mode],
+    touched: Sequence[Mode],
+) -> Picture:
+    for name, modes in (("untouched", untouched), ("with finger", touched)):
         columns |= {f"mode {k + 1} {name}": mode.shape for k, mode in enumerate(modes)}
     return finish_picture(
         figure,

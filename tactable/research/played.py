@@ -1,6 +1,7 @@
 """A steady drive or a click for fingers at positions, of a table or solved without one: pictures, labelled arrays."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from html import escape
 from typing import TYPE_CHECKING, Any, Self
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from base.arrays import Array
+from base.points import point_text
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table, TableError
@@ -141,16 +143,16 @@ class Click(_Asked, ClickEntry):
                 "actuator": [actuator.name for actuator in self.device.actuators],
                 "spread": list(_SPREAD),
                 **_fingers(self.asked),
-                "place": ("finger", list(self.placement.position_m), {"units": "m", "long_name": "made for"}),
+                **_points("place", self.placement.position_m, long_name="made for"),
             },
             {**_origin(self.device), "tolerance_m": self.tolerance_m, "achieved": int(self.achieved)},
         )
 
     def _summary(self) -> list[tuple[str, str]]:
-        places = " and ".join(f"{1e3 * at_m:.4g}" for at_m in self.placement.position_m)
+        places = " and ".join(point_text(at_m, 4) for at_m in self.placement.position_m)
         rows = [
             ("length", f"{1e3 * self.length_s:g} ms"),
-            ("made for", f"{places} mm, each finger within {1e3 * self.tolerance_m:.3g} mm"),
+            ("made for", f"{places}, each finger within {1e3 * self.tolerance_m:.3g} mm"),
             ("felt", f"{self.felt.low_db:.1f} dB (5 %){'' if self.achieved else ', NOT ACHIEVED'}"),
         ]
         return rows + ([] if self.quiet is None else [("quiet", f"{self.quiet.high_db:.1f} dB (95 %)")])
@@ -158,10 +160,14 @@ class Click(_Asked, ClickEntry):
 
 def _fingers(asked: Placement) -> dict[str, Any]:
     """Coordinates of the fingers that were asked for."""
-    return {
-        "position": ("finger", list(asked.position_m), {"units": "m"}),
-        "is_felt": ("finger", list(asked.is_felt)),
-    }
+    return {**_points("position", asked.position_m), "is_felt": ("finger", list(asked.is_felt))}
+
+
+def _points(name: str, points: Sequence[complex], **attributes: str) -> dict[str, Any]:
+    """A coordinate of the fingers in metres, and on a plate another for how far across it they lie."""
+    at_m = np.array(points)
+    found = {name: at_m.real} | ({f"{name}_across": at_m.imag} if np.iscomplexobj(at_m) else {})
+    return {key: ("finger", part, {"units": "m", **attributes}) for key, part in found.items()}
 
 
 def _origin(device: Device) -> dict[str, str]:

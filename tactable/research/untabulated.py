@@ -1,28 +1,26 @@
-"""Functions of a bar without a table: its modes, its response, and fingers on it."""
+"""Functions of a surface without a table: its modes, its response, and fingers on it."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from base.arrays import Points
 from engine.device import Device
 from engine.touch import Placement
 from precompute.model.assembly import assemble
-from precompute.model.modes import compute_modes
+from precompute.model.modes import compute_modes, seen_points
 from precompute.model.response import solve_response
 
 if TYPE_CHECKING:
     import xarray
 
-POINTS = 201
-"""Positions along the bar where none are given."""
-
 
 def placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex] = ()) -> Placement:
-    """Fingers on the bar, each felt or quiet: a text such as "35 mm", metres, or a zone's name, which is its middle.
+    """Fingers on a surface, felt or quiet: a text such as "35 mm", metres, or a zone's name, which is its middle.
 
-    Raises PlacementError for positions beside the bar, more than ten, and two closer than 8 mm, which are one finger.
+    Raises PlacementError for positions beside the surface, more than ten, and two closer than 8 mm, which are one.
 
     >>> placement(device, felt=["35 mm"], quiet=["III"]).is_felt
     (True, False)
@@ -31,9 +29,10 @@ def placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str
 
 
 def modes(device: Device, fingers: Sequence[str | complex] = (), up_to_hz: float = 1000.0) -> "xarray.Dataset":
-    """Modes of the bar up to a frequency, rising, with the device's finger at each position of `fingers`.
+    """Modes of the surface up to a frequency, rising, with the device's finger at each position of `fingers`.
 
-    frequency (Hz), damping_ratio and decay_time (s, to 1/e) along mode; shape (mode, position), greatest 1.
+    frequency (Hz), damping_ratio and decay_time (s, to 1/e) along mode; shape (mode, position), greatest 1. On a plate
+    the coordinate position_across goes with position.
 
     >>> found = modes(device, up_to_hz=300)
     >>> found.shape.dims, found.frequency.attrs["units"]
@@ -41,9 +40,9 @@ def modes(device: Device, fingers: Sequence[str | complex] = (), up_to_hz: float
     """
     import xarray
 
-    position_m = np.linspace(0.0, device.bar.length_m, POINTS)
+    position_m = seen_points(device)
     found = compute_modes(device, position_m, up_to_hz, _positions_m(device, fingers))
-    shapes = np.array([mode.shape for mode in found]).reshape(len(found), POINTS)
+    shapes = np.array([mode.shape for mode in found]).reshape(len(found), len(position_m))
     return xarray.Dataset(
         {
             "frequency": ("mode", [mode.frequency_hz for mode in found], {"units": "Hz"}),
@@ -51,7 +50,7 @@ def modes(device: Device, fingers: Sequence[str | complex] = (), up_to_hz: float
             "decay_time": ("mode", [mode.decay_s for mode in found], {"units": "s", "long_name": "time to 1/e"}),
             "shape": (("mode", "position"), shapes, {"units": "1", "long_name": "greatest displacement 1"}),
         },
-        {"mode": np.arange(1, len(found) + 1), "position": ("position", position_m, {"units": "m"})},
+        {"mode": np.arange(1, len(found) + 1), **_coordinates(position_m)},
         origin_of(device),
     )
 
@@ -64,8 +63,8 @@ def response(
 ) -> "xarray.DataArray":
     """Complex acceleration (frequency, actuator, position) in m/s^2, one actuator at full scale and the others still.
 
-    `frequency_hz` is by default the device's sweep, `position_m` 201 points along the bar; the device's finger lies at
-    each position of `fingers`. A time course is the real part of the value times exp(j omega t).
+    `frequency_hz` is by default the device's sweep, `position_m` points all over the surface; the device's finger lies
+    at each position of `fingers`. A time course is the real part of the value times exp(j omega t).
 
     >>> found = response(device, frequency_hz=[150.0], fingers=["120 mm"])
     >>> found.dims, found.attrs["units"]
@@ -74,19 +73,26 @@ def response(
     import xarray
 
     hz = device.sweep.frequency_hz if frequency_hz is None else np.atleast_1d(np.asarray(frequency_hz, dtype=float))
-    along_m = np.linspace(0.0, device.bar.length_m, POINTS) if position_m is None else np.atleast_1d(position_m)
+    points_m = seen_points(device) if position_m is None else np.atleast_1d(np.asarray(position_m))
     plant = assemble(device).with_fingers(_positions_m(device, fingers), device.finger)
     return xarray.DataArray(
-        solve_response(plant, hz).acceleration(np.asarray(along_m, dtype=float)),
+        solve_response(plant, hz).acceleration(points_m),
         {
             "frequency": ("frequency", hz, {"units": "Hz"}),
             "actuator": [actuator.name for actuator in device.actuators],
-            "position": ("position", along_m, {"units": "m"}),
+            **_coordinates(points_m),
         },
         ("frequency", "actuator", "position"),
         "acceleration",
         {"units": "m s-2", "long_name": "acceleration at full scale", **origin_of(device)},
     )
+
+
+def _coordinates(position_m: Points) -> dict[str, Any]:
+    parts = {"position": position_m.real} | (
+        {"position_across": position_m.imag} if np.iscomplexobj(position_m) else {}
+    )
+    return {name: ("position", part, {"units": "m"}) for name, part in parts.items()}
 
 
 def origin_of(device: Device) -> dict[str, str]:

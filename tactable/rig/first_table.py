@@ -24,7 +24,6 @@ from engine.table.click_columns import write_clicks
 from engine.table.click_grid import Clicks
 from engine.table.mode_columns import write_modes
 from engine.table.netcdf_file import TableWriter
-from engine.touch.places import Places
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.steady_modes import steady_modes
@@ -58,7 +57,7 @@ def solve_first_click(device: Device) -> Clicks:
     """The click of one finger in the middle; where its kernels are not compiled yet, they are."""
     from precompute.clicks import ClickSolver
 
-    places = Places.every(device.bar.length_m, early_options().pitch_m)
+    places = early_options().places(device.surface.corner_m)
     middle = places.placement((2 * (places.count // 2) + 1,))
     return Clicks.of(places, [ClickSolver(device, early_options().at(places)).solve_entry(middle)])
 

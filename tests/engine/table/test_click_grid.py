@@ -55,7 +55,7 @@ def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
     found = table.click_for(["I"], ["IV"], 20.0)
     assert (found.placement, found.level_db) == (PLACEMENTS[1], 20.0)
     assert table.click_for(["30 mm"], [0.19]).placement == PLACEMENTS[1]
-    with pytest.raises(TableError, match=r"no click for fingers at 27\.94, 251\.46 mm"):
+    with pytest.raises(TableError, match=r"no click for fingers at 27\.94 mm, 251\.46 mm"):
         table.click_for(["I"], ["V"])
     with pytest.raises(PlacementError, match="one finger to the surface"):
         table.click_for(["I"], ["I"])
