@@ -17,6 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from base.arrays import Array, Complex, even_points
 from engine.device import Device, Finger
@@ -184,9 +185,10 @@ class PlatePlant(Plant):
         force = np.zeros((len(loads.dof), self.size))
         np.put_along_axis(force, loads.dof, loads.weight, axis=1)
         out = np.empty((len(omega), *force.shape), dtype=np.complex128)
-        for at, w in enumerate(omega):
-            right = (spring + 1j * w * damper)[:, None] * force
-            out[at] = np.linalg.solve(self.K + 1j * w * self.C - w**2 * self.M, right.T).T
+        with threadpool_limits(1, "blas"):  # threads cost more than systems of this size gain by them
+            for at, w in enumerate(omega):
+                right = (spring + 1j * w * damper)[:, None] * force
+                out[at] = np.linalg.solve(self.K + 1j * w * self.C - w**2 * self.M, right.T).T
         return out
 
     def gram(self, field: Complex) -> Complex:

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from engine.table import Table
-from engine.touch.places import Places
 from precompute.clicks.click_basis import click_basis
 from precompute.clicks.of_table import read_click_options
 from precompute.model.assembly import assemble
@@ -50,5 +49,5 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
         assert read_click_options(table) == early_options()
         assert table.clicks.basis is not None
         assert table.clicks.basis.hash == click_basis(device, early_options()).hash
-        assert table.places == Places.every(device.bar.length_m, early_options().pitch_m)
+        assert table.places == early_options().places(device.bar.length_m)
         assert table.clicks.tolerance_m == early_options().at(table.places).tolerance_m
