@@ -5,6 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from base.arrays import Array
+from base.points import point_text
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -62,9 +63,9 @@ def promise_text(click: ClickEntry) -> str:
 
 
 def _made_for(click: ClickEntry) -> str:
-    """The places of a click, such as "35.7 and 118.9 mm, each finger within 2.5 mm"."""
-    places = " and ".join(f"{1e3 * at_m:.4g}" for at_m in click.placement.position_m)
-    return f"{places} mm, {'each' if len(click.fingers) > 1 else 'the'} finger within {1e3 * click.tolerance_m:.3g} mm"
+    """The places of a click, such as "35.7 mm and 118.9 mm, each finger within 2.5 mm"."""
+    places = " and ".join(point_text(at_m, 4) for at_m in click.placement.position_m)
+    return f"{places}, {'each' if len(click.fingers) > 1 else 'the'} finger within {1e3 * click.tolerance_m:.3g} mm"
 
 
 def _draw_waveform(axes: Axes, device: Device, course: Course) -> None:

@@ -42,4 +42,4 @@ def test_fingers_are_drawn_where_they_are_and_the_promise_names_the_places(sourc
     assert (felt["position_m"], felt["zone"], felt["role"]) == (0.06, "I", "felt")
     assert (quiet["position_m"], quiet["role"]) == (0.215, "quiet")
     assert picture.summary["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
-    assert "made for 46.57 and 232.8 mm, each finger within 24.3 mm" in picture.figure.get_suptitle()
+    assert "made for 46.57 mm and 232.8 mm, each finger within 24.3 mm" in picture.figure.get_suptitle()
