@@ -130,7 +130,7 @@ class Device:
         top.close()
         return device
 
-    def with_values(self, values: Mapping[str, str | float]) -> "Device":
+    def with_values(self, values: Mapping[str, str | float | list[str]]) -> "Device":
         """The device with other values, by their keys in the file; marks of estimates stay as they are.
 
         Raises DeviceError for a key that the file does not have, and for a value that is not valid.

@@ -135,6 +135,7 @@ class DemoBackend(PageBackend):
             "building": to_plain(building),
             "clicks": 0 if table is None else len(table.clicks),
             "plays": None if self._plays is None else self._plays[0].as_json(),
+            "has_steady": table is None or table.has_receptances or bool(table.best_rows),
             "is_shipped": table is not None and table.is_shipped,
             "is_outdated": self._is_outdated,
             "is_early": table is not None and table.path == early_path(cached_table(table.device, self._cache)),
@@ -149,7 +150,7 @@ class DemoBackend(PageBackend):
         if self.view is None or not self.view.table.clicks or not is_first(self.view.table):
             return None
         placements = self.view.solved
-        return {"count": len(placements), "last_m": placements[-1].position_m if placements else ()}
+        return {"count": len(placements), "last_m": to_plain(placements[-1].position_m) if placements else ()}
 
     def _what_if(self) -> dict[str, Any] | None:
         """The actuators that were moved, where the file has them, and the device file with their places."""
@@ -158,7 +159,7 @@ class DemoBackend(PageBackend):
         pairs = zip(self._device.actuators, self._described.actuators, strict=True)
         places = [(now.name, now.position_m, was.position_m) for now, was in pairs if now.position_m != was.position_m]
         return {
-            "moved": [{"name": name, "position_m": at_m, "file_m": file_m} for name, at_m, file_m in places],
+            "moved": [{"name": name, "position_m": to_plain(at_m), "file_m": to_plain(file_m)} for name, at_m, file_m in places],
             "text": self._device.text,
         }
 

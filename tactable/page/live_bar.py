@@ -1,7 +1,6 @@
-"""The moving bar of the page: drive events and finger positions to acceleration along the bar, live. SIMULATED.
+"""The moving surface of the page: drive events and finger positions to its acceleration, live. SIMULATED.
 
-What is simulated, filtered by the threshold and kept are the accelerations of the modes: 24 columns, whatever is looked
-at. The threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
+What is simulated, filtered by the threshold and kept are the accelerations of the modes, whatever is looked at. The threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
 """
 
 import math
@@ -12,6 +11,7 @@ import numpy as np
 
 from base.arrays import Array
 from engine.device import Device
+from engine.device.points import Points, even_points
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
@@ -21,12 +21,16 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.page_messages import LOWEST_DB
+from tactable.rig.first_table import modes_of
 
 RATE_HZ = 12_000
 """40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
-MODES = 24
-"""Modes up to 9 kHz; more modes change the levels by less than 0.05 dB."""
 POINTS = 61  # 5 mm apart on 300 mm
+MOST_POINTS, MOST_MOVING = 1500, 420
+"""Points of a field of levels, and of a field that is shown slowed: 6 and 12 mm apart on a tablet."""
+_ROUNDING = 1e-9
+_WHOLE = 400
+"""Of a field of more points, every n-th sample is looked at. Under fingers all are."""
 KEPT_S = 1.0
 """Length of the past that can be seen slowed, and heard."""
 POWER_S = 0.1
@@ -50,7 +54,7 @@ class _Heard:
 class Moved:
     """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
 
-    levels_db, power_levels_db (point,): at points evenly along the bar; the greatest, and the mean power of all tones.
+    levels_db, power_levels_db (point,): at the points of the field; the greatest, and the mean power of all tones.
     peak_db, power_db: the same two by finger.
     """
 
@@ -92,15 +96,50 @@ class _ModalPlant(TransientPlant):
         self.position_m, self._shape = np.zeros(modes), np.eye(modes)
 
 
+@dataclass(frozen=True)
+class Field:
+    """Even points over a surface up to `corner_m`: `across` rows of `along` points."""
+
+    corner_m: complex
+    along: int
+    across: int
+
+    @classmethod
+    def of(cls, corner_m: complex, most: int) -> "Field":
+        """The finest of at most `most` points, and of at most POINTS each way."""
+        sides_m = corner_m.real, corner_m.imag
+        fields = (
+            cls(corner_m, *(1 + math.ceil(steps * side_m / max(sides_m) - _ROUNDING) for side_m in sides_m))
+            for steps in range(POINTS - 1, 0, -1)
+        )
+        return next(field for field in fields if field.count <= most)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return self.along * self.across
+
+    @property
+    def position_m(self) -> Points:
+        """Shape (point,): the points, row by row."""
+        found: Points = even_points(0 * self.corner_m, self.corner_m, self.along, self.across)
+        return found
+
+
 class LiveBar:
-    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`."""
+    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`.
+
+    field, moving: the points of levels, and of what is shown slowed.
+    """
 
     def __init__(self, device: Device) -> None:
         self.device = device
         self.now_us = 0.0
-        self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
-        self._basis = compute_basis(assemble(device), MODES)
-        self._grid = self._basis.at(self.grid_m)
+        corner_m = device.surface.corner_m
+        self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
+        self._basis = compute_basis(assemble(device), modes_of(device))
+        self._grid, self._moving = (self._basis.at(each.position_m) for each in (self.field, self.moving))
+        self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
@@ -126,7 +165,7 @@ class LiveBar:
         self._motion, self._weighted = _RollingBuffer(kept, modes), _RollingBuffer(kept, modes)
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
-        self._plant = _ModalPlant(self._basis, self.grid_m, RATE_HZ)
+        self._plant = _ModalPlant(self._basis, np.zeros(0), RATE_HZ)
         self._place()
 
     def take_events(self, events: Sequence[DriveEvent]) -> None:
@@ -147,7 +186,7 @@ class LiveBar:
     def _place(self) -> None:
         places_m = [finger.position_m for finger in self._fingers]
         self._rows = np.concatenate([self._grid, self._basis.at(np.array(places_m))])
-        for finger, row in zip(self._fingers, self._rows[POINTS:], strict=True):
+        for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
             before = self._heard.pop(finger.contact_id, None)
             self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
         while len(self._heard) > MOST_TOUCHES:
@@ -180,16 +219,17 @@ class LiveBar:
         numbers = [finger.contact_id for finger in self._fingers]
         levels_db, powers_db = decibels(newest), decibels(power)
         return Moved(
-            levels_db=levels_db[:POINTS],
-            power_levels_db=powers_db[:POINTS],
-            peak_db=dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True)),
-            power_db=dict(zip(numbers, powers_db[POINTS:].tolist(), strict=True)),
+            levels_db=levels_db[: self.field.count],
+            power_levels_db=powers_db[: self.field.count],
+            peak_db=dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True)),
+            power_db=dict(zip(numbers, powers_db[self.field.count :].tolist(), strict=True)),
         )
 
     def _greatest(self, count: int) -> Array:
-        """Greatest acceleration over threshold in the newest samples: along the bar, then under its fingers."""
-        greatest: Array = abs(self._rows @ self._weighted.last(count).T).max(axis=1, initial=0.0)
-        return greatest
+        """Greatest acceleration over threshold in the newest samples: in the field, then under the fingers."""
+        newest, field = self._weighted.last(count).T, self.field.count
+        parts = self._rows[:field] @ newest[:, :: self._every], self._rows[field:] @ newest
+        return np.concatenate([abs(part).max(axis=1, initial=0.0) for part in parts])
 
     def _weigh(self, acceleration: Array) -> Array:
         """Filter by the detection threshold (time, mode); the past of the filter is carried over."""
@@ -202,21 +242,22 @@ class LiveBar:
         return weighted
 
     def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
-        """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger.
+        """The greatest levels since a past moment, dB above threshold: (point,) in the field, and by finger.
 
         Those of the fingers are at their present positions.
         """
         passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
         levels_db = decibels(self._greatest(passed))
         numbers = [finger.contact_id for finger in self._fingers]
-        return levels_db[:POINTS], dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True))
+        return levels_db[: self.field.count], dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True))
 
-    def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
-        """Acceleration (step, point) of a moment, each `every`-th sample; None where it is not over, or too old."""
+    def motion(self, since_us: float, duration_s: float, every: int, finger_m: Sequence[complex]) -> Array | None:
+        """Acceleration (step, point and finger) of a moment, each `every`-th sample; None where not over, or too old."""
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None
-        acceleration: Array = self._motion.last(passed)[:count:every] @ self._grid.T
+        rows = np.concatenate([self._moving, self._basis.at(np.array(finger_m))])
+        acceleration: Array = self._motion.last(passed)[:count:every] @ rows.T
         return acceleration
 
     def felt(self, number: int) -> Array | None:

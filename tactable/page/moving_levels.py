@@ -1,4 +1,4 @@
-"""The levels of one moving bar that count for the last command: under each finger, and along the bar. SIMULATED."""
+"""The levels of a moving surface that count for the last command: under each finger, and in its field. SIMULATED."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from base.arrays import Array
 from engine.touch import Touch
 from tactable.page.judged_commands import Command
-from tactable.page.live_bar import POINTS, LiveBar, Moved
+from tactable.page.live_bar import LiveBar, Moved
 from tactable.page.page_messages import LOWEST_DB, Drive
 
 
@@ -16,9 +16,10 @@ class BarLevels:
 
     def __init__(self, bar: LiveBar) -> None:
         self.bar = bar
-        self.along_db: Array = np.full(POINTS, LOWEST_DB)
-        """Shape (point,): the present levels along the bar."""
-        self.counted_db: Array = np.full(POINTS, LOWEST_DB)
+        self._nothing_db: Array = np.full(bar.field.count, LOWEST_DB)
+        self.along_db = self._nothing_db
+        """Shape (point,): the present levels in the field."""
+        self.counted_db = self._nothing_db
         """Shape (point,): the levels that count for the last command."""
         self.present_db = dict[int, float]()
         """The present level, by contact."""
@@ -30,7 +31,7 @@ class BarLevels:
 
     def begin_command(self) -> None:
         """Forget what counted for the command before."""
-        self.counted_db = np.full(POINTS, LOWEST_DB)
+        self.counted_db = self._nothing_db
         self.felt_db, self.simulated_db = {}, {}
 
     def move_until(self, until_us: float, touches: Sequence[Touch], command: Command | None) -> None:
@@ -42,7 +43,7 @@ class BarLevels:
         self.is_moving = moved is not None
         is_steady = command is not None and command.drive is Drive.STEADY
         if moved is None or command is None:
-            self.along_db, self.present_db = np.full(POINTS, LOWEST_DB), {}
+            self.along_db, self.present_db = self._nothing_db, {}
             self.counted_db = self.along_db if is_steady else self.counted_db
             return
         self.along_db = moved.levels_db

@@ -4,8 +4,9 @@ Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and 
 
     SCENE   0x01  JSON: device, switches, state of the rig; whenever one of them changes
     PICTURE 0x02  the present state, up to 60 a second, see `Picture`
-    MOTION  0x03  a moment of the moving bars, to be shown slowed: u8 points, u8 is_click, u16 steps, u32 command,
-                  f32 seconds per step, f32 m/s^2 at 32767, then i16 (bar, step, point), ours first
+    MOTION  0x03  a moment of the moving surfaces, to be shown slowed: u8 points along, u8 rows of them, u8 fingers of
+                  the command, u8 is_click, u16 steps, u32 command, f32 seconds per step, f32 m/s^2 at 32767, then i16
+                  (surface, step, point and finger), ours first
     SOUND   0x04  what a finger felt: u32 finger, u32 samples per second, then i16 (sample,)
 
 From the browser:
@@ -15,7 +16,8 @@ From the browser:
     LISTEN  0x83  u32 finger, as a picture numbers it
     DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
 
-Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket.
+Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. A point of the surface is f32 x,
+f32 y (engine.device.points.sides_of). Points of a field follow one another along the surface, row by row.
 """
 
 import json
@@ -29,9 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Array
+from engine.device.points import sides_of
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 6  # raise it with any change of these bytes: an old page is told to load again
+VERSION = 7  # raise it with any change of these bytes: an old page is told to load again
 MOST_TOUCHES = 64  # the events of ten fingers in six pictures
 MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
@@ -45,12 +48,12 @@ NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
 _HEAD = struct.Struct("<BB")
 _TOUCH = struct.Struct("<IBff")
 _FINGER_NUMBER = struct.Struct("<I")
-# time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, four lengths
-_PICTURE = struct.Struct("<d6IIff5I5IIBB4B")
-_FINGER = struct.Struct("<IBBfff")
-_MADE = struct.Struct("<IBBfhh")
+# time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, five lengths
+_PICTURE = struct.Struct("<d6IIff5I5IIBB5B")
+_FINGER = struct.Struct("<IBBffff")
+_MADE = struct.Struct("<IBBffhh")
 _CHANNEL = struct.Struct("<fff")
-_MOTION = struct.Struct("<BBHIff")
+_MOTION = struct.Struct("<BBBBHIff")
 _SOUND = struct.Struct("<II")
 _PER_DB = 100  # i16 in centibel: finer than anything that is shown
 _WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
@@ -144,7 +147,7 @@ class ChannelPicture:
 
 @dataclass(frozen=True, slots=True)
 class PaperPicture:
-    """The second bar, which the paper's drives move. On the wire as levels, counted levels, fingers, made fingers.
+    """The second surface, which the paper's drives move. On the wire as levels, counted levels, fingers, made fingers.
 
     fingers_db (finger,): the present level, and the greatest since the last command; simulated_db (made finger,).
     levels_db, counted_db (point,): as those of the picture. All i16 of 0.01 dB (-32768: none).
@@ -161,10 +164,10 @@ class Picture:
     """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns, u32
-    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper bar, 16 is_mixed), then u8 of
-    fingers, made fingers, channels and levels.
-    finger: u32 number, u8 zone (255: none), u8 role, f32 position_m, f32 level_db, f32 felt_db.
-    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, f32 position_m, i16 promised and i16 simulated of
+    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper surface, 16 is_mixed), then u8 of
+    fingers, made fingers, channels, levels along the surface and rows of them.
+    finger: u32 number, u8 zone (255: none), u8 role, point position_m, f32 level_db, f32 felt_db.
+    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised and i16 simulated of
     0.01 dB (-32768: none).
     channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
     """
@@ -195,14 +198,16 @@ class Picture:
     """The fingers that the last command was made for."""
     channels: tuple[ChannelPicture, ...]
     levels_db: Array
-    """Shape (point,), evenly from end to end: the present level there, dB above threshold."""
+    """Shape (point,), evenly from edge to edge, row by row: the present level there, dB above threshold."""
     counted_db: Array
     """The same of the last command: the greatest since a click began, the mean power of a steady drive.
 
-    The curve of the page is drawn from it. A browser that missed pictures would miss the peak of a click otherwise.
+    The curve or map of the page is drawn from it. A browser that missed pictures would miss the peak of a click otherwise.
     """
+    rows: int = 1
+    """Rows of levels across the surface."""
     paper: PaperPicture | None = None
-    """The second bar, where there is one."""
+    """The second surface, where there is one."""
     is_mixed: bool = False
     """A quiet finger still felt a click of its own when this one began: their levels are no comparison."""
 
@@ -214,7 +219,7 @@ def encode_scene(scene: dict[str, Any]) -> bytes:
 
 def encode_picture(picture: Picture) -> bytes:
     """Encode a PICTURE."""
-    counts = [len(part) for part in (picture.fingers, picture.made, picture.channels, picture.levels_db)]
+    counts = [len(part) for part in (picture.fingers, picture.made, picture.channels)]
     fixed = _PICTURE.pack(
         picture.time_s,
         *picture.counters,
@@ -227,6 +232,8 @@ def encode_picture(picture: Picture) -> bytes:
         picture.drive,
         _flags(picture),
         *counts,
+        len(picture.levels_db) // picture.rows,
+        picture.rows,
     )
     fingers = [_finger_bytes(finger) for finger in picture.fingers]
     made = [_made_bytes(finger) for finger in picture.made]
@@ -255,14 +262,14 @@ def _paper_bytes(paper: PaperPicture) -> bytes:
 
 def _finger_bytes(finger: FingerPicture) -> bytes:
     zone = NO_ZONE if finger.zone is None else finger.zone
-    return _FINGER.pack(finger.number, zone, finger.role, finger.position_m, finger.level_db, finger.felt_db)
+    return _FINGER.pack(finger.number, zone, finger.role, *sides_of(finger.position_m), finger.level_db, finger.felt_db)
 
 
 def _made_bytes(finger: MadePicture) -> bytes:
     number = NO_NUMBER if finger.number is None else finger.number
     zone = NO_ZONE if finger.zone is None else finger.zone
     levels = _centibels(finger.promised_db), _centibels(finger.simulated_db)
-    return _MADE.pack(number, zone, finger.role, finger.position_m, *levels)
+    return _MADE.pack(number, zone, finger.role, *sides_of(finger.position_m), *levels)
 
 
 def _centibels(level_db: float | None) -> int:
@@ -271,12 +278,15 @@ def _centibels(level_db: float | None) -> int:
     return round(_PER_DB * min(max(level_db, LOWEST_DB), -LOWEST_DB))
 
 
-def encode_motion(acceleration: Array, step_s: float, command: int, *, is_click: bool) -> bytes:
-    """Encode a MOTION of accelerations (bar, step, point) in m/s^2."""
-    _, steps, points = acceleration.shape
+def encode_motion(
+    acceleration: Array, size: tuple[int, int], step_s: float, command: int, *, is_click: bool
+) -> bytes:
+    """Encode a MOTION of accelerations (surface, step, point and finger) in m/s^2, on a field of `size` along, rows."""
+    _, steps, columns = acceleration.shape
+    fingers = columns - size[0] * size[1]
     scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
     words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
-    return _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(points, is_click, steps, command, step_s, scale) + words
+    return _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(*size, fingers, is_click, steps, command, step_s, scale) + words
 
 
 def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:

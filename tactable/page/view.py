@@ -14,7 +14,7 @@ from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Placement, Touch
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import zone_finder
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.capture import Capture
@@ -37,10 +37,10 @@ def device_json(device: Device) -> dict[str, Any]:
     return {
         "name": device.name,
         "description": device.description,
-        "length_m": device.bar.length_m,
+        "corner_m": to_plain(device.surface.corner_m),
         "zones": to_plain(device.zones),
         "actuators": [
-            {"name": each.name, "position_m": each.position_m, "band_hz": list(each.band_hz)}
+            {"name": each.name, "position_m": to_plain(each.position_m), "band_hz": list(each.band_hz)}
             for each in device.actuators
         ],
         "most": device.limits.amplitude,
@@ -68,7 +68,7 @@ class View:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
-        self._edges = ZoneEdges(table.device)
+        self._edges = zone_finder(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
@@ -172,6 +172,7 @@ class View:
             channels=() if command is None else command.channels,
             levels_db=self.ours.along_db,
             counted_db=self.ours.counted_db,
+            rows=self.bar.field.across,
             paper=None if self.paper is None else self._paper(self.paper.levels),
         )
 

@@ -33,8 +33,14 @@ if TYPE_CHECKING:
 
 IS_FIRST = "is_first"
 """Attribute of a table of modes alone."""
-MODES = 24
-"""Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
+MODES, MOST_MODES = 24, 60
+"""Modes of the page's moving bar, up to 9 kHz: more of them change its levels by less than 0.05 dB. Those of a plate:
+3 kHz on a tablet, and more of them change the levels under fingers by less than 0.01 dB."""
+
+
+def modes_of(device: Device) -> int:
+    """Number of modes of the page's moving surface."""
+    return MOST_MODES if device.surface.corner_m.imag else MODES
 
 
 def early_options() -> "ClickOptions":

@@ -26,7 +26,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.transfers import transfers_at
 from tactable.explain.words import zone_names
-from tactable.rig.first_table import MODES
+from tactable.rig.first_table import modes_of
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -46,10 +46,10 @@ class Promise:
 
 
 class _ModalBar:
-    """A bar of MODES modes, on which standard fingers lie: its steady motion takes no compiled kernel."""
+    """The surface in some modes, on which standard fingers lie: its steady motion takes no compiled kernel."""
 
     def __init__(self, device: Device) -> None:
-        self._device, self._basis = device, compute_basis(assemble(device), MODES)
+        self._device, self._basis = device, compute_basis(assemble(device), modes_of(device))
         self._force = compute_modal_model(self._basis).push
 
     def acceleration(self, frequency_hz: float, position_m: tuple[complex, ...]) -> Complex:

@@ -133,7 +133,7 @@ class Visit:
     def _points(self, fingers: dict[int, float]) -> list[dict[str, float]]:
         left, top, width = self.ask(
             """(() => { const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
-            return [box.left + p.left, box.top + 0.76 * p.height, p.width]; })()"""
+            return [box.left + p.left, box.top + 0.76 * box.height, p.width]; })()"""
         )
         return [{"x": left + width * place, "y": top, "id": number} for number, place in fingers.items()]
 

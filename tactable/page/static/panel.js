@@ -1,8 +1,8 @@
 // The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
 import { NOTHING, NO_NUMBER } from "./wire.js";
-import { ORDERS } from "./bar.js";
-import { Role } from "./levels.js";
+import { pointText } from "./points.js";
+import { ORDERS, Role } from "./surface.js";
 
 const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)" };
 // What the second bar is, by the kind of drive that plays on the first.
@@ -150,7 +150,7 @@ export class Panel {
 
   _sayNotice() {
     const scene = this._scene, notice = byId("notice"), parts = [];
-    say(byId("command-note"), scene.solved ? "Each click is solved when its fingers come; a steady drive takes its place if that takes longer than 0.3 s."
+    say(byId("command-note"), scene.solved ? "Each click is solved when its fingers come; a steady drive, where there is one, takes its place if that takes longer than 0.3 s."
       : scene.clicks ? "The table has clicks for one and for two fingers. A click for more is solved when they come, and a steady drive takes its place if that takes longer than 25 ms."
       : "");
     if (scene.trouble) parts.push(scene.trouble);
@@ -164,14 +164,16 @@ export class Panel {
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
       } else if (scene.what_if) parts.push(`For the actuators that were moved: ${what}`);
       else if (scene.solved) {
-        const { count, last_m } = scene.solved, last = last_m.map((at_m) => (1000 * at_m).toFixed(0)).join(" and ");
-        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";
+        const { count, last_m } = scene.solved, last = last_m.map((at) => pointText(at)).join(" and ");
+        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last}` : "touch it";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
-      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
+      } else if (!scene.clicks && !scene.has_steady) parts.push(`The first click is being solved, and its kernels compiled: ${what}`);
+      else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
       else if (scene.is_early) parts.push(`Building clicks at more places: ${what}; until they are there, those of few places play`);
       else if (scene.clicks) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
-    } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
+    } else if (scene.status === "running" && scene.has_steady && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
+    if (scene.has_steady === false) parts.push("Clicks alone play: steady drives of a plate are not solved yet");
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));
@@ -196,7 +198,7 @@ export class Panel {
     for (let i = 0; i < picture.madeCount; i++) {
       const cells = found[i].cells, { number, zone, role, position_m, promised, simulated } = picture.made[i];
       const name = zone < zones.length ? `, ${zones[zone].name}` : "";
-      say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${(1000 * position_m).toFixed(0)} mm${name}`);
+      say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${pointText(position_m)}${name}`);
       say(cells[1], ORDERS[role] ?? "none");
       cells[1].className = CLASSES[role];
       say(cells[2], decibels(promised));
