@@ -126,7 +126,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
         case "actuators_m":
             count = len(device.actuators)
             kind = type(device.surface.corner_m)
-            places = [_point(each) for each in value] if isinstance(value, list) else [None]
+            places: list[Any] = [_point(each) for each in value] if isinstance(value, list) else [None]
             if len(places) not in (0, count) or not all(isinstance(at_m, kind) for at_m in places):
                 raise ChoiceError(f"actuators_m is {value!r}; expected {count} positions in metres, or none")
             return replace(choice, actuators_m=tuple(places))
@@ -145,7 +145,7 @@ def _point(value: Any) -> Any:
 
 
 def moved(device: Device, choice: Choice) -> Device:
-    """The device with its actuators where the choice has them. Raises DeviceError where the surface has no such place."""
+    """The device with its actuators where the choice has them. Raises DeviceError for a place beside its surface."""
     if not choice.actuators_m:
         return device
     pairs = zip(choice.actuators_m, device.actuators, strict=True)

@@ -159,7 +159,10 @@ class DemoBackend(PageBackend):
         pairs = zip(self._device.actuators, self._described.actuators, strict=True)
         places = [(now.name, now.position_m, was.position_m) for now, was in pairs if now.position_m != was.position_m]
         return {
-            "moved": [{"name": name, "position_m": to_plain(at_m), "file_m": to_plain(file_m)} for name, at_m, file_m in places],
+            "moved": [
+                {"name": name, "position_m": to_plain(at_m), "file_m": to_plain(file_m)}
+                for name, at_m, file_m in places
+            ],
             "text": self._device.text,
         }
 

@@ -1,6 +1,7 @@
 """The moving surface of the page: drive events and finger positions to its acceleration, live. SIMULATED.
 
-What is simulated, filtered by the threshold and kept are the accelerations of the modes, whatever is looked at. The threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
+What is simulated, filtered by the threshold and kept are the accelerations of the modes, whatever is looked at. The
+threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
 """
 
 import math
@@ -252,7 +253,7 @@ class LiveBar:
         return levels_db[: self.field.count], dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True))
 
     def motion(self, since_us: float, duration_s: float, every: int, finger_m: Sequence[complex]) -> Array | None:
-        """Acceleration (step, point and finger) of a moment, each `every`-th sample; None where not over, or too old."""
+        """Acceleration (step, point and finger) of a moment, each `every`-th sample; None before its end, or late."""
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None

@@ -202,7 +202,7 @@ class Picture:
     counted_db: Array
     """The same of the last command: the greatest since a click began, the mean power of a steady drive.
 
-    The curve or map of the page is drawn from it. A browser that missed pictures would miss the peak of a click otherwise.
+    The page draws its curve or map from it. A browser that missed pictures would miss the peak of a click otherwise.
     """
     rows: int = 1
     """Rows of levels across the surface."""
@@ -278,15 +278,15 @@ def _centibels(level_db: float | None) -> int:
     return round(_PER_DB * min(max(level_db, LOWEST_DB), -LOWEST_DB))
 
 
-def encode_motion(
-    acceleration: Array, size: tuple[int, int], step_s: float, command: int, *, is_click: bool
-) -> bytes:
+def encode_motion(acceleration: Array, size: tuple[int, int], step_s: float, command: int, *, is_click: bool) -> bytes:
     """Encode a MOTION of accelerations (surface, step, point and finger) in m/s^2, on a field of `size` along, rows."""
     _, steps, columns = acceleration.shape
     fingers = columns - size[0] * size[1]
     scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
     words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
-    return _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(*size, fingers, is_click, steps, command, step_s, scale) + words
+    return (
+        _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(*size, fingers, is_click, steps, command, step_s, scale) + words
+    )
 
 
 def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:

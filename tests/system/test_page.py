@@ -187,7 +187,7 @@ def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser
     with opened(demo, browser, link=asked) as visit:
         visit.wait("tactable.scene.plays?.source === 'steady' && tactable.scene.plays.level_db === 10")
         made = visit.until("p.fingerCount === 2 && p.madeCount === 2")["made"]
-        assert sorted(finger["position_m"] for finger in made) == pytest.approx([0.04, 0.23], abs=1e-3)
+        assert sorted(finger["position_m"]["x"] for finger in made) == pytest.approx([0.04, 0.23], abs=1e-3)
         kept = "#device=small.toml&source=steady&rules=touch&level=10&quiet=II&fingers=230.0,40.0"
         visit.wait(f"location.hash === '{kept}'")
         visit.page.click("#lift")
@@ -281,7 +281,7 @@ def no_stem_of_a_finger_crosses_what_the_drawing_says_of_time(visit: Visit) -> N
     stems, (left, right) = visit.ask(
         f"""(() => {{ const bar = tactable.bar, c = bar._context, draw = c.fillText, said = [];
         [{FIRST}, {THIRD}].forEach((share, i) => Object.assign(bar._slots[i],
-            {{ position_m: share * bar.shownDevice.length_m, role: {FELT}, seen_ms: bar._last_ms }}));
+            {{ position_m: {{ x: share * bar.shownDevice.corner_m.x }}, role: {FELT}, seen_ms: bar._last_ms }}));
         Object.assign(bar, {{ _motion: {{ points: 0 }}, _motionAt_ms: 10 }});
         c.fillText = (text, x) => said.push(x - c.measureText(text).width, x);
         bar._drawBar(c);

@@ -19,12 +19,12 @@ const sound = new Sound();
 const wire = new Wire({
   scene(found) {
     scene = found;
-    panel.scene = found;
     if (JSON.stringify(bar?.shownDevice) !== JSON.stringify(found.device)) {
       draw(found.device);
       courses.clear();
       byId("courses").removeAttribute("data-has");
     }
+    panel.scene = found;
     deviceHand.update(found);
     fingers.zones = found.device.zones.map((zone) => shareOf(middleOf(zone), found.device.corner_m));
   },
@@ -52,7 +52,8 @@ const fingers = new Fingers(byId("bar"), wire, () => bar.place(), deviceHand);
 function draw(device) {
   const Drawing = drawingFor(device);
   if (bar?.constructor !== Drawing) {
-    document.body.dataset.surface = Drawing.name.toLowerCase();
+    fingers.surface = document.body.dataset.surface = Drawing.name.toLowerCase();
+    for (const word of document.querySelectorAll(".surface")) word.textContent = fingers.surface;
     for (const before of deviceHand.drawings) before.close();
     bar = new Drawing(byId("bar"), wire.picture);
     second = new Drawing(byId("paper-bar"), wire.paper, true);
@@ -100,7 +101,7 @@ function linkScene() {
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
-  const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : "Touch the bar.");
+  const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : `Touch the ${fingers.surface}.`);
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);

@@ -18,6 +18,7 @@ export class Fingers {
     this._handPointer = null;
     this.down = new Map(); // by our number: {x, y, kept, moved}; x and y are fractions of the surface
     this.keeps = false;
+    this.surface = "bar"; // what it is called
     this.onUse = () => {};
     this._canvas = canvas;
     this._wire = wire;
@@ -225,7 +226,7 @@ export class Fingers {
       [600, () => { this.says = null; }],
       [500, lift],
       ...Array.from({ length: taps - 1 }, () => [[1500, tap], [1100, lift]]).flat(),
-      [1900, () => { this._release(rests, Phase.UP); this.says = "Your turn: touch it."; }],
+      [1900, () => { this._release(rests, Phase.UP); this.says = `Your turn: touch the ${this.surface}.`; }],
     ]);
   }
 

@@ -93,11 +93,11 @@ export class Panel {
 
   set scene(scene) {
     this._scene = scene;
-    const { device, choice } = scene, isDemo = scene.mode === "demo", wire = this._wire;
+    const { device, choice } = scene, isDemo = scene.mode === "demo", wire = this._wire, { surface } = document.body.dataset;
     say(byId("device-name"), device.name);
     const badge = byId("badge");
     badge.hidden = false;
-    say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
+    say(badge, isDemo ? `SIMULATED: digitizer, firmware and ${surface}` : `SIMULATED: the ${surface}'s motion`);
     byId("switches").hidden = !isDemo;
     byId("actions").hidden = !isDemo;
     for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo;
@@ -165,7 +165,7 @@ export class Panel {
       } else if (scene.what_if) parts.push(`For the actuators that were moved: ${what}`);
       else if (scene.solved) {
         const { count, last_m } = scene.solved, last = last_m.map((at) => pointText(at)).join(" and ");
-        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last}` : "touch it";
+        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last}` : "touch";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
       } else if (!scene.clicks && !scene.has_steady) parts.push(`The first click is being solved, and its kernels compiled: ${what}`);
       else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);

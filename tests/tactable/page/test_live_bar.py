@@ -38,11 +38,11 @@ def test_however_time_is_cut_the_motion_is_that_of_the_whole_plant(table: Table,
     bar = touched(table, PAIR)
     for step_us in np.random.default_rng(seed).uniform(200.0, 150_000.0, 8).tolist():
         bar.move_until(bar.now_us + step_us)
-    plant = TransientPlant(compute_basis(assemble(table.device)), bar.grid_m, 2 * RATE_HZ)
+    plant = TransientPlant(compute_basis(assemble(table.device)), bar.field.position_m, 2 * RATE_HZ)
     plant.touch([(touch.position_m, table.device.finger) for touch in touches_of(table, PAIR)])
     events = events_of(table, [record_of(table, PAIR, START_NS)])
     whole = plant.run(synthesise(events, 0.0, bar.now_us, 2 * RATE_HZ))[0][::2]
-    motion = bar.motion(0.0, 0.15, 1)
+    motion = bar.motion(0.0, 0.15, 1, ())
     assert motion is not None
     assert np.linalg.norm(motion - whole[: len(motion)]) < 0.01 * np.linalg.norm(motion)
 
@@ -50,7 +50,7 @@ def test_however_time_is_cut_the_motion_is_that_of_the_whole_plant(table: Table,
 def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     point = POINTS // 3
-    bar.touch([Touch(1, float(bar.grid_m[point]), None)], is_loaded=False)
+    bar.touch([Touch(1, float(bar.field.position_m[point]), None)], is_loaded=False)
     untouched = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     for stop in range(1, 12):
         moved, alone = bar.move_until(stop * FRAME_US), untouched.move_until(stop * FRAME_US)
@@ -109,9 +109,9 @@ def test_a_finger_that_left_can_be_heard_until_its_place_is_needed(table: Table)
 def test_a_moment_is_seen_only_once_it_is_over_and_while_it_is_kept(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     run(bar, 0.1)
-    assert bar.motion(1000.0, 0.2, 4) is None
-    found = bar.motion(1000.0, 0.09, 4)
+    assert bar.motion(1000.0, 0.2, 4, ()) is None
+    found = bar.motion(1000.0, 0.09, 4, PAIR.position_m)
     assert found is not None
-    assert found.shape == (270, POINTS)
+    assert found.shape == (270, POINTS + 2)
     run(bar, 2.0)
-    assert bar.motion(1000.0, 0.09, 4) is None
+    assert bar.motion(1000.0, 0.09, 4, PAIR.position_m) is None

@@ -50,11 +50,15 @@ PICTURE = Picture(
     is_loaded=True,
     is_playing=True,
     is_late=False,
-    fingers=(FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5), FingerPicture(4, 2, Role.QUIET, 0.25, -60.0, -3.0)),
-    made=(MadePicture(4, 2, Role.QUIET, 0.25, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
+    fingers=(
+        FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5),
+        FingerPicture(4, 2, Role.QUIET, 0.25 + 0.5j, -60.0, -3.0),
+    ),
+    made=(MadePicture(4, 2, Role.QUIET, 0.25 + 0.5j, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
     channels=(ChannelPicture(183.25, 0.5, -1.0),),
     levels_db=np.array([-99.0, 0.123, 99.0]),
     counted_db=np.array([-20.0, 16.5, 61.0]),
+    rows=3,
 )
 
 
@@ -116,19 +120,21 @@ def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -
 def test_a_picture_lies_as_its_definition_says() -> None:
     data = encode_picture(PICTURE)
     assert data[:2] == bytes([VERSION, Kind.PICTURE])
-    fixed = struct.unpack_from("<d6IIff5I5IIBB4B", data, 2)
+    fixed = struct.unpack_from("<d6IIff5I5IIBB5B", data, 2)
     assert fixed[:9] == (1.5, 1, 2, 3, 4, 5, 6, 7, 0.25)
     assert math.isinf(fixed[9])
-    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 3)
-    at = 2 + struct.calcsize("<d6IIff5I5IIBB4B")
-    fingers = [struct.unpack_from("<IBBfff", data, at + 18 * i) for i in range(2)]
-    assert fingers == [(3, 255, 0, 0.125, 20.5, 21.5), (4, 2, 1, 0.25, -60.0, -3.0)]
-    made = [struct.unpack_from("<IBBfhh", data, at + 36 + 14 * i) for i in range(2)]
-    assert made == [(4, 2, 1, 0.25, -450, -32768), (0xFFFF_FFFF, 255, 2, 0.5, 2000, 1950)]
-    assert struct.unpack_from("<fff", data, at + 64) == (183.25, 0.5, -1.0)
-    assert struct.unpack_from("<3h", data, at + 76) == (-6000, 12, 6000)
-    assert struct.unpack_from("<3h", data, at + 82) == (-2000, 1650, 6000)
-    assert len(data) == at + 88
+    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 1, 3)
+    at = 2 + struct.calcsize("<d6IIff5I5IIBB5B")
+    on_bar, on_plate = (struct.unpack_from("<IBBffff", data, at + 22 * i) for i in range(2))
+    assert on_bar == (3, 255, 0, 0.125, pytest.approx(math.nan, nan_ok=True), 20.5, 21.5)
+    assert on_plate == (4, 2, 1, 0.25, 0.5, -60.0, -3.0)
+    on_plate, on_bar = (struct.unpack_from("<IBBffhh", data, at + 44 + 18 * i) for i in range(2))
+    assert on_plate == (4, 2, 1, 0.25, 0.5, -450, -32768)
+    assert on_bar == (0xFFFF_FFFF, 255, 2, 0.5, pytest.approx(math.nan, nan_ok=True), 2000, 1950)
+    assert struct.unpack_from("<fff", data, at + 80) == (183.25, 0.5, -1.0)
+    assert struct.unpack_from("<3h", data, at + 92) == (-6000, 12, 6000)
+    assert struct.unpack_from("<3h", data, at + 98) == (-2000, 1650, 6000)
+    assert len(data) == at + 104
 
 
 def test_the_second_bar_lies_after_the_first() -> None:
@@ -148,14 +154,14 @@ def test_the_second_bar_lies_after_the_first() -> None:
 
 def test_a_motion_is_told_to_the_greatest_acceleration_of_all_bars() -> None:
     acceleration = np.array([[[0.0, 1.0], [-2.0, 0.5], [2.0, 0.0]], [[0.0, 4.0], [-1.0, 0.5], [2.5, 0.0]]])
-    data = encode_motion(acceleration, 0.001, 5, is_click=True)
-    points, is_click, steps, command, step_s, scale = struct.unpack_from("<BBHIff", data, 2)
-    assert (points, is_click, steps, command) == (2, 1, 3, 5)
+    data = encode_motion(acceleration, (1, 1), 0.001, 5, is_click=True)
+    along, rows, fingers, is_click, steps, command, step_s, scale = struct.unpack_from("<4BHIff", data, 2)
+    assert (along, rows, fingers, is_click, steps, command) == (1, 1, 1, 1, 3, 5)
     assert step_s == pytest.approx(0.001)
-    words = np.frombuffer(data[18:], "<i2").reshape(2, 3, 2)
+    words = np.frombuffer(data[20:], "<i2").reshape(2, 3, 2)
     assert words * scale / 32767 == pytest.approx(acceleration, abs=2e-4)
     assert scale == 4.0
-    assert not any(encode_motion(np.zeros((1, 2, 3)), 0.001, 1, is_click=False)[18:])  # at rest
+    assert not any(encode_motion(np.zeros((1, 2, 3)), (3, 1), 0.001, 1, is_click=False)[20:])  # at rest
 
 
 def test_a_scene_is_json_that_browsers_read() -> None:

@@ -44,7 +44,7 @@ def test_beside_a_click_the_drive_ends_when_the_click_does(table: Table) -> None
     view = played(table, 0.5, is_click=True)
     assert view.paper is not None
     bar = view.paper.levels.bar
-    during, after = bar.motion(60_000.0, 0.02, 1), bar.motion(450_000.0, 0.02, 1)
+    during, after = bar.motion(60_000.0, 0.02, 1, ()), bar.motion(450_000.0, 0.02, 1, ())
     assert during is not None and after is not None
     assert abs(during).max() > 10 * abs(after).max() > 0
 
