@@ -8,8 +8,8 @@ from typing import Any
 
 from base.errors import TactableError
 from base.plain import to_plain
+from base.points import point_of_json
 from engine.device import Device
-from engine.device.points import point_of_json
 from engine.effects.rule_file import read_effects
 from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.table.levels import DEFAULT_LEVEL_DB

@@ -135,7 +135,6 @@ class DemoBackend(PageBackend):
             "building": to_plain(building),
             "clicks": 0 if table is None else len(table.clicks),
             "plays": None if self._plays is None else self._plays[0].as_json(),
-            "has_steady": table is None or table.has_receptances or bool(table.best_rows),
             "is_shipped": table is not None and table.is_shipped,
             "is_outdated": self._is_outdated,
             "is_early": table is not None and table.path == early_path(cached_table(table.device, self._cache)),

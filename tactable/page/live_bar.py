@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Points, even_points
 from engine.device import Device
-from engine.device.points import Points, even_points
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent

@@ -17,7 +17,7 @@ From the browser:
     DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
 
 Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. A point of the surface is f32 x,
-f32 y (engine.device.points.sides_of). Points of a field follow one another along the surface, row by row.
+f32 y (base.points.sides_of). Points of a field follow one another along the surface, row by row.
 """
 
 import json
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Array
-from engine.device.points import sides_of
+from base.points import sides_of
 from engine.touch.sources.pointer import Phase, PointerEvent
 
 VERSION = 7  # raise it with any change of these bytes: an old page is told to load again

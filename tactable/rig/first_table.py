@@ -79,7 +79,7 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
     With `has_rows` it has the best rows of the sweep, which takes compiled kernels. Raises TableError where it cannot
     be written.
     """
-    basis = compute_basis(assemble(device), MODES)
+    basis = compute_basis(assemble(device), modes_of(device))
     modes = steady_modes(basis)
     with TableWriter(path, completes=True) as writer:
         writer.describe(
@@ -94,7 +94,7 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
                 IS_FIRST: 1,
-                "modes": MODES,
+                "modes": modes_of(device),
                 **_click_attributes(clicks, modes.places.pitch_m),
             }
         )

@@ -29,7 +29,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.steady_modes import steady_modes
-from tactable.rig.first_table import MODES
+from tactable.rig.first_table import modes_of
 from tactable.shipped import ready_folder
 
 GROUPS = ("best_rows", "clicks")
@@ -82,7 +82,7 @@ def _unpack(packed: bytes, device: Device, path: Path) -> None:
         with Table.open(small, device=device) as table, TableWriter(path, completes=True) as writer:
             writer.describe(plain_attributes(table))
             table.copy_groups(writer, GROUPS)
-            write_modes(writer, steady_modes(compute_basis(assemble(device), MODES)), device)
+            write_modes(writer, steady_modes(compute_basis(assemble(device), modes_of(device))), device)
 
 
 def plain_attributes(table: Table) -> dict[str, Any]:

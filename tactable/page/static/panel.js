@@ -150,7 +150,7 @@ export class Panel {
 
   _sayNotice() {
     const scene = this._scene, notice = byId("notice"), parts = [];
-    say(byId("command-note"), scene.solved ? "Each click is solved when its fingers come; a steady drive, where there is one, takes its place if that takes longer than 0.3 s."
+    say(byId("command-note"), scene.solved ? "Each click is solved when its fingers come; a steady drive takes its place if that takes longer than 0.3 s."
       : scene.clicks ? "The table has clicks for one and for two fingers. A click for more is solved when they come, and a steady drive takes its place if that takes longer than 25 ms."
       : "");
     if (scene.trouble) parts.push(scene.trouble);
@@ -167,13 +167,11 @@ export class Panel {
         const { count, last_m } = scene.solved, last = last_m.map((at) => pointText(at)).join(" and ");
         const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last}` : "touch";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
-      } else if (!scene.clicks && !scene.has_steady) parts.push(`The first click is being solved, and its kernels compiled: ${what}`);
-      else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
+      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the modes; clicks follow once their kernels are compiled: ${what}`);
       else if (scene.is_early) parts.push(`Building clicks at more places: ${what}; until they are there, those of few places play`);
       else if (scene.clicks) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
-    } else if (scene.status === "running" && scene.has_steady && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
-    if (scene.has_steady === false) parts.push("Clicks alone play: steady drives of a plate are not solved yet");
+    } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));

@@ -173,7 +173,7 @@ export class Plate extends SurfaceView {
     c.font = `11px ${colour.font}`;
     c.fillStyle = colour.muted;
     let x = this._left;
-    for (const db of BANDS_DB) {
+    for (const db of this._motion && this._width < 480 ? [] : BANDS_DB) {
       const text = db ? `${db}` : "felt from 0 dB";
       c.fillStyle = colour.level;
       c.globalAlpha = densityOf(db);
