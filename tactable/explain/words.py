@@ -98,8 +98,8 @@ def zone_lists(device: Device, placement: Placement) -> dict[str, list[str]]:
 
 
 def model_figures(table: Table) -> dict[str, int | float]:
-    """Mesh and modes that the table was made with; empty for a table that does not state them."""
-    keys = ("mesh_elements", "mesh_longest_element_m", "modes", "click_modes")
+    """Mesh or functions, and modes, that the table was made with; empty for a table that does not state them."""
+    keys = ("mesh_elements", "mesh_longest_element_m", "ritz_functions", "modes", "click_modes")
     return {key: table.attributes[key].item() for key in keys if key in table.attributes}
 
 
@@ -109,5 +109,8 @@ def model_text(table: Table) -> str:
     if not model:
         return "the table does not state its mesh and modes"
     clicks = f", {model['click_modes']} for clicks" if "click_modes" in model else ""
-    longest_mm = 1e3 * model["mesh_longest_element_m"]
-    return f"model: {model['mesh_elements']} elements of up to {longest_mm:.1f} mm, {model['modes']} modes{clicks}"
+    if "ritz_functions" in model:
+        parts = f"{model['ritz_functions']} functions by Ritz's method"
+    else:
+        parts = f"{model['mesh_elements']} elements of up to {1e3 * model['mesh_longest_element_m']:.1f} mm"
+    return f"model: {parts}, {model['modes']} modes{clicks}"

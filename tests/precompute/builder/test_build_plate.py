@@ -13,6 +13,7 @@ from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
+from tactable.explain.words import model_text
 from tests.precompute.devices import shipped
 
 pytestmark = pytest.mark.long
@@ -57,6 +58,7 @@ def test_best_rows_are_what_the_plate_does_under_them(path: Path) -> None:
 
 def test_its_clicks_are_of_one_finger_at_points_and_lead_to_the_nearest(path: Path) -> None:
     with Table.open(path) as table:
+        assert "functions" in model_text(table)
         assert table.places == Places(0.3 + 0.18j, 3, 3) and len(table.clicks) == 9
         found = table.click_for(["160 x 20 mm"], level_db=14.0)
         assert found.placement.position_m == (0.15 + 0j,) and found.level_db == pytest.approx(14.0)
