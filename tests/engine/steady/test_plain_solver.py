@@ -41,7 +41,7 @@ def test_a_level_out_of_reach_and_full_scale_are_answered_by_the_loudest_drive()
 
 
 def test_an_actuator_is_still_outside_its_band() -> None:
-    device = DEVICES["reference-a"].with_values({"actuator[1].band": ["60 Hz", "120 Hz"]})  # type: ignore[dict-item]
+    device = DEVICES["reference-a"].with_values({"actuator[1].band": ["60 Hz", "120 Hz"]})
     plain = PlainSolver(device, designer_of(DEVICES["reference-a"]).modes)
     for position_m in ([0.03, 0.2], [0.1, 0.25]):
         drive = plain.solve(position_m, [True, False], 20.0)
