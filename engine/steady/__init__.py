@@ -1,10 +1,9 @@
 """Steady drives for fingers at any positions, solved when fingers come.
 
-`engine.steady.steady_solver` needs Numba, so it is imported only by who solves; modes and drives need no
-compiler.
+`engine.steady.solver` needs Numba, so it is imported only by who solves; receptances and drives need no compiler.
 """
 
-from engine.steady.modes import Modes
-from engine.steady.steady_drive import SteadyDrive
+from engine.steady.drive import SteadyDrive
+from engine.steady.receptances import Receptances
 
-__all__ = ["Modes", "SteadyDrive"]
+__all__ = ["Receptances", "SteadyDrive"]

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Array, Integers
-from firmware_link.protocol.link_errors import MessageError
+from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
@@ -126,8 +125,8 @@ class EncodedClick(NamedTuple):
 class SampleLimits(NamedTuple):
     """The bounds of a waveform by actuator, in steps of its samples: magnitude, and change from sample to sample."""
 
-    amplitude: Integers
-    step: Integers
+    amplitude: NDArray[np.int64]
+    step: NDArray[np.int64]
 
 
 # ---- clicks ------------------------------------------------------------------------------------------------
@@ -149,7 +148,7 @@ def encode_click(
     )
 
 
-def quantise_weights(weights: Array) -> tuple[NDArray[np.int16], int]:
+def quantise_weights(weights: NDArray[np.float64]) -> tuple[NDArray[np.int16], int]:
     """Weights as words and their fraction bits: as many as the greatest weight leaves room for."""
     greatest = float(np.abs(weights).max())
     for fraction_bits in range(MAXIMUM_FRACTION_BITS, 0, -1):
@@ -160,7 +159,7 @@ def quantise_weights(weights: Array) -> tuple[NDArray[np.int16], int]:
 
 def weighted_sum(
     basis_set: BasisSet, weights: Sequence[int] | NDArray[np.int16], fraction_bits: int, number_of_actuators: int
-) -> Integers:
+) -> NDArray[np.int64]:
     """The sum of step 1 (sample, actuator), before it is clamped."""
     words = np.asarray(weights, dtype=np.int64)
     sums = np.zeros((basis_set.samples, number_of_actuators), dtype=np.int64)
@@ -183,7 +182,7 @@ def amplitude_steps(amplitude: float) -> int:
     return _steps_of(encode_amplitude(amplitude))
 
 
-def clamp_samples(sums: Integers, limits: SampleLimits) -> Samples:
+def clamp_samples(sums: NDArray[np.int64], limits: SampleLimits) -> Samples:
     """The waveform (sample, actuator) that is played, of the sums (steps 2 and 3)."""
     remaining = np.arange(len(sums) - 1, -1, -1)[:, None]
     bound = np.minimum(limits.amplitude, limits.step * remaining)

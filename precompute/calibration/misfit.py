@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from base.arrays import Array, Complex
+from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
-from precompute.measurements.types import Kind, Measurements
+
+Array = NDArray[np.float64]
 
 
 class Loss(Enum):
@@ -68,7 +70,7 @@ class MisfitModel:
             size=self._data(np.abs(predicted) * (1 + 1j)),
         )
 
-    def _data(self, value: Complex) -> Array:
+    def _data(self, value: NDArray[np.complex128]) -> Array:
         """Data along the first axis from the rows."""
         real: Array = value.real
         return real.copy() if self.is_peak else np.concatenate([real, value.imag])

@@ -44,7 +44,7 @@ def build(
     device_name: DeviceArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = None,
+    pitch: Pitch = "3 mm",
     threshold: ThresholdCurve = None,
     workers: Workers = None,
     reuse: Annotated[
@@ -100,7 +100,7 @@ class WantedTable:
 
     output: Path | None
     clicks_up_to: int | None
-    pitch_m: float | None
+    pitch_m: float
     workers: int | None
     reuses: bool
     responses: Path | None
@@ -111,9 +111,10 @@ class WantedTable:
 
     def build(self, device: Device) -> None:
         """Build the table of a device and print what it holds."""
-        from precompute.builder.table_build import EARLY_IN_PLACE, build_table
+        from precompute.builder.build import EARLY_IN_PLACE, build_table
         from precompute.clicks import ClickOptions
-        from precompute.measurements.response_table import read_responses
+        from precompute.clicks.tabulated import MOST_TABULATED
+        from precompute.measurements.responses import read_responses
         from precompute.parallel.pool import available_cores
 
         path = self.output or Path(f"{device.name}.nc")
@@ -122,7 +123,7 @@ class WantedTable:
             scales = self.scales_forces
             responses = read_responses(self.responses, device, self.sensor_mass_kg, scales_forces=scales)
         # Clicks are computed by the model in time: with measured responses only where they are asked for.
-        fingers = 0 if responses else None
+        fingers = 0 if responses else MOST_TABULATED
         with shown_progress(self.as_json) as show:
 
             def progress(step: str, fraction: float) -> None:
@@ -187,15 +188,24 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     if as_json:
         print_json(summary)
         return
-    apart = f" at places {1e3 * summary['click_pitch_m']:.3g} mm apart" if summary["clicks"] else ""
-    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} clicks{apart}"
+    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} {_clicks_text(summary)}"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
-    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
-    say(f"processor time: {times}; {cost.clicks} clicks solved")
+    say(_cost_text(cost))
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
     say(model)
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
+
+
+def _clicks_text(summary: Mapping[str, Any]) -> str:
+    if not summary["clicks"]:
+        return "clicks"
+    return f"clicks at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
+
+
+def _cost_text(cost: "BuildCost") -> str:
+    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
+    return f"processor time: {times}; {cost.clicks} clicks solved"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

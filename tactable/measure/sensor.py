@@ -9,8 +9,12 @@ the magnitude of a response is known and its phase is not.
 from dataclasses import dataclass
 from typing import Protocol
 
-from base.arrays import Array
+import numpy as np
+from numpy.typing import NDArray
+
 from base.errors import TactableError
+
+Array = NDArray[np.float64]
 
 ACCELERATION = "acceleration"
 LOOPBACK = "loopback "

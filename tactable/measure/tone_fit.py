@@ -13,8 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from base.arrays import Array, Complex
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 PARTS = 8
 """Parts of a window, whose scatter is the error of the whole."""

@@ -1,17 +1,19 @@
-// The device that plays: device files that are dropped or chosen, and actuators that are dragged to see what if.
+// The bar that plays: device files that are dropped or chosen, and actuators that are dragged to see what if.
 
 import { byId } from "./panel.js";
-import { plainOf, pointAt, pointText } from "./points.js";
 
 const GRAB_PX = 22;
 const STEP_M = 0.0005;
 
+function millimetres(at_m) { return `${(1000 * at_m).toFixed(1).replace(/\.0$/, "")} mm`; }
+
 export class DeviceHand {
-  constructor(wire) {
+  // `bars` draw the actuators; the pointer takes them from the first.
+  constructor(wire, bars) {
     this.scene = null;
     this.isDragging = false;
     this._wire = wire;
-    this.drawings = []; // They draw the actuators; the pointer takes them from the first.
+    this._bars = bars;
     this._places = null; // of the actuators while one is dragged, and until they play
     this._dragged = -1;
     this._sent = "";
@@ -41,7 +43,8 @@ export class DeviceHand {
 
   // The actuator under a place of the canvas in CSS pixels; -1 for none.
   at(x, y) {
-    return this._canDrop ? this.drawings[0]?.actuatorAt(x, y, GRAB_PX) ?? -1 : -1;
+    if (!this._canDrop || !this._bars[0].actuatorAt) return -1;
+    return this._bars[0].actuatorAt(x, y, GRAB_PX);
   }
 
   grab(index) {
@@ -51,10 +54,10 @@ export class DeviceHand {
     this.isDragging = true;
   }
 
-  // Move the grabbed actuator to a point as fractions of the surface; the others stay.
+  // Move the grabbed actuator to a fraction of the bar; the others stay.
   move(share) {
-    const { x, y } = pointAt(share, this.scene.device.corner_m), rounded = (at) => Math.round(at / STEP_M) * STEP_M;
-    this._places[this._dragged] = { x: rounded(x), y: rounded(y) };
+    const { length_m } = this.scene.device;
+    this._places[this._dragged] = Math.round((share * length_m) / STEP_M) * STEP_M;
     this._show();
     this._send();
   }
@@ -72,7 +75,7 @@ export class DeviceHand {
     const isIdle = trouble || JSON.stringify(plays?.actuators_m) === JSON.stringify(choice.actuators_m);
     if (asked === this._sent || (this.isDragging && !isIdle)) return;
     this._sent = asked;
-    this._wire.choose({ actuators_m: this._places.map(plainOf) });
+    this._wire.choose({ actuators_m: this._places });
   }
 
   // What the server says of the device has come.
@@ -89,7 +92,7 @@ export class DeviceHand {
   }
 
   _show() {
-    for (const drawing of this.drawings) drawing.places = this._places;
+    for (const bar of this._bars) bar.places = this._places;
   }
 
   _say({ what_if, clicks }) {
@@ -97,7 +100,7 @@ export class DeviceHand {
     if (!what_if) return;
     const plays = clicks ? "Clicks are solved for these places as fingers ask for them."
       : "Steady drives play; clicks follow once their kernels are compiled.";
-    const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${pointText(position_m, 1)} (device file: ${pointText(file_m, 1)})`);
+    const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${millimetres(position_m)} (device file: ${millimetres(file_m)})`);
     byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}. ${plays}`;
   }
 

@@ -1,0 +1,89 @@
+"""The link and the session of a run with the compiled step: what a frame would be made of, and one written already."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import LinkState
+from firmware_link.host.session import Port, Session
+
+
+class Ahead(NamedTuple):
+    """What the next command would be encoded with; times are those of the host, ns."""
+
+    lease_ms: int
+    drive_size: int
+    line_free_ns: int
+    """The line is occupied until then."""
+    drive_from_ns: int
+    """A drive may go out from then on, by the spacing of the lease."""
+    click_from_ns: int
+    """A click may go out from then on: the device has room for it."""
+    sequence: int
+    """The sequence number of the frame before."""
+    clock_at_ns: int
+    clock_middle_ns: float
+    clock_drift: float
+    """The drift of `DeviceClock.line`."""
+
+
+class Answer(NamedTuple):
+    """A packet that was read during a wait, and the frame that was written for it, where there is one."""
+
+    packet: bytes
+    frame: bytes
+    """Empty: the compiled step declined."""
+    written: int
+    """Bytes of the frame that the port took."""
+    read_ns: int
+    frame_ns: int
+    state_ns: int
+    asked_ns: int
+    """The time that the frame was encoded for."""
+    command_ns: int
+    written_ns: int
+
+
+@dataclass
+class FastCounters:
+    """Commands that the compiled step wrote: confirmed by the loop, or not the loop's, which ends the fast path."""
+
+    answered: int = 0
+    mispredicted: int = 0
+
+
+class FastLink(Link):
+    """A link that can say what its next command would be encoded with."""
+
+    def ahead(self, now_ns: int) -> Ahead | None:
+        """What is ahead of a command that comes next; None where something else is sent before it."""
+        outbox = self._outbox
+        if self.state is not LinkState.READY or self._reports.acknowledgements or outbox.is_waiting:
+            return None
+        free_ns = (self._line.free_ns, *outbox.free_from_ns(now_ns))
+        lease_ms, drive_size = outbox.lease.duration_ms, len(outbox.silent_drive)
+        return Ahead(lease_ms, drive_size, *free_ns, self._encoder.sequence, *self.clock.line())
+
+
+class FastSession(Session):
+    """A session whose next frame may have been written already."""
+
+    def __init__(self, link: FastLink, port: Port, monotonic_ns: Callable[[], int]) -> None:
+        super().__init__(link, port, monotonic_ns)
+        self.fast_link = link
+        self.fast_counters = FastCounters()
+        self.answer: Answer | None = None
+        """An answer whose frame was written; the next `send` confirms it."""
+
+    def send(self) -> None:
+        """Write what is due, or confirm that it was written; a frame that is not the link's begins a new session."""
+        answer, self.answer = self.answer, None
+        if answer is None:
+            super().send()
+        elif self.link.outgoing(answer.asked_ns) == answer.frame:
+            self.fast_counters.answered += 1
+            self._unsent = answer.frame[answer.written :]
+        else:
+            self.fast_counters.mispredicted += 1
+            self.connect()
