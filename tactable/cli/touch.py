@@ -227,7 +227,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 
 def map_json(learnt: LearntAxis, before: "TouchAxis | None") -> dict[str, Any]:
-    """What was learnt, for JSON; a length is null where neither the device file nor the digitizer gives it."""
+    """The learnt axis for JSON; lengths that neither the device file nor the digitizer states are None."""
     bar_mm = learnt.bar_mm
     return {
         "axis": learnt.axis,

@@ -95,7 +95,7 @@ _OWN = (
 
 
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
-    """The explanation of a click for JSON; the level of full scale, which is infinite, is written as null."""
+    """The click as plain values for JSON; infinite levels are None."""
     click, device = explained.click, table.device
     zones = words.zone_lists(device, explained.placement.zone_states(device))
     values: dict[str, Any] = to_plain(

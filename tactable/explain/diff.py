@@ -18,7 +18,7 @@ _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
 
 
 def diff_json(found: TableDiff) -> dict[str, Any]:
-    """The comparison of two tables for JSON; the level of full scale, which is infinite, is written as null."""
+    """The comparison as plain values for JSON; infinite values are None."""
     tolerance = found.tolerance
     changes = {key: getattr(found, key) for key in ("device", "options", "provenance")}
     values: dict[str, Any] = to_plain(

@@ -33,7 +33,7 @@ def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
 
 
 def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Threshold) -> dict[str, Any]:
-    """The drive for JSON, levels in dB above `threshold`; full scale as the wanted level is written as null."""
+    """The drive as plain values for JSON, levels above `threshold`; an infinite level is None."""
     drive, device, spread = figures.drive, table.device, figures.spread
     placement = Placement(figures.positions_m, drive.felt)
     spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}
