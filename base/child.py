@@ -3,9 +3,10 @@
 A child is `python -P -m base.child MODULE`: it calls `MODULE.main(parent, arguments)`. Its standard input and
 output are one Unix socket, whose other end the parent holds.
 
-- The parent writes lines of JSON: first the arguments, then whatever the child understands. The end of the stream asks
-  the child to end. The system closes the socket of a parent that was killed, too, so a child that watches its `Parent`
-  ends with it; a child that computes and does not look calls `Parent.end_with_it`.
+- The parent writes lines of JSON: first the arguments, then whatever the child understands. A value of a type of ours,
+  which JSON does not have, travels in them pickled: downwards alone, since a child may read what strangers wrote. The
+  end of the stream asks the child to end. The system closes the socket of a parent that was killed, too, so a child
+  that watches its `Parent` ends with it; a child that computes and does not look calls `Parent.end_with_it`.
 - The child writes lines of JSON: first that it is ready, at the end perhaps `{"error": text}`. The parent raises that
   text as a ChildError. Standard error is inherited, so notes and tracebacks appear at once.
 - Each child leads a session of its own: Ctrl-C in a terminal reaches the parent only, which ends its children in order.
@@ -14,11 +15,13 @@ Descriptors travel with a line, which a pipe could not carry. `multiprocessing` 
 the child and leave it in the parent's session; a fresh interpreter starts in a known state.
 """
 
+import base64
 import contextlib
 import ctypes
 import importlib
 import json
 import os
+import pickle
 import select
 import signal
 import socket
@@ -36,6 +39,8 @@ _END_TIMEOUT_S = 10.0  # a child ends in well under a second; one that hangs is 
 _READ_SIZE = 1 << 16
 _MOST_DESCRIPTORS = 4
 _PR_SET_PDEATHSIG = 1
+_PICKLE = "pickle"
+"""The only key of an object that stands for a value of ours."""
 Document = dict[str, Any]
 
 
@@ -54,7 +59,15 @@ def command_of(module: str) -> list[str]:
 
 def encode_line(document: Document) -> bytes:
     """One line of the stream."""
-    return json.dumps(document).encode() + b"\n"
+    return json.dumps(document, default=_pickled).encode() + b"\n"
+
+
+def _pickled(value: object) -> Document:
+    return {_PICKLE: base64.b64encode(pickle.dumps(value)).decode()}
+
+
+def _unpickled(found: Document) -> Any:
+    return pickle.loads(base64.b64decode(found[_PICKLE])) if found.keys() == {_PICKLE} else found
 
 
 def decode_line(line: bytes, name: str) -> Document:
@@ -179,7 +192,7 @@ class Parent:
                 return None
             self._received += data
             self.descriptors += descriptors
-        document: Document = json.loads(self._received[:end])
+        document: Document = json.loads(self._received[:end], object_hook=_unpickled)
         del self._received[: end + 1]
         return document
 
@@ -208,10 +221,9 @@ class Parent:
 def main() -> None:
     """Run the module that the command line names, and make its errors last words."""
     parent = Parent()
-    arguments = parent.read()
-    if arguments is None:
-        raise SystemExit(1)
     try:
+        if (arguments := parent.read()) is None:
+            raise SystemExit(1)
         importlib.import_module(sys.argv[1]).main(parent, arguments)
     except (TactableError, OSError) as error:
         parent.say({"error": str(error)})

@@ -20,8 +20,9 @@ def to_plain(value: object) -> Any: ...
 def to_plain(value: object) -> Any:
     """A value as dicts, lists, strings, finite numbers, booleans and None.
 
-    A dataclass becomes a dict of its fields, an enum its value, an array nested lists, a path its text, a set a sorted
-    list; infinite and undefined numbers become None, since JSON has none. Raises TypeError for anything else.
+    A dataclass becomes a dict of its fields, an enum its value, an array nested lists, a complex number its two parts,
+    a path its text, a set a sorted list; infinite and undefined numbers become None, since JSON has none. Raises
+    TypeError for anything else.
     """
     if isinstance(value, Enum):
         return to_plain(value.value)
@@ -29,6 +30,8 @@ def to_plain(value: object) -> Any:
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
+    if isinstance(value, complex):
+        return [to_plain(value.real), to_plain(value.imag)]
     if isinstance(value, np.generic | np.ndarray):
         return to_plain(value.tolist())
     if is_dataclass(value) and not isinstance(value, type):

@@ -1,6 +1,7 @@
 """Text that a terminal shows and does not obey."""
 
 import re
+import sys
 
 # Control characters but for tab and line feed, marks that change the direction of text, and halves of a character.
 _COMMANDING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -13,3 +14,9 @@ def printable(text: str) -> str:
     hide lines or type an answer.
     """
     return _COMMANDING.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def write_note(text: str) -> None:
+    """Write what a user should know as a line on standard error, from any process of ours."""
+    sys.stderr.write(f"note: {printable(text)}\n")
+    sys.stderr.flush()

@@ -13,86 +13,59 @@ if TYPE_CHECKING:
     from base.errors import TactableError as TactableError
     from engine.device import Device as Device
     from engine.device.quantity import quantity_text as quantity_text
-    from engine.table.diff import compare_tables as compare_tables
+    from engine.table.table_diff import compare_tables as compare_tables
     from firmware_link.host.link import Link as Link
-    from firmware_link.host.link_values import FaultReceived as FaultReceived
     from firmware_link.host.link_values import LinkConfiguration as LinkConfiguration
     from firmware_link.host.link_values import LinkState as LinkState
     from firmware_link.host.serial_port import SerialPort as SerialPort
     from firmware_link.host.session import Session as Session
     from firmware_link.protocol.messages import ChannelDrive as ChannelDrive
+    from firmware_link.protocol.messages import Fault as Fault
     from firmware_link.protocol.messages import encode_drive as encode_drive
-    from precompute.builder.build import build_table as build_table
+    from precompute.builder.table_build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
     from precompute.calibration.device_text import calibrated_device as calibrated_device
-    from precompute.measurements.file import read_measurements as read_measurements
+    from precompute.measurements.measurement_file import read_measurements as read_measurements
     from precompute.sampling.devices import sample_devices as sample_devices
     from tactable.control.client import connect as connect
     from tactable.control.client import connect_async as connect_async
-    from tactable.research.bar import modes as modes
-    from tactable.research.bar import placement as placement
-    from tactable.research.bar import response as response
+    from tactable.research.notebook_table import Table as Table
     from tactable.research.solve import solve_click as solve_click
     from tactable.research.solve import solve_drive as solve_drive
-    from tactable.research.table import Table as Table
+    from tactable.research.untabulated import modes as modes
+    from tactable.research.untabulated import placement as placement
+    from tactable.research.untabulated import response as response
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
     "ChannelDrive": "firmware_link.protocol.messages",
     "Device": "engine.device",
-    "FaultReceived": "firmware_link.host.link_values",
+    "Fault": "firmware_link.protocol.messages",
     "Link": "firmware_link.host.link",
     "LinkConfiguration": "firmware_link.host.link_values",
     "LinkState": "firmware_link.host.link_values",
     "SerialPort": "firmware_link.host.serial_port",
     "Session": "firmware_link.host.session",
-    "Table": "tactable.research.table",
+    "Table": "tactable.research.notebook_table",
     "TactableError": "base.errors",
-    "build_table": "precompute.builder.build",
+    "build_table": "precompute.builder.table_build",
     "calibrate": "precompute.calibration.calibrate",
     "calibrated_device": "precompute.calibration.device_text",
-    "compare_tables": "engine.table.diff",
+    "compare_tables": "engine.table.table_diff",
     "connect": "tactable.control.client",
     "connect_async": "tactable.control.client",
     "encode_drive": "firmware_link.protocol.messages",
     "find_device": "tactable.shipped",
-    "modes": "tactable.research.bar",
-    "placement": "tactable.research.bar",
+    "modes": "tactable.research.untabulated",
+    "placement": "tactable.research.untabulated",
     "quantity_text": "engine.device.quantity",
-    "read_measurements": "precompute.measurements.file",
-    "response": "tactable.research.bar",
+    "read_measurements": "precompute.measurements.measurement_file",
+    "response": "tactable.research.untabulated",
     "sample_devices": "precompute.sampling.devices",
     "solve_click": "tactable.research.solve",
     "solve_drive": "tactable.research.solve",
 }
-__all__ = [
-    "ChannelDrive",
-    "Device",
-    "FaultReceived",
-    "Link",
-    "LinkConfiguration",
-    "LinkState",
-    "SerialPort",
-    "Session",
-    "Table",
-    "TactableError",
-    "build_table",
-    "calibrate",
-    "calibrated_device",
-    "compare_tables",
-    "connect",
-    "connect_async",
-    "encode_drive",
-    "find_device",
-    "modes",
-    "placement",
-    "quantity_text",
-    "read_measurements",
-    "response",
-    "sample_devices",
-    "solve_click",
-    "solve_drive",
-]
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ from base.files import shipped
 
 if TYPE_CHECKING:  # device files need the units of pint, which `tactable list` does not
     from engine.device import Device
-    from engine.effects import Effect
+    from engine.effects.rules import Effect
 
 _HERE = Path(__file__).parent
 DEMO_RECORDING = _HERE / "rig" / "demo.hid"
@@ -31,9 +31,14 @@ def shipped_names() -> list[str]:
 
 def named_effects() -> "dict[str, Effect]":
     """The effects of the vocabulary that rule files and programs may name."""
-    from engine.effects import read_vocabulary
+    from engine.effects.rule_file import read_vocabulary
 
     return read_vocabulary(shipped(_HERE, "vocabulary.toml"))
+
+
+def new_bar_text() -> str:
+    """Text of the device file that `tactable new` begins with."""
+    return shipped(_HERE, "new-bar.toml").read_text(encoding="utf-8")
 
 
 def find_device(name_or_path: str) -> "Device":

@@ -24,21 +24,21 @@ pytest_plugins = ("pytester", "tests.tools.guard", "tests.tools.verdict")
 os.environ.pop("COLUMNS", None)
 # Processes that tests start would compile all of Python's modules again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-EXAMPLES, LONG_EXAMPLES = 20, 100
-"""Of Hypothesis for a law, and in the long tests: a check has the same ones each time, an order seed draws others."""
+EXAMPLES = 20
+"""Of Hypothesis for a law: a check has the same ones each time, an order seed draws others."""
 
 ROOT = Path(__file__).parents[1]
 SLOWEST = (
     "tests/tactable/rig/test_ready.py",
     "tests/test_house.py",
-    "tests/tactable/rig/test_demo.py",
+    "tests/tactable/rig/test_demo_run.py",
     "tests/test_docs.py",
     "tests/test_notebooks.py",
 )
 """Files that a run begins with, so that the workers end together."""
 KERNELS = (
-    *("engine.steady.search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
-    *("precompute.sweep.kernels", "precompute.predict.rise_time", "precompute.predict.performance"),
+    *("engine.steady.drive_search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
+    *("precompute.sweep.sweep_kernels", "precompute.predict.rise_time"),
     "precompute.sampling.bars",
 )
 """Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""
@@ -59,9 +59,8 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.option.markexpr == "long":  # the tiers are disjoint: what needs the real machine is of no other
         config.option.markexpr = "long and not machine"
-    count = LONG_EXAMPLES if config.option.markexpr.startswith("long") else EXAMPLES
     is_search = config.getoption("--order-seed") is not None
-    settings.register_profile("tier", deadline=None, max_examples=count, derandomize=not is_search)
+    settings.register_profile("tier", deadline=None, max_examples=EXAMPLES, derandomize=not is_search)
     settings.load_profile("tier")
     if hasattr(config, "workerinput"):
         _compile_kernels()

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib.font_manager  # noqa: F401  # a process lists the fonts where no cache has them
 from typer.main import get_command
 
 from tactable.cli import main as cli

@@ -9,7 +9,7 @@ import pytest
 
 from engine.device import DeviceError
 from engine.device.named_files import text_with_threshold
-from tactable import Device, build_table
+from tactable import Device, build_table, find_device
 from tests.documents import (
     ROOT,
     Block,
@@ -97,7 +97,7 @@ def test_every_page_is_in_the_index() -> None:
 
 
 def known_keys(section: str) -> list[str]:
-    """The keys that a description may have in `section`, as the refusal of another key tells them."""
+    """The keys that a description of a bar or a plate may have in `section`, as the refusal of another key says."""
     text = small_text()
     if section == "zone":
         text = text.replace("count = 3", "").replace('inferred = ["count", "hysteresis"]', "")
@@ -112,7 +112,12 @@ def known_keys(section: str) -> list[str]:
         text = f"qqqqqq = 1\n{text}"
     else:
         place = "[[actuator]]" if section == "actuator" else f"[{section}]"
-        text = text.replace(place, f"{place}\nqqqqqq = 1", 1)
+        both = [each for each in (text, find_device("reference-p").text) if place in each]
+        return [key for each in both for key in refused_keys(each.replace(place, f"{place}\nqqqqqq = 1", 1))]
+    return refused_keys(text)
+
+
+def refused_keys(text: str) -> list[str]:
     with pytest.raises(DeviceError, match="known keys are") as refused:
         Device.parse(text, "my-bar.toml")
     return str(refused.value).partition("known keys are ")[2].split(", ")

@@ -11,16 +11,6 @@ from tests.tactable.cli.in_process import run_here
 ROOT = Path(__file__).parents[1]
 
 
-def test_every_program_of_highs_asks_for_one_thread() -> None:
-    """HiGHS 1.16 solves none that asks for another number of threads than the first of its process."""
-    texts = [
-        path.read_text(encoding="utf-8") for room in ("precompute", "tactable") for path in (ROOT / room).rglob("*.py")
-    ]
-    makers = [text for text in texts if "highspy.Highs()" in text]
-    assert len(makers) == 1
-    assert all(text.count("highspy.Highs()") == text.count('"threads", 1)') for text in makers)
-
-
 def test_tables_is_no_package() -> None:
     assert not list((ROOT / "tables").rglob("*.py"))
 

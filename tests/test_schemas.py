@@ -70,6 +70,7 @@ CASES = [
     *[(DEVICE, read_device, find_device(name).text) for name in ("reference-a", "reference-d", "reference-t")],
     (DEVICE, read_device, with_zones()),
     (DEVICE, read_device, with_curve_and_impedance()),
+    *[(DEVICE, read_device, find_device(name).text) for name in ("reference-p", "reference-c")],
     *[(EFFECTS, read_rules, path.read_text()) for path in sorted((TABLES / "effects").glob("*.toml"))],
     (EFFECTS, read_rules, RULES),
 ]
@@ -147,8 +148,8 @@ def is_read(read: Any, values: Any) -> bool:
 
 @pytest.mark.parametrize(
     ("schema", "read", "text", "others"),
-    [(*CASES[0], ""), (*CASES[3], CASES[0][2]), (*CASES[4], CASES[0][2]), (*CASES[-1], "")],
-    ids=["device", "zones", "curve", "rules"],
+    [(*CASES[0], ""), (*CASES[3], CASES[0][2]), (*CASES[4], CASES[0][2]), (*CASES[5], CASES[0][2]), (*CASES[-1], "")],
+    ids=["device", "zones", "curve", "plate", "rules"],
 )
 def test_what_it_refuses_the_reader_refuses(schema: Any, read: Any, text: str, others: str) -> None:
     """Keys that the text `others` has, too, are left to the test of that text."""
@@ -156,7 +157,17 @@ def test_what_it_refuses_the_reader_refuses(schema: Any, read: Any, text: str, o
     for path in (path for path in leaves(values) if path not in known):
         without = changed(values, path, None)
         # Which keys go together, such as `after` with "hold" or an effect with its name, only the reader knows.
-        if path[-1] not in ("after", "every", "count", "zone", "zones", "region", *FITTED) and path != ("effect",):
+        if path[-1] not in (
+            "after",
+            "every",
+            "count",
+            "rows",
+            "columns",
+            "zone",
+            "zones",
+            "region",
+            *FITTED,
+        ) and path != ("effect",):
             assert refuses(schema, without) is not is_read(read, without), path
         for new in (7, "7", "seven mm", True, [], ["1 mm"], {"a": 1}, "3 dB", "1 mm", "x"):
             other = changed(values, path, new)

@@ -1,5 +1,6 @@
 """The description of one bar with its actuators, zones, finger, digitizer and limits: values, files and units."""
 
+from engine.device.actuator_transfer import Transfer
 from engine.device.device import Device
 from engine.device.electrodes import Electrodes
 from engine.device.parts import (
@@ -14,7 +15,6 @@ from engine.device.parts import (
     Zone,
 )
 from engine.device.threshold import Threshold
-from engine.device.transfer import Transfer
 
 __all__ = [
     "Actuator",

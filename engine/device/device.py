@@ -1,4 +1,4 @@
-"""`Device`: one bar with everything on it, read from a description in TOML, and the fingerprint of its values."""
+"""`Device`: one surface with everything on it, read from a description in TOML, and the fingerprint of its values."""
 
 import hashlib
 import json
@@ -9,40 +9,51 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from engine.device.file import (
+from base.points import point_text
+from engine.device.description import (
     DeviceTable,
     check_bands,
     check_damping,
     check_electrodes,
     check_transfers,
     read_actuators,
-    read_bar,
     read_levels,
     read_limits,
     read_spread,
     read_sweep,
-    read_touch_axis,
-    read_zones,
 )
 from engine.device.finger import FingerOrigin, read_finger
 from engine.device.named_files import names_files, text_with_threshold, with_files_inside
-from engine.device.parts import Actuator, Bar, DeviceError, Finger, Limits, Spread, Sweep, TouchAxis, Uncertainty, Zone
+from engine.device.parts import (
+    Actuator,
+    Bar,
+    DeviceError,
+    Finger,
+    Limits,
+    Spread,
+    Surface,
+    Sweep,
+    TouchAxis,
+    Uncertainty,
+    Zone,
+)
+from engine.device.surface_description import read_surface, read_touch_axis, read_zones
 from engine.device.texts import text_with_values
 from engine.device.threshold import DEFAULT, Threshold, read_threshold, shipped_threshold
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty
 
-_PHYSICAL = re.compile(r"(bar|actuator(\[\d+\])?|finger|spread)\.\w+")
-_CHOSEN = ("bar.largest_element", "bar.damping_of")
+_PHYSICAL = re.compile(r"(bar|plate|actuator(\[\d+\])?|finger|spread)\.\w+")
+_CHOSEN = ("bar.largest_element", "bar.damping_of", "plate.damping_of")
 
 
 @dataclass(frozen=True, repr=False)
 class Device:
-    """One bar with its actuators, zones, finger, digitizer, sweep grid and limits. All lengths from the bar's start."""
+    """One surface with its actuators, zones, finger, digitizer, sweep grid and limits; all points from its start."""
 
     name: str
     description: str
-    bar: Bar
+    surface: Surface
     actuators: tuple[Actuator, ...]
     zones: tuple[Zone, ...]
     zone_hysteresis_m: float
@@ -86,13 +97,13 @@ class Device:
         name, description = top.name("name"), top.sentence("description")
         threshold = read_threshold(top.take_value("threshold", DEFAULT), source)
         sweep = top.section("sweep", read_sweep)
-        bar = top.section("bar", lambda part: read_bar(part, sweep))
-        actuators = read_actuators(top, bar)
-        check_damping(source, bar, actuators)
+        surface = read_surface(top, sweep)
+        actuators = read_actuators(top, surface)
+        check_damping(source, surface, actuators)
         check_electrodes(source, actuators)
         check_transfers(source, actuators)
         finger, finger_origin = top.section("finger", lambda part: read_finger(part, sweep))
-        zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, bar), default={})
+        zones, zone_hysteresis_m = top.section("zones", lambda part: read_zones(part, top, surface), default={})
         check_bands(source, actuators, sweep)
         uncertainty = None
         if "calibration" in top.left:
@@ -100,14 +111,14 @@ class Device:
         device = cls(
             name=name,
             description=description,
-            bar=bar,
+            surface=surface,
             actuators=actuators,
             zones=zones,
             zone_hysteresis_m=zone_hysteresis_m,
             finger=finger,
             finger_origin=finger_origin,
             spread=top.section("spread", read_spread, default={}),
-            touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, bar), default={}),
+            touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, surface), default={}),
             sweep=sweep,
             levels_db=top.section("feel", read_levels, default={}),
             threshold=threshold,
@@ -119,7 +130,7 @@ class Device:
         top.close()
         return device
 
-    def with_values(self, values: Mapping[str, str | float]) -> "Device":
+    def with_values(self, values: Mapping[str, str | float | list[str]]) -> "Device":
         """The device with other values, by their keys in the file; marks of estimates stay as they are.
 
         Raises DeviceError for a key that the file does not have, and for a value that is not valid.
@@ -140,15 +151,26 @@ class Device:
         """
         return Device.parse(text_with_threshold(self.text, curve, self.name), self.name)
 
+    @property
+    def bar(self) -> Bar:
+        """The surface, where it is a bar. Raises DeviceError for a plate: what asks is for bars alone."""
+        if not isinstance(self.surface, Bar):
+            raise DeviceError(f"{self.name}: is a plate; this is for bars alone")
+        return self.surface
+
     def __repr__(self) -> str:
-        parts = f"{1e3 * self.bar.length_m:g} mm, {len(self.actuators)} actuators, {len(self.zones)} zones"
+        parts = f"{point_text(self.surface.corner_m)}, {len(self.actuators)} actuators, {len(self.zones)} zones"
         return f"<Device {self.name}: {parts}, {len(self.estimated_values)} estimated values>"
 
     def _repr_html_(self) -> str:
-        bar, zones = self.bar, (f"{zone.name} {_mm(zone.start_m)} to {_mm(zone.stop_m)}" for zone in self.zones)
-        parts = (f"{a.name} at {_mm(a.position_m)}, {a.band_hz[0]:g} to {a.band_hz[1]:g} Hz" for a in self.actuators)
+        surface = self.surface
+        zones = (f"{each.name} {point_text(each.start_m, 4)} to {point_text(each.stop_m, 4)}" for each in self.zones)
+        parts = (
+            f"{a.name} at {point_text(a.position_m, 4)}, {a.band_hz[0]:g} to {a.band_hz[1]:g} Hz"
+            for a in self.actuators
+        )
         rows = {
-            "bar": f"{_mm(bar.length_m)} by {_mm(bar.width_m)} by {_mm(bar.thickness_m)}",
+            surface.kind: " by ".join(map(_mm, (surface.length_m, surface.width_m, surface.thickness_m))),
             "actuators": "; ".join(parts),
             "zones": "; ".join(zones),
             "threshold": self.threshold.title,
@@ -176,12 +198,13 @@ class Device:
             idle.add("uncertainty")
         values = {k: v for k, v in asdict(self).items() if k not in idle}
         values["threshold"] = self.threshold.values
+        surface = values[self.surface.kind] = values.pop("surface")
         # What a file from before these keys has by default does not count, so that it keeps its fingerprint.
-        if self.bar.damping_of == "bar":
-            del values["bar"]["damping_of"]
+        if surface["damping_of"] == "bar":
+            del surface["damping_of"]
         if self.sweep.is_stored:
             del values["sweep"]["is_stored"]
-        for key, default in (("silence_s", None), ("debounce_s", 0.0)):
+        for key, default in (("silence_s", None), ("debounce_s", 0.0), ("across", None)):
             if values["touch_axis"][key] == default:
                 del values["touch_axis"][key]
         for actuator in values["actuators"]:
@@ -214,4 +237,6 @@ def _rounded(value: Any) -> Any:
         return {key: _rounded(part) for key, part in value.items()}
     if isinstance(value, tuple | list):
         return [_rounded(part) for part in value]
+    if isinstance(value, complex):
+        return [_rounded(value.real), _rounded(value.imag)]
     return float(f"{value:.12g}") + 0.0 if isinstance(value, float) else value

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.device.file import DeviceTable
+from engine.device.description import DeviceTable
 from engine.device.parts import Finger, Sweep
 
 Array = NDArray[np.float64]

@@ -1,15 +1,15 @@
-"""The parts of a device description: immutable values in SI units, with all lengths from the start of the bar."""
+"""The parts of a device description: immutable values in SI units, with all points from the start of the surface."""
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from base.errors import TactableError
+from engine.device.actuator_transfer import Transfer
 from engine.device.electrodes import Electrodes
-from engine.device.transfer import Transfer
 
 
 class DeviceError(TactableError, ValueError):
@@ -33,6 +33,13 @@ class Bar:
     largest_element_m: float
     damping_of: Literal["bar", "assembly"] = "bar"
 
+    kind: ClassVar = "bar"
+
+    @property
+    def corner_m(self) -> float:
+        """The end of the bar: its points reach from 0 to here."""
+        return self.length_m
+
     def wave_number_per_m(self, frequency_hz: float) -> float:
         """Wave number of free bending, (rho A omega^2 / E I)^(1/4)."""
         slowness = math.sqrt(12 * self.density_kg_per_m3 / self.youngs_modulus_pa)
@@ -40,11 +47,47 @@ class Bar:
 
 
 @dataclass(frozen=True)
+class Plate:
+    """A uniform rectangular Kirchhoff plate with free edges, with the damping of `Bar`; x runs along its length."""
+
+    length_m: float
+    width_m: float
+    thickness_m: float
+    youngs_modulus_pa: float
+    density_kg_per_m3: float
+    poissons_ratio: float
+    mass_damping_per_s: float
+    stiffness_damping_s: float
+    damping_of: Literal["bar", "assembly"] = "bar"
+
+    kind: ClassVar = "plate"
+
+    @property
+    def corner_m(self) -> complex:
+        """The corner across from the first one: its points reach from 0 to here."""
+        return complex(self.length_m, self.width_m)
+
+    @property
+    def bending_n_m(self) -> float:
+        """Bending stiffness D = E h^3 / 12 (1 - nu^2)."""
+        return self.youngs_modulus_pa * self.thickness_m**3 / (12 * (1 - self.poissons_ratio**2))
+
+    def wave_number_per_m(self, frequency_hz: float) -> float:
+        """Wave number of free bending, (rho h omega^2 / D)^(1/4)."""
+        density_kg_per_m2 = self.density_kg_per_m3 * self.thickness_m
+        return float((density_kg_per_m2 * (2 * math.pi * frequency_hz) ** 2 / self.bending_n_m) ** 0.25)
+
+
+Surface = Bar | Plate
+"""What fingers touch."""
+
+
+@dataclass(frozen=True)
 class Actuator:
-    """An electrostatic resonant actuator: spring and damper between the bar and a base that is driven."""
+    """An electrostatic resonant actuator: spring and damper between the surface and a base that is driven."""
 
     name: str
-    position_m: float
+    position_m: complex
     stiffness_n_per_m: float
     damping_n_s_per_m: float
     mass_kg: float
@@ -58,16 +101,21 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Zone:
-    """A stretch of the bar that is felt, quiet or free as one."""
+    """A stretch of the bar, or a rectangle of the plate, that is felt, quiet or free as one; from corner to corner."""
 
     name: str
-    start_m: float
-    stop_m: float
+    start_m: complex
+    stop_m: complex
 
     @property
     def length_m(self) -> float:
-        """Length of the zone."""
-        return self.stop_m - self.start_m
+        """Length of the zone along the surface."""
+        return (self.stop_m - self.start_m).real
+
+    @property
+    def middle_m(self) -> complex:
+        """The point in its middle."""
+        return (self.start_m + self.stop_m) / 2
 
 
 @dataclass(frozen=True)
@@ -96,10 +144,20 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class TouchAxis:
-    """How the digitizer lies on the bar, along which axis and how far, and when its contacts have lifted.
+class TouchAcross:
+    """How the digitizer lies across a plate, as `TouchAxis` says it along it."""
 
-    A negative margin: the touch area reaches beyond the bar, and a touch there counts as one at the bar's end.
+    flip: bool
+    start_margin_m: float
+    end_margin_m: float
+    active_length_m: float | None
+
+
+@dataclass(frozen=True)
+class TouchAxis:
+    """How the digitizer lies on the surface, along which axis and how far, and when its contacts have lifted.
+
+    A negative margin: the touch area reaches beyond the surface, and a touch there counts as one at the edge.
     """
 
     axis: Literal["x", "y"]
@@ -107,11 +165,13 @@ class TouchAxis:
     start_margin_m: float
     end_margin_m: float
     active_length_m: float | None
-    """Length of the touch area; None: it ends `end_margin_m` before the end of the bar."""
+    """Length of the touch area; None: it ends `end_margin_m` before the end of the surface."""
     silence_s: float | None = None
     """Time without a frame after which every contact has lifted; None: as the Linux kernel does."""
     debounce_s: float = 0.0
     """A contact that lifts for less than this time stays down."""
+    across: "TouchAcross | None" = None
+    """On a plate: how it lies along the other axis, across the plate."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from engine.device.parts import DeviceError
 _KEY = re.compile(r"(?:(\w+)(?:\[([1-9]\d{0,2})\])?\.)?(\w+)")
 
 
-def text_with_values(text: str, values: Mapping[str, str | float], source: str) -> str:
+def text_with_values(text: str, values: Mapping[str, str | float | list[str]], source: str) -> str:
     """Text with `values` by key: bar.thickness, actuator[2].mass, or actuator.mass for every actuator.
 
     Whether a key exists and a value is valid shows when the text is read. Raises DeviceError.

@@ -11,6 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from base.points import point_words
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0  # 1.5 g is 33 to 41 dB (docs/theory.md); 80 dB is a hundred times that, beyond any bar
@@ -98,15 +99,32 @@ class TomlTable:
         """A position on the bar: a length from its start, or a percentage of its length."""
         return self.checked_position(key, self.take_value(key, default), length_m, least=least)
 
-    def checked_position(self, key: str, text: object, length_m: float, *, least: float = 0.0) -> float:
+    def checked_position(
+        self, key: str, text: object, length_m: float, *, least: float = 0.0, kind: str = "bar"
+    ) -> float:
         """As `position`, for a value that the caller has taken from the file."""
         if isinstance(text, str) and text.rstrip().endswith("%"):
             value = self.checked(key, text, "", least=least) * length_m
         else:
             value = self.checked(key, text, "m", least=least)
         if value > length_m * (1 + 1e-12):
-            raise self.error(key, text, f"is off the bar, which is {1e3 * length_m:g} mm long")
+            raise self.error(key, text, f"is off the {kind}, which is {1e3 * length_m:g} mm long")
         return min(value, length_m)
+
+    def point(self, key: str, corner_m: complex) -> complex:
+        """A point of the surface that reaches from 0 to `corner_m`: on a plate a list of two positions."""
+        return self.checked_point(key, self.take_value(key), corner_m)
+
+    def checked_point(self, key: str, value: object, corner_m: complex) -> complex:
+        """As `point`, for a value that the caller has taken from the file; a text such as "35 x 60 mm" does, too."""
+        if not isinstance(corner_m, complex):
+            return self.checked_position(key, value, corner_m)
+        parts = point_words(value) if isinstance(value, str) else value
+        if not isinstance(parts, list) or len(parts) != 2:
+            raise self.error(key, value, "expected a point such as ['35 mm', '60 mm'], along and across the plate")
+        along, across = parts
+        x_m = self.checked_position(key, along, corner_m.real, kind="plate")
+        return complex(x_m, self.checked_position(key, across, corner_m.imag, kind="plate"))
 
     def level_db(self, key: str, text: object) -> float:
         """A sensation level that was taken, such as "20 dB": dB above the detection threshold."""

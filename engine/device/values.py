@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass
 from itertools import chain
 from typing import Any
 
+from base.points import point_text
 from engine.device.device import Device
 from engine.device.parts import DeviceError, Uncertainty
 from engine.device.quantity import quantity_text
 
-Value = int | float | str | None
+Value = int | float | complex | str | None
 
 _WORDING = ("description", "inferred", "text", "uncertainty", "finger_origin")
 _PARTS = {"actuators": "actuator", "zones": "zone"}
@@ -55,6 +56,7 @@ def number_of(value: Value) -> float | None:
 def device_values(device: Device) -> dict[str, Value]:
     """Every value that the model or the engine uses, in SI units, in the order of the description."""
     values = {key: value for key, value in asdict(device).items() if key not in _WORDING}
+    values = {device.surface.kind if key == "surface" else key: value for key, value in values.items()}
     values["threshold"] = device.threshold.name
     uncertainty = device.uncertainty
     return dict(_flat("", values)) | ({} if uncertainty is None else _uncertainty_values(uncertainty))
@@ -91,6 +93,8 @@ def compare_values(before: Mapping[str, Value], after: Mapping[str, Value]) -> t
 
 
 def _rounded(value: Value) -> Value:
+    if isinstance(value, complex):
+        return complex(float(f"{value.real:.{_DIGITS}g}"), float(f"{value.imag:.{_DIGITS}g}"))
     return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value
 
 
@@ -121,6 +125,8 @@ def _statement(change: Change) -> tuple[str, str | float]:
         raise DeviceError(f"{change.key}: is gone")
     ending = next((each for each in _UNITS if change.key.endswith(each)), None)
     key = change.key.removesuffix(ending or "")
+    if isinstance(value, complex):
+        return key, point_text(value, _WRITTEN_DIGITS)
     if isinstance(value, float) and ending is not None:
         return key, quantity_text(value, _UNITS[ending], _WRITTEN_DIGITS)
     if isinstance(value, float) and _FRACTIONS.fullmatch(key):

@@ -5,9 +5,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from engine.device import Device
+from engine.device.parts import Bar
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
-from engine.effects.files import Converted, Fate, read_effect_file
-from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS
+from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS, Converted, Fate
+from engine.effects.files.read import read_effect_file
 from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
@@ -159,13 +160,19 @@ def read_rule(part: RuleTable, effects: Mapping[str, Effect], device: Device) ->
         region_m,
         after_ns=round(1e9 * part.quantity("after", "s", least=_SHORTEST_S)) if on is Trigger.HOLD else 0,
         every_m=part.quantity("every", "m", least=_LEAST_TRAVEL_M) if on is Trigger.DRAG else 0.0,
+        along=_read_direction(part) if on is Trigger.DRAG and not isinstance(device.surface, Bar) else 0.0,
     )
     part.refuse_rest()
     return rule
 
 
-def read_place(part: RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[float, float] | None]:
-    """Zones, or start and stop of a region in metres, or neither: everywhere."""
+def _read_direction(part: RuleTable) -> complex:
+    """Direction of a drag on a plate: along its length (x), across it (y), or any."""
+    return {"x": 1.0, "y": 1j, "any": 0.0}[part.word("along", ("x", "y", "any"), "any")]
+
+
+def read_place(part: RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[complex, complex] | None]:
+    """Zones, or first and last corner of a region in metres, or neither: everywhere."""
     if "zones" in part.left and "region" in part.left:
         raise part.error("region", part.left["region"], "give either zones or a region")
     part.known += ["zones", "region"]
@@ -184,11 +191,12 @@ def _read_zones(part: RuleTable, device: Device) -> frozenset[int]:
     return frozenset(map(known.index, names))
 
 
-def _read_region(part: RuleTable, device: Device) -> tuple[float, float]:
+def _read_region(part: RuleTable, device: Device) -> tuple[complex, complex]:
     ends = part.left.pop("region")
     if not isinstance(ends, list) or len(ends) != 2:
         raise part.error("region", ends, "expected two positions such as ['40 mm', '60 %']")
-    start_m, stop_m = (part.checked_position("region", text, device.bar.length_m) for text in ends)
-    if start_m >= stop_m:
+    start_m, stop_m = (part.checked_point("region", text, device.surface.corner_m) for text in ends)
+    span_m = stop_m - start_m
+    if span_m.real <= 0 or (isinstance(span_m, complex) and span_m.imag <= 0):
         raise part.error("region", ends, "is empty: the first position must be before the second")
     return start_m, stop_m

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from base.errors import TactableError
+from base.points import is_within
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
@@ -74,14 +75,16 @@ class Rule:
     effect: Effect
     zones: frozenset[int] | None = None
     """Indices of the zones; None: any."""
-    region_m: tuple[float, float] | None = None
-    """Start and stop along the bar, both included; None: anywhere."""
+    region_m: tuple[complex, complex] | None = None
+    """First and last corner, both included (base.points); None: anywhere."""
     after_ns: int = 0
     """How long a finger rests before a HOLD."""
     every_m: float = 0.0
-    """How far a finger travels along the bar for each DRAG."""
+    """How far a finger travels for each DRAG."""
     level_change_db: float = 0.0
     """What is added to each level of the effect."""
+    along: complex = 0.0
+    """The direction that counts for a DRAG, 1 along a plate or 1j across it; 0: any, and on a bar."""
 
     def covers(self, touch: Touch) -> bool:
         """Whether the rule applies to a finger at this place."""
@@ -89,7 +92,7 @@ class Rule:
             return touch.zone in self.zones
         if self.region_m is not None:
             start_m, stop_m = self.region_m
-            return start_m <= touch.position_m <= stop_m
+            return is_within(touch.position_m - start_m, stop_m - start_m)
         return True
 
 

@@ -9,8 +9,9 @@ where it can.
 
 from typing import NamedTuple
 
-from engine.render import Command, Renderer
 from engine.render.held import HeldDrive
+from engine.render.link_commands import Command
+from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
 

@@ -10,7 +10,7 @@ from typing import Protocol
 from engine.device import Device
 from engine.loop.observer import LoopCounters
 from engine.loop.pipeline import Pipeline
-from engine.render import Command
+from engine.render.link_commands import Command
 from engine.table import ClickEntry
 from engine.touch import Placement
 

@@ -3,8 +3,8 @@
 States: a command is *pending* from when the link has it until the port has taken it, a newer command replaces it, or
 the run ends. At most one command is pending, and the latest wins: nothing stale is sent after a stall. `held` is the
 drive that the device holds unless a waveform plays, sent or about to be sent. A command that equals `held` is not sent
-again: a drive would fade out and in, and silence would cut a click, which is played to its end (engine.effects.player
-says why).
+again: a drive would fade out and in, and silence would cut a click, which is played to its end
+(engine.effects.effect_player says why).
 
 Each command's `CommandRecord` is noted when it is handed over and completed when its fate is known; `take_records`
 gives the records of a pass.
@@ -13,7 +13,7 @@ gives the records of a pass.
 from collections.abc import Callable, Sequence
 
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
-from engine.render import SILENCE, Command, DriveCommand
+from engine.render.link_commands import SILENCE, Command, DriveCommand
 from firmware_link.host.session import Session
 
 

@@ -20,17 +20,17 @@ from collections.abc import Container, Sequence
 from typing import Protocol
 
 from engine.loop.awaited_clicks import AwaitedClicks, ClickSolving
-from engine.loop.control import Controls, ControlSlot
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.observer import CommandRecord, Fate, Observer
 from engine.loop.pipeline import Pipeline
+from engine.loop.program_steps import Controls, ControlSlot
 from engine.loop.reconnect import Reconnection, Reopening
 from engine.loop.table_swap import TableSwap, Updates
-from engine.render import SILENCE, Command
+from engine.render.link_commands import SILENCE, Command
 from engine.touch.sources import Source
 from firmware_link.host.link_values import Armed, Capabilities, Event, LinkState
 from firmware_link.host.session import Session
-from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 NS_PER_S = 1_000_000_000
 # The ring of hidraw holds 63 reports; the link never waits for more.
@@ -93,7 +93,7 @@ class Loop:
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
     (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.table_swap`), and
     with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`). With `control` programs decide
-    who feels what (`engine.loop.control`).
+    who feels what (`engine.loop.program_steps`).
     """
 
     def __init__(

@@ -8,7 +8,7 @@ The journey of one touch:
 3. `EffectPlayer.take_touches` follows the rules: which fingers are to feel and which are to rest, where each of them
    is, at which level, and whether that is a click. These three are what is `wanted`.
 4. `Renderer.render` gives the command: a click of the places nearest to the fingers, looked up in the table, as a PLAY,
-   or a steady drive as a SET: solved from the table's receptances for the fingers' own positions, or looked up among
+   or a steady drive as a SET: solved from the table's modes for the fingers' own positions, or looked up among
    the rows of its sweep for their zones, as the rules say. The `Answerer`
    asks for it: a drive that follows a finger keeps its frequency where it can, and a click that no table holds is
    solved beside the loop and awaited, until `learn` brings it.
@@ -29,10 +29,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from engine.device import Device
-from engine.effects import ControlStep, EffectPlayer, Effects, Outcome
-from engine.effects.player import DEFAULT_CLICK_NS
+from engine.effects.control_step import ControlStep, Outcome
+from engine.effects.effect_player import DEFAULT_CLICK_NS, EffectPlayer
+from engine.effects.rules import Effects
 from engine.loop.answerer import NOTHING, Answerer, Wanted
-from engine.render import SILENCE, Command, Renderer, Rendering
+from engine.render.link_commands import SILENCE, Command
+from engine.render.prepared import Rendering
+from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases
@@ -80,7 +83,7 @@ class Pipeline:
         self.answerer = Answerer(renderer)
         digitizer.on_surface = self._follow_surface
         self._follow_surface()
-        player.change_bar((), device.bar.length_m)
+        player.change_bar((), device.surface.corner_m)
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
@@ -171,7 +174,7 @@ class Pipeline:
         fit_releases(self.digitizer, device)
         self.touches = self.tracker.change_bar(device)
         player.click_length_ns = rendering.click_length_ns
-        player.change_bar(self.touches, device.bar.length_m)
+        player.change_bar(self.touches, device.surface.corner_m)
         self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
         self.answerer.change_renderer(rendering.renderer, self.wanted)
         self._note_due()

@@ -10,10 +10,11 @@ began with always ends it.
 from typing import Protocol
 
 from engine.loop.observer import LoopCounters
-from engine.render import Renderer
-from firmware_link.host.link_values import Event, FaultReceived, Greeted, LinkState
+from engine.render.renderer import Renderer
+from firmware_link.host.link_values import Event, Greeted, LinkState
 from firmware_link.host.session import Port, Session
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
+from firmware_link.protocol.messages import Fault
 
 _ENDED = (LinkState.STOPPED, LinkState.DISCONNECTED)
 # Without a port nothing else wakes the loop for a request to stop.
@@ -72,7 +73,7 @@ class Reconnection:
         match event:
             case Greeted() if not renderer.fits(event.capabilities):
                 raise LinkError("another device answered than the one this run began with: start the run again")
-            case FaultReceived() if not self._greets_again:
+            case Fault() if not self._greets_again:
                 raise LinkError(f"the device disarmed itself ({event.fault.name}): see to it, then start the run again")
 
     def greet_again_if_stopped(self) -> None:

@@ -9,12 +9,14 @@ import mmap
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, Self
 
 from base.errors import TactableError
-from engine.loop.latency import Stamps
+from base.points import point_of, sides_of
+from engine.loop.command_latency import Stamps
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
@@ -23,7 +25,7 @@ MAGIC = b"tactring"
 REVISION = 4  # raise it with any change of the structures below
 MOST_TOUCHES = 16
 SLOTS = 4096
-"""Half a second of the fastest digitizer, 8000 reports a second; 4 MiB."""
+"""Half a second of the fastest digitizer, 8000 reports a second; 8 MiB."""
 
 # magic, revision, bytes of a slot, slots, process, records written
 _HEAD = struct.Struct("<8sIIIIQ")
@@ -35,12 +37,13 @@ _GUARD = struct.Struct("<IIQ")
 # six stamps, report index, level, is_click, sequence, counters, the fingers that feel as bits, then how many of
 # fingers, touches, drive, play and report; no finger stands for no placement
 _FIXED = struct.Struct("<6qqd?h6QHBBHHH")
-_FINGERS = [struct.Struct(f"<{count}d") for count in range(MOST_FINGERS + 1)]
-_TOUCH = struct.Struct("<qdb?")
+# points are x and y, which is NaN on a bar
+_FINGERS = [struct.Struct(f"<{2 * count}d") for count in range(MOST_FINGERS + 1)]
+_TOUCH = struct.Struct("<qddb?")
 _NO_LEVEL = float("-inf")
 _NO_FINGER = Placement((), ())
 _NONE = -1
-_SLOT_SIZE = 1024  # 16 touches, 10 fingers and a click of 44 weights leave 400 bytes to the report, which is cut
+_SLOT_SIZE = 2048  # 16 touches, 10 fingers and a click of 176 weights leave 900 bytes to the report, which is cut
 
 
 class RingError(TactableError):
@@ -63,8 +66,8 @@ class RingCounters(NamedTuple):
 class Record(NamedTuple):
     """A `CommandRecord` as the ring holds it, with the counts of its pass.
 
-    `stamps_ns` are in the order of `engine.loop.Stage`; 0 stands for a stage that was not reached, such as COMMAND
-    where nothing else is wanted.
+    `stamps_ns` are in the order of `Stage`; 0 stands for a stage that was not reached, such as COMMAND where nothing
+    else is wanted.
     """
 
     stamps_ns: Stamps
@@ -138,8 +141,10 @@ class RingWriter:
         felt = sum(1 << finger for finger in placement.felt)
         sizes = (len(position_m), count, len(drive), len(play), min(len(report), room))
         fixed = _FIXED.pack(*record.stamps_ns, *wanted, *of_reports, *of_commands, felt, *sizes)
-        packed = [_TOUCH.pack(t[0], t[1], _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]]
-        body = b"".join((fixed, fingers.pack(*position_m), *packed, drive, play, report[:room]))
+        packed = [_TOUCH.pack(t[0], *sides_of(t[1]), _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]]
+        body = b"".join(
+            (fixed, fingers.pack(*chain.from_iterable(map(sides_of, position_m))), *packed, drive, play, report[:room])
+        )
         start = _HEAD_SIZE + self.written % self._slots * _SLOT_SIZE
         self.written += 1
         end = start + _GUARD.size + len(body)
@@ -240,8 +245,8 @@ def _decode(body: bytes) -> Record:
         drive_sequence=None if sequence == _NONE else sequence,
         counters=RingCounters(*counters),
         touches=tuple(
-            Touch(number, position_m, None if zone == _NONE else zone, is_palm)
-            for number, position_m, zone, is_palm in _TOUCH.iter_unpack(body[fingers_end:touches_end])
+            Touch(number, point_of(x_m, y_m), None if zone == _NONE else zone, is_palm)
+            for number, x_m, y_m, zone, is_palm in _TOUCH.iter_unpack(body[fingers_end:touches_end])
         ),
         drive=body[touches_end:drive_end],
         report=body[play_end : play_end + report_size],
@@ -249,5 +254,6 @@ def _decode(body: bytes) -> Record:
     )
 
 
-def _placement(position_m: tuple[float, ...], felt: int) -> Placement:
+def _placement(sides_m: Sequence[float], felt: int) -> Placement:
+    position_m = tuple(map(point_of, sides_m[::2], sides_m[1::2]))
     return Placement(position_m, tuple(bool(felt >> finger & 1) for finger in range(len(position_m))))

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from engine.loop.pipeline import Pipeline
-from engine.render import Rendering
+from engine.render.prepared import Rendering
 from firmware_link.host.link_values import Armed, BasisRefused, BasisReplaced, Event, LinkState
 from firmware_link.host.session import Session
 from firmware_link.protocol.basis import Basis

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from engine.device import Device
-from engine.render.commands import RendererError
+from engine.render.link_commands import RendererError
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.messages import LINEARISES, PM_PER_M
 

@@ -14,7 +14,7 @@ import numpy as np
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import Basis, encode_basis
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import NS_PER_MS, Transport, occupied_ns
+from firmware_link.protocol.line_rate import occupied_ns
 from firmware_link.protocol.messages import Features, Play
 
 MOST_OF_LEASE = 0.5
@@ -46,7 +46,7 @@ def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: i
     chosen = list[int]()
     for number, each in enumerate(whole.sets):
         length_ms = 1e3 * (each.samples - 1) / whole.sample_rate_hz
-        slow_ms = play_ns(len(each.actuators), bit_rate_hz) / NS_PER_MS
+        slow_ms = 1e-6 * play_ns(len(each.actuators), bit_rate_hz)
         if length_ms > capabilities.longest_waveform_ms or slow_ms > MOST_OF_LEASE * lease_ms:
             continue
         if len(encode_basis(_part(whole, [*chosen, number]))) <= capabilities.basis_capacity_bytes:
@@ -71,7 +71,7 @@ def scaled(chosen: ChosenBasis, scales: Sequence[float]) -> ChosenBasis:
 def play_ns(weights: int, bit_rate_hz: int) -> int:
     """Duration for which a PLAY with this number of weights occupies a serial line."""
     frame = encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0)
-    return occupied_ns(Transport.UART, bit_rate_hz, len(frame))
+    return occupied_ns(bit_rate_hz, len(frame))
 
 
 def _part(basis: Basis, numbers: Sequence[int]) -> Basis:

@@ -1,6 +1,6 @@
 """The steady drive that fingers have while they move, whose frequency the next drive keeps where it can."""
 
-from engine.render.commands import Command
+from engine.render.link_commands import Command
 from engine.touch import Placement
 
 SAME_FINGER_M = 5e-3

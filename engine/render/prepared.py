@@ -6,13 +6,13 @@ It takes longer than a loop may wait, so it is made before the run, and in anoth
 from dataclasses import dataclass, replace
 
 from engine.device import Device
-from engine.effects import Drives, Effects
-from engine.effects.player import DEFAULT_CLICK_NS
+from engine.effects.effect_player import DEFAULT_CLICK_NS
+from engine.effects.rules import Drives, Effects
 from engine.render.board_fit import BoardFit, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
-from engine.render.clicks import RenderedClicks
-from engine.render.commands import RendererError
+from engine.render.click_renderer import RenderedClicks
 from engine.render.limits import link_configuration
+from engine.render.link_commands import RendererError
 from engine.render.renderer import Renderer, Steady, WhenNotAchieved
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.table import Table
@@ -68,7 +68,7 @@ def render_table(
             raise RendererError(f"{table.path}: drives of zones: {table.no_row_text(())}")
         steady = ZoneDrives(device, capabilities, table.best_rows, refuses, fit.scales)
     else:
-        steady = SteadyDrives(device, capabilities, table.receptances, refuses, fit.scales, has_kernels=has_kernels)
+        steady = SteadyDrives(device, capabilities, table.modes, refuses, fit.scales, has_kernels=has_kernels)
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
     return Rendering(
         device,

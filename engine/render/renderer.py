@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from enum import StrEnum
 from typing import Protocol
 
-from engine.render.clicks import RenderedClicks
-from engine.render.commands import SILENCE, Command, Rendered
+from engine.render.click_renderer import RenderedClicks
+from engine.render.link_commands import SILENCE, Command, Rendered
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 

@@ -1,26 +1,26 @@
 """Steady drives as commands: solved for the exact positions when they are wanted, clamped, encoded, and remembered.
 
 Optima are sharp and responses are smooth (docs/theory.md#steady-drives-at-positions), so no drive is tabulated: the
-table holds the receptances, and a solve takes less time than a report of most digitizers. Until the kernels of the
-solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain). Zones play rows of the table's
-sweep, which are looked up (engine.table.best_rows).
+table holds the modes, and a solve takes less time than a report of most digitizers. Until the kernels of the
+solver are compiled, once on a machine, a page solves in NumPy (engine.steady.plain_solver). Zones play rows of the
+table's sweep, which are looked up (engine.table.best_rows).
 """
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from engine.device import Device
-from engine.render.commands import SILENCE, DriveCommand, Rendered
 from engine.render.limits import clamp, encode_scaled
-from engine.steady import Receptances
+from engine.render.link_commands import SILENCE, DriveCommand, Rendered
+from engine.steady import Modes
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.host.link_values import Capabilities
 
 if TYPE_CHECKING:
-    from engine.steady.plain import PlainSolver
-    from engine.steady.solver import SteadySolver
+    from engine.steady.plain_solver import PlainSolver
+    from engine.steady.steady_solver import SteadySolver
 
 MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
 
@@ -35,13 +35,13 @@ class SteadyDrives:
         self,
         device: Device,
         capabilities: Capabilities,
-        receptances: Receptances,
+        modes: Modes,
         refuses: bool,
         scales: Sequence[float],
         *,
         has_kernels: bool = True,
     ) -> None:
-        self._solver = _solver_of(device, receptances, has_kernels=has_kernels)
+        self._solver = _solver_of(device, modes, has_kernels=has_kernels)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._scales = tuple(scales)
         self._remembered: dict[tuple[Placement, float, float | None], Rendered] = {}
@@ -68,15 +68,15 @@ class SteadyDrives:
         return Rendered(DriveCommand(drive, solved.frequency_hz), solved.achieved)
 
 
-def _solver_of(device: Device, receptances: Receptances, *, has_kernels: bool) -> "PlainSolver | SteadySolver":
+def _solver_of(device: Device, modes: Modes, *, has_kernels: bool) -> "PlainSolver | SteadySolver":
     """The compiled solver, whose Numba takes half a second to load, or the one in NumPy."""
     if not has_kernels:
-        from engine.steady.plain import PlainSolver
+        from engine.steady.plain_solver import PlainSolver
 
-        return PlainSolver(device, receptances)
-    from engine.steady.solver import SteadySolver
+        return PlainSolver(device, modes)
+    from engine.steady.steady_solver import SteadySolver
 
-    return SteadySolver(device, receptances)
+    return SteadySolver(device, modes)
 
 
 class ZoneDrives:

@@ -1,9 +1,10 @@
 """Steady drives for fingers at any positions, solved when fingers come.
 
-`engine.steady.solver` needs Numba, so it is imported only by who solves; receptances and drives need no compiler.
+`engine.steady.steady_solver` needs Numba, so it is imported only by who solves; modes and drives need no
+compiler.
 """
 
-from engine.steady.drive import SteadyDrive
-from engine.steady.receptances import Receptances
+from engine.steady.modes import Modes
+from engine.steady.steady_drive import SteadyDrive
 
-__all__ = ["Receptances", "SteadyDrive"]
+__all__ = ["Modes", "SteadyDrive"]

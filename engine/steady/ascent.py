@@ -20,8 +20,8 @@ PENALTY = 60.0
 """Nepers of ratio that a neper of missing level costs; what a level can be worth stays below."""
 SHARPEST = 3000.0
 """1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
-_ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 40, 1e-7, 1e-4, 1e-6  # 20 lose nothing, a gain of 1e-4 0.2 dB (search.py)
-_SHARPER = 10**0.5  # half a decade a climb; a decade loses 0.02 dB at most (search.py)
+_ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 40, 1e-7, 1e-4, 1e-6  # 20 lose nothing, a gain of 1e-4 0.2 dB (the search)
+_SHARPER = 10**0.5  # half a decade a climb; a decade loses 0.02 dB at most (drive_search.py)
 
 
 @njit(types.float64(REAL, types.int64, types.int64, types.float64, REAL), cache=True, error_model="numpy")

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
+from base.points import clip_points
 from engine.device import Finger
 
 Array = NDArray[np.float64]
@@ -22,7 +24,7 @@ class FingerCases:
     impedance: stiffness in N/m, damping in N s/m, mass in kg.
     """
 
-    position_m: Array
+    position_m: Points
     impedance: Array
 
 
@@ -34,37 +36,43 @@ class Deviations:
     of the spread's factor on stiffness, damping and mass.
     """
 
-    offset: Array
+    offset: Points
     exponent: Array
 
 
-def sample_deviations(fingers: int, cases: int) -> Deviations:
+def sample_deviations(fingers: int, cases: int, axes: int = 1) -> Deviations:
     """A seeded Latin hypercube of `cases` (even) cases, the least correlated of some.
 
     Half of the cases are the mirror images of the others, so that a mirrored placement on a mirrored bar gets a
-    mirrored drive.
+    mirrored drive. axes: along which the place varies, two on a plate.
     """
-    random, half = np.random.default_rng(SEED), cases // 2
-    best, least = np.zeros((half, 4 * fingers)), np.inf
+    random, half, width = np.random.default_rng(SEED), cases // 2, axes + 3
+    best, least = np.zeros((half, width * fingers)), np.inf
     for _ in range(_TRIES):
-        rank = np.stack([random.permutation(half) for _ in range(4 * fingers)], axis=1)
+        rank = np.stack([random.permutation(half) for _ in range(width * fingers)], axis=1)
         points = (2 * rank + 1) / half - 1
         product = points.T @ points / half
         worst = abs(product - np.diag(np.diag(product))).sum()
         if worst < least:
             best, least = points, worst
-    points = best.reshape(half, fingers, 4)
+    points = best.reshape(half, fingers, width)
     image = points[:, ::-1].copy()
     image[:, :, 0] *= -1
-    every = np.concatenate([np.zeros((1, fingers, 4)), points, image])
-    return Deviations(offset=every[:, :, 0], exponent=every[:, :, 1:])
+    every = np.concatenate([np.zeros((1, fingers, width)), points, image])
+    offset = every[:, :, 0] if axes == 1 else every[:, :, 0] + 1j * every[:, :, 1]
+    return Deviations(offset=offset, exponent=every[:, :, axes:])
 
 
-def cases_at(position_m: Array, deviations: Deviations, finger: Finger, length_m: float) -> FingerCases:
-    """The cases of fingers at positions (finger,), kept on the bar."""
+def axes_of(corner_m: complex) -> int:
+    """Axes along which places vary on the surface that reaches from 0 to `corner_m`."""
+    return 1 + isinstance(corner_m, complex)
+
+
+def cases_at(position_m: Points, deviations: Deviations, finger: Finger, corner_m: complex) -> FingerCases:
+    """The cases of fingers at points (finger,), kept on the surface that reaches from 0 to `corner_m`."""
     rank = np.argsort(np.argsort(position_m, kind="stable"), kind="stable")
     standard = np.array([finger.stiffness_n_per_m, finger.damping_n_s_per_m, finger.mass_kg])
     return FingerCases(
-        position_m=np.ascontiguousarray(np.clip(position_m + TOLERANCE_M * deviations.offset[:, rank], 0.0, length_m)),
+        position_m=np.ascontiguousarray(clip_points(position_m + TOLERANCE_M * deviations.offset[:, rank], corner_m)),
         impedance=standard * finger.spread ** deviations.exponent[:, rank],
     )

@@ -2,7 +2,7 @@
 
 The drive is any that a device was sent: each actuator has its frequency. The solver states levels over the few cases
 that it optimises for, these are over more, of the same spread. Responses are interpolated over frequency and place as
-the solver interpolates them (engine.steady.search), in NumPy alone, so no kernel is compiled.
+the solver interpolates them (engine.steady.drive_search), in NumPy alone, so no kernel is compiled.
 """
 
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.steady.cases import cases_at, sample_deviations
+from engine.steady.cases import axes_of, cases_at, sample_deviations
+from engine.steady.modes import Modes
 from engine.steady.plain_loading import PlainLoading
-from engine.steady.receptances import Receptances
 from engine.touch.placement import MOST_FINGERS
 
 Array = NDArray[np.float64]
@@ -23,24 +23,25 @@ Complex = NDArray[np.complex128]
 CASES = 32
 """As many as `tactable explain` takes for fingers at positions."""
 _NEIGHBOURS = 4
-_LEAST_POWER = 1e-30  # -300 dB, as in solver.py: silence has a logarithm
+_LEAST_POWER = 1e-30  # -300 dB, as in steady_solver.py: silence has a logarithm
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 
 
 def compute_levels(
-    device: Device, receptances: Receptances, positions_m: Sequence[float], hz: Sequence[float], amplitude: Complex
+    device: Device, modes: Modes, positions_m: Sequence[complex], hz: Sequence[float], amplitude: Complex
 ) -> Array:
     """Level above threshold, dB, (case, finger): standard fingers at these positions first, then CASES sampled ones.
 
     hz, amplitude (actuator,): frequency, and complex amplitude as a fraction of full scale. Tones of different
     frequencies add in power.
     """
-    deviations = _deviations(len(positions_m), CASES)
-    cases = cases_at(np.array(positions_m, dtype=np.float64), deviations, device.finger, device.bar.length_m)
+    corner_m = device.surface.corner_m
+    deviations = _deviations(len(positions_m), CASES, axes_of(corner_m))
+    cases = cases_at(np.array(positions_m), deviations, device.finger, corner_m)
     power, tones = np.zeros(cases.position_m.shape), np.array(hz)
     for tone_hz in np.unique(tones[amplitude != 0]):
-        lines, weight = _neighbours(float(tone_hz), receptances.frequency_hz)
-        loaded = PlainLoading(receptances, lines).loaded(cases)
+        lines, weight = _neighbours(float(tone_hz), modes.frequency_hz)
+        loaded = PlainLoading(modes, lines).loaded(cases)
         response = np.einsum("k,ckfa->cfa", weight, loaded)
         power += abs(response @ np.where(tones == tone_hz, amplitude, 0)) ** 2
     level_db: Array = 10 * np.log10(np.maximum(power, _LEAST_POWER))

@@ -40,11 +40,11 @@ from engine.steady.forms import (
     solve,
 )
 
-_CONVERGED = 1e-7  # relative; 1e-5 loses nothing in the placements that search.py tells of
+_CONVERGED = 1e-7  # relative; 1e-5 loses nothing in the placements that drive_search.py tells of
 _LOUD_STEPS = 8
-_LINE_STEPS = 12  # halvings; 6 lose 0.04 dB at most (search.py)
+_LINE_STEPS = 12  # halvings; 6 lose 0.04 dB at most (drive_search.py)
 _LEVEL_STEPS, _LEVEL_FACTOR = 8, 5.0  # 4 steps lose 13.9 dB in one of them, of three actuators
-_LEAST_WEIGHT = 1e-4  # so that it can grow again; 1e-2 changes contrasts by -1.2 to 1.0 dB (search.py)
+_LEAST_WEIGHT = 1e-4  # so that it can grow again; 1e-2 changes contrasts by -1.2 to 1.0 dB (drive_search.py)
 
 _RESPONSES = types.Array(types.complex128, 2, "C")
 _SPACE = types.Array(types.complex128, 2, "C")

@@ -1,7 +1,7 @@
-"""The table file: clicks, receptances, best rows and sweeps, read, written and compared."""
+"""The table file: clicks, modes, best rows and sweeps, read, written and compared."""
 
-from engine.table.click import ClickEntry
-from engine.table.clicks import Clicks
+from engine.table.click_entry import ClickEntry
+from engine.table.click_grid import Clicks
 from engine.table.error import TableError
 from engine.table.table import Table
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.table.file import TableWriter, Variable
 from engine.table.levels import LEVEL_TOLERANCE_DB
+from engine.table.netcdf_file import TableWriter, Variable
 from engine.table.soundness import Arrays
 
 GROUP = "best_rows"

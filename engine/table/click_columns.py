@@ -6,15 +6,15 @@ from functools import partial
 import numpy as np
 
 from engine.device import Device
-from engine.table.clicks import Clicks
-from engine.table.file import TableWriter, Values, Variable
+from engine.table.click_grid import Clicks
+from engine.table.netcdf_file import TableWriter, Values, Variable, read_points
 from engine.table.soundness import Arrays
 from engine.touch.places import Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
-from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.link_errors import MessageError
 
 _CLICK, _FINGER, _SPREAD = ("click",), ("click", "finger"), ("click", "spread")
-_PLACE = Variable("place", ("place",), "m", "position from the start of the bar")
+_PLACE = Variable("place", ("place",), "m", "position from the start of the surface")
 _LEVEL = Variable("level", ("level",), "dB", "that the click is played at; infinite: as it is")
 _SPREAD_NAMES = Variable("spread", ("spread",), "1", "nominal plant, how many sampled plants lie below, the worst")
 _FUNCTIONS = Variable(
@@ -59,7 +59,7 @@ def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
     assert clicks.basis is not None  # a table without clicks has no such group
     write = partial(writer.write, "clicks")
     write(Variable.names("actuator"), [actuator.name for actuator in device.actuators])
-    write(_PLACE, np.array(clicks.places.position_m))
+    writer.write_points("clicks", _PLACE, np.array(clicks.places.position_m))
     write(_SPREAD_NAMES, ["nominal", "5 %", "50 %", "95 %", "worst"])
     _write_basis(write, clicks.basis)
     write(_LEVEL, np.array(clicks.levels_db))
@@ -68,10 +68,11 @@ def write_clicks(writer: TableWriter, clicks: Clicks, device: Device) -> None:
         write(variable, values.astype(np.int8) if values.dtype.kind == "b" else values)
 
 
-def read_clicks(arrays: Arrays, length_m: float, tolerance_m: float) -> Clicks:
-    """Clicks of the group with these open arrays, for a bar of this length.
+def read_clicks(arrays: Arrays, corner_m: complex, tolerance_m: float) -> Clicks:
+    """Clicks of the group with these open arrays, for a surface that reaches from 0 to `corner_m`.
 
-    `tolerance_m`: within this distance of its place a finger lies. Raises ValueError for sets that the basis has not.
+    `tolerance_m`: within this distance of its place a finger lies. Raises ValueError for sets that the basis has not,
+    and for places that are no even grid.
     """
     basis = _read_basis(arrays)
     columns = {field: np.asarray(arrays[variable.name][...]) for field, variable in _VARIABLES.items()}
@@ -79,7 +80,7 @@ def read_clicks(arrays: Arrays, length_m: float, tolerance_m: float) -> Clicks:
         raise ValueError(f"a click is of set {columns['basis_set'].max()} of a basis with {len(basis.sets)}")
     columns["is_felt"] = columns["is_felt"].astype(np.bool_)
     return Clicks(
-        places=Places(length_m, len(arrays[_PLACE.name])),
+        places=Places.at(corner_m, read_points(arrays, _PLACE.name).tolist()),
         tolerance_m=tolerance_m,
         basis=basis,
         levels_db=tuple(arrays[_LEVEL.name][...].tolist()),

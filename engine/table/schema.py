@@ -50,7 +50,7 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
     "responses": {
         **_labels("actuator", "zone", "part"),
         **_arrays("frequency", "frequency"),
-        **_arrays("zone point", "position"),
+        **_arrays("zone point", "position", "position_across"),
         **_arrays("frequency actuator zone point part", "acceleration"),
         **_arrays("frequency zone actuator actuator_2 part", "zone_gram"),
         **_arrays("frequency actuator actuator_2 part", "total_gram"),
@@ -88,17 +88,20 @@ SCHEMA: Mapping[str, Mapping[str, ArrayKind]] = {
         **_arrays("level combination actuator", "drive_phase"),
         **_arrays("level combination zone", "share", "peak_acceleration", "dead_spot"),
     },
-    "receptances": {
+    "modes": {
         **_labels("actuator", "part"),
         **_arrays("frequency", "frequency", least=1e-3, greatest=1e6),
         **_arrays("frequency", "threshold", least=1e-9, greatest=1e6),
-        **_arrays("place", "place"),
-        **_arrays("place actuator frequency part", "drive"),
-        **_arrays("pair frequency part", "point"),
+        **{name: ArrayKind((name,)) for name in ("along", "across")},
+        **_arrays("across along function", "shape"),
+        **_arrays("function actuator frequency part", "drive"),
+        **_arrays("mode", "natural_frequency", "damping", least=0, greatest=1e18),
+        **_arrays("mode actuator", "shape_at_actuator"),
+        **_arrays("actuator", "damper"),
     },
     "clicks": {
         **_labels("actuator", "spread"),
-        **_arrays("place", "place"),
+        **_arrays("place", "place", "place_across"),
         **_arrays("sample", "sample"),
         **_arrays("level", "level", may_be_infinite=True),
         **_arrays("function sample", "basis_function", kind=Kind.WHOLE, least=-32768, greatest=32767),
@@ -126,5 +129,13 @@ TEXT_ATTRIBUTES = (
 )  # fmt: skip
 IS_SHIPPED = "is_shipped"
 """Attribute of a table that holds best rows and clicks alone, made to be small."""
-WHOLE_ATTRIBUTES = (*("format_revision", "clicks_up_to", IS_SHIPPED), *("mesh_elements", "modes", "click_modes"))
+WHOLE_ATTRIBUTES = (
+    "format_revision",
+    "clicks_up_to",
+    IS_SHIPPED,
+    "mesh_elements",
+    "ritz_functions",
+    "modes",
+    "click_modes",
+)
 REAL_ATTRIBUTES = ("click_pitch_m", "click_tolerance_m", "mesh_longest_element_m")

@@ -1,10 +1,10 @@
 """Checks what is in a table file once, when it is opened: nothing lies outside the file, every array is what is read.
 
-The seal of a table (engine.table.file) finds damage. It does not find malice, since whoever changes a file can seal it
-again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw storage and
-virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the values of every
-array are compared with the declaration (engine.table.schema), so that readers of best rows and clicks need no checks of
-their own. Large arrays are read in pieces of bounded size.
+The seal of a table (engine.table.netcdf_file) finds damage. It does not find malice, since whoever changes a file can
+seal it again. HDF5 offers such a file three ways to make a reader open another file: external links, external raw
+storage and virtual datasets. All three are refused before any of them is followed. Then the kind, the shape and the
+values of every array are compared with the declaration (engine.table.schema), so that readers of best rows and clicks
+need no checks of their own. Large arrays are read in pieces of bounded size.
 """
 
 import math
@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.error import TableError
-from engine.table.file import pieces
+from engine.table.netcdf_file import pieces, read_points
 from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
+from engine.touch.places import Places
 
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four
@@ -83,8 +84,8 @@ def check_values(path: Path, groups: Mapping[str, Arrays], device: Device, *, wi
                     raise _FlawError(f"{group_name}/{name}: does not name the {name}s of its device")
             if group_name in _ROWS:
                 _check_rows(group_name, arrays, device)
-            if group_name == "receptances":
-                _check_receptances(arrays, device)
+            if group_name == "modes":
+                _check_modes(arrays, device)
     except _FlawError as flaw:
         raise TableError(f"{path}: is corrupted: {flaw}; build it again") from None
 
@@ -194,9 +195,12 @@ def _check_basis(arrays: Arrays, device: Device) -> None:
 
 def _check_placements(arrays: Arrays, device: Device) -> None:
     """The fingers of a click lie at rising places."""
-    place_m, finger = arrays["place"][...], arrays["finger_place"][...]
-    _check_places("clicks/place", place_m, device, fewest=2)
-    if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= len(place_m):
+    finger = arrays["finger_place"][...]
+    try:
+        places = Places.at(device.surface.corner_m, read_points(arrays, "place").tolist())
+    except ValueError as error:
+        raise _FlawError(f"clicks/place: {error}") from None
+    if not finger.shape[1] or finger[:, 0].min(initial=0) < 0 or finger.max(initial=0) >= places.count:
         raise _FlawError("clicks/finger_place: expected at least one finger, at one of the places")
     before, after = finger[:, :-1], finger[:, 1:]
     if not ((after == -1) | ((before >= 0) & (after > before))).all():
@@ -206,20 +210,24 @@ def _check_placements(arrays: Arrays, device: Device) -> None:
             raise _FlawError(f"clicks/{name}: expected {_SPREADS} figures of each click")
 
 
-def _check_receptances(arrays: Arrays, device: Device) -> None:
+def _check_modes(arrays: Arrays, device: Device) -> None:
     """Kernels without bounds checks read them."""
-    place_m, frequency_hz = arrays["place"][...], arrays["frequency"][...]
-    _check_places("receptances/place", place_m, device, fewest=_FEWEST_PLACES)
+    frequency_hz, own_hz, corner_m = arrays["frequency"][...], arrays["natural_frequency"][...], device.surface.corner_m
+    _check_even("modes/along", arrays["along"][...], corner_m.real, _FEWEST_PLACES)
+    _check_even("modes/across", arrays["across"][...], corner_m.imag, _FEWEST_PLACES if corner_m.imag else 1)
     if not len(frequency_hz) or (frequency_hz[1:] <= frequency_hz[:-1]).any() or arrays["threshold"][...].min() <= 0:
-        raise _FlawError("receptances/frequency: expected rising frequencies with thresholds above 0")
+        raise _FlawError("modes/frequency: expected rising frequencies with thresholds above 0")
     if not arrays["drive"][...].any():
-        raise _FlawError("receptances/drive: no actuator moves any place")
-    pairs = len(place_m) * (len(place_m) + 1) // 2
-    if len(arrays["point"]) != pairs or arrays["drive"].shape[1] != len(device.actuators):
-        raise _FlawError(f"receptances/point: expected {pairs} pairs of places, and the actuators of the device")
+        raise _FlawError("modes/drive: no actuator moves any function")
+    if len(arrays["damper"]) != len(device.actuators):
+        raise _FlawError(f"modes/damper: expected {len(device.actuators)}, one for each actuator of the device")
+    if not 0 < len(own_hz) <= arrays["shape"].shape[2]:
+        raise _FlawError("modes/natural_frequency: expected one at least, and no more than there are functions")
+    if np.isin(own_hz[arrays["damping"][...] == 0], frequency_hz).any():
+        raise _FlawError("modes/natural_frequency: is one of the frequencies, undamped, where it moves without end")
 
 
-def _check_places(where: str, place_m: NDArray[np.float64], device: Device, *, fewest: int) -> None:
-    even_m = np.linspace(0, device.bar.length_m, len(place_m))
-    if len(place_m) < fewest or not np.allclose(place_m, even_m, rtol=0, atol=_ROUNDING_M):
-        raise _FlawError(f"{where}: expected an even grid from one end of the bar to the other")
+def _check_even(where: str, at_m: NDArray[np.float64], side_m: float, fewest: int) -> None:
+    even_m = np.linspace(0, side_m, len(at_m))
+    if len(at_m) < fewest or (not side_m and len(at_m) > 1) or not np.allclose(at_m, even_m, rtol=0, atol=_ROUNDING_M):
+        raise _FlawError(f"{where}: expected an even grid from one end of the surface to the other")

@@ -1,4 +1,4 @@
-"""An open table: its device, clicks by placement, receptances, best rows and sweep (tables/FORMAT.md)."""
+"""An open table: its device, clicks by placement, modes, best rows and sweep (tables/FORMAT.md)."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -9,17 +9,18 @@ import h5netcdf
 import h5py
 import numpy as np
 
+from base.points import point_text
 from engine.device import Device
-from engine.steady.receptances import Receptances
+from engine.steady.modes import Modes
 from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
-from engine.table.click import ClickEntry
-from engine.table.click import played_at as click_played_at
 from engine.table.click_columns import read_clicks
-from engine.table.clicks import Clicks
+from engine.table.click_entry import ClickEntry
+from engine.table.click_entry import played_at as click_played_at
+from engine.table.click_grid import Clicks
 from engine.table.error import TableError
-from engine.table.file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.levels import DEFAULT_LEVEL_DB
-from engine.table.receptance_columns import read_receptances
+from engine.table.mode_columns import read_modes
+from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement
@@ -27,13 +28,13 @@ from engine.touch.places import Places
 
 if TYPE_CHECKING:
     from engine.steady import SteadyDrive
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
 
 __all__ = ["Table", "TableError"]
 
 
 class Table:
-    """An open table: its device, clicks, receptances and best rows, and views of the sweep for any zone combination.
+    """An open table: its device, clicks, modes and best rows, and views of the sweep for any zone combination.
 
     `Table.open` makes one. It is a context manager: the file is closed at its end, all but the sweep stays usable.
     `best_rows`: the rows of the sweep that zones play, none for a bar with one actuator. `clicks`: the tabulated ones,
@@ -44,7 +45,7 @@ class Table:
         self.path = path
         self._file = file
         self.attributes: dict[str, Any] = dict(file.attrs)
-        self.device, self.best_rows, self.clicks, self._receptances = parts
+        self.device, self.best_rows, self.clicks, self._modes = parts
         self.fingerprint = str(self.attributes["device_fingerprint"])
 
     @classmethod
@@ -95,11 +96,11 @@ class Table:
         return bool(found)
 
     @property
-    def receptances(self) -> Receptances:
+    def modes(self) -> Modes:
         """What steady drives at any positions are solved from. Raises TableError where the table has none."""
-        if self._receptances is None:
-            raise TableError(f"{self.path}: has no receptances, as packed tables have none; build it")
-        return self._receptances
+        if self._modes is None:
+            raise TableError(f"{self.path}: has no modes, as packed tables have none; build it")
+        return self._modes
 
     @property
     def is_shipped(self) -> bool:
@@ -137,7 +138,7 @@ class Table:
     def no_row_text(self, felt: Sequence[str]) -> str:
         """Why there is no best row for these zones, and what to do."""
         if len(self.device.actuators) < 2:
-            return "has no sweep: the bar has one actuator; play it by positions"
+            return f"has no sweep: the {self.device.surface.kind} has one actuator; play it by positions"
         if not self.best_rows:
             return "has no best rows of the sweep, as tables of earlier versions have none; build it again"
         return f"has no row of the sweep for zones {', '.join(felt) or 'none'}: name one to three"
@@ -157,7 +158,7 @@ class Table:
         return self.clicks.places
 
     def click_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> ClickEntry:
         """Click for fingers at these positions, `felt` or `quiet`, played at `level_db`.
 
@@ -168,9 +169,9 @@ class Table:
         placement = Placement.named(self.device, felt, quiet)
         click = self.click_at(placement, level_db)
         if click is None:
-            words = ", ".join(f"{1e3 * at_m:g}" for at_m in placement.position_m)
+            words = ", ".join(map(point_text, placement.position_m))
             raise TableError(
-                f"{self.path}: has no click for fingers at {words} mm: build it with clicks for so many fingers; more "
+                f"{self.path}: has no click for fingers at {words}: build it with clicks for so many fingers; more "
                 "than two, and two at one place, are only solved when they come"
             )
         return click
@@ -181,7 +182,7 @@ class Table:
         return None if click is None else click_played_at(click, level_db)
 
     def drive_for(
-        self, felt: Sequence[str | float], quiet: Sequence[str | float] = (), level_db: float = DEFAULT_LEVEL_DB
+        self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
     ) -> "SteadyDrive":
         """Steady drive solved for fingers at these positions, given as in `click_for`; loads compiled kernels.
 
@@ -192,9 +193,9 @@ class Table:
 
     @cached_property
     def _steady(self) -> "SteadySolver":
-        from engine.steady.solver import SteadySolver  # it brings a compiler, which few who open a table need
+        from engine.steady.steady_solver import SteadySolver  # it brings a compiler, which few who open a table need
 
-        return SteadySolver(self.device, self.receptances)
+        return SteadySolver(self.device, self.modes)
 
     def localized_factor(self, zones: Sequence[str], pair: int = 0) -> Values:
         """Kinetic-energy share of `zones` together: (frequency_1, frequency_2, amplitude_1, amplitude_2)."""
@@ -235,7 +236,7 @@ def _stale_text(own: Device, wanted: Device | None) -> str:
     return f"is stale: it was built for another state of {own.name!r}; build it again"
 
 
-_LiveParts = tuple[Device, BestRows, Clicks, Receptances | None]
+_LiveParts = tuple[Device, BestRows, Clicks, Modes | None]
 """The parts that a live engine plays from, read through h5py: h5netcdf takes 5 ms for each variable it opens."""
 
 
@@ -251,14 +252,14 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:
         rows = BestRows([], device.limits.amplitude)
         if "best_rows" in groups:
             rows = read_best_rows(groups["best_rows"], device)
-        length_m, pitch_m = device.bar.length_m, float(file.attrs["click_pitch_m"][0])
+        corner_m, pitch_m = device.surface.corner_m, float(file.attrs["click_pitch_m"][0])
         if "clicks" in groups:
-            clicks = read_clicks(groups["clicks"], length_m, float(file.attrs["click_tolerance_m"][0]))
+            clicks = read_clicks(groups["clicks"], corner_m, float(file.attrs["click_tolerance_m"][0]))
         else:
-            clicks = Clicks.of(Places.every(length_m, pitch_m), [])
-        is_packed = IS_SHIPPED in file.attrs and "receptances" not in groups
-        receptances = None if is_packed else read_receptances(groups["receptances"])
-        return device, rows, clicks, receptances
+            clicks = Clicks.of(Places.every(corner_m, pitch_m), [])
+        is_packed = IS_SHIPPED in file.attrs and "modes" not in groups
+        modes = None if is_packed else read_modes(groups["modes"], device)
+        return device, rows, clicks, modes
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

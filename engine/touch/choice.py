@@ -1,7 +1,5 @@
 """Choice of a touch surface: the descriptor of an interface to the digitizer of the chosen or the best surface."""
 
-from __future__ import annotations
-
 from engine.touch.descriptor import DescriptorError, Surface, SurfaceKind, read_surfaces
 from engine.touch.digitizer import Digitizer, DigitizerError
 from engine.touch.quirks import vendor_with_own_driver

@@ -6,13 +6,11 @@ within CLOSEST_M along the bar, goes on with it under its number; any other is a
 that much later. A touch is known at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from engine.touch.digitizer import AGAIN, RELEASE_AFTER_NS, Contact, Digitizer
-from engine.touch.finger_tracker import TouchPosition
+from engine.touch.finger_tracker import TouchPoint, touch_position
 from engine.touch.placement import CLOSEST_M
 from engine.touch.sources.own_reports import are_ours
 
@@ -84,15 +82,16 @@ class Debounce:
         return number
 
 
-def fit_releases(digitizer: Digitizer, device: Device) -> None:
+def fit_releases(digitizer: Digitizer, device: "Device") -> None:
     """Have a digitizer release contacts as the device file says; without a word of it, by its class."""
     axis, surface = device.touch_axis, digitizer.surface
     if axis.silence_s is not None and not are_ours(surface):
         digitizer.release_after_ns = round(1e9 * axis.silence_s)
     else:
         digitizer.release_after_ns = RELEASE_AFTER_NS if digitizer.quirks.releases_when_silent else None
-    position = TouchPosition(device, surface)
-    settings = (round(1e9 * axis.debounce_s), position.column, CLOSEST_M / abs(position.m_per_unit))
+    position = touch_position(device, surface)
+    along = position.along if isinstance(position, TouchPoint) else position
+    settings = (round(1e9 * axis.debounce_s), along.column, CLOSEST_M / abs(along.m_per_unit))
     if not axis.debounce_s:
         digitizer.debounce = None
     elif digitizer.debounce is None or digitizer.debounce.settings != settings:

@@ -1,7 +1,5 @@
 """Parses a HID report descriptor into the layout of each touch surface: where each contact is in which report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -116,16 +114,6 @@ class Surface:
     def y(self) -> Field:
         """Y of the first contact: range and extent of the surface along Y."""
         return self.contacts[0].y
-
-    @property
-    def width_mm(self) -> float | None:
-        """Physical size along X in millimetres, `None` where the device states none."""
-        return self.x.extent_mm
-
-    @property
-    def height_mm(self) -> float | None:
-        """Physical size along Y in millimetres, `None` where the device states none."""
-        return self.y.extent_mm
 
     @property
     def has_contact_ids(self) -> bool:

@@ -20,8 +20,6 @@ which one reports. Unless one was chosen, the best is decoded until another one 
 stays. So a panel is heard whatever its mode is, and a touch on another surface never takes a finger's place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple

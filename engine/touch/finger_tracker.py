@@ -1,9 +1,9 @@
-"""Tracks fingers on the bar: the position of each contact in metres, and the zone that it touches.
+"""Tracks fingers on the surface: the point of each contact in metres, and the zone that it touches.
 
-Here, and nowhere else, it is decided which contacts are fingers of the bar, since a touch area may reach beyond it. A
-contact is one from when it comes within REACH_M of the bar until it lifts; where its centre is beyond an end, it counts
-as at the end. So a contact that trembles beside the bar does not come and go. A change to another bar decides anew for
-every contact that is down.
+Here, and nowhere else, it is decided which contacts are fingers of the surface, since a touch area may reach beyond it.
+A contact is one from when it comes within REACH_M of the surface until it lifts; where its centre is beyond an edge, it
+counts as at the edge. So a contact that trembles beside the surface does not come and go. A change to another surface
+decides anew for every contact that is down.
 
 A finger that rests on an edge between two zones jitters by a digitizer unit and would change zones at every frame. So
 zones have hysteresis: a contact stays in its zone until it is `zone_hysteresis` past the edge, and only then the zone
@@ -13,13 +13,15 @@ finger that comes down again starts without hysteresis. Hovering contacts are no
 
 from bisect import bisect_right
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from base.points import is_within
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
 
 if TYPE_CHECKING:  # `tactable list` decodes touches and needs no device description
-    from engine.device import Device
+    from engine.device import Device, TouchAxis
+    from engine.device.parts import TouchAcross
 
 REACH_M = 8e-3
 """A fingertip whose centre is farther beyond an end of the bar does not touch it: this is half its width at most."""
@@ -39,65 +41,117 @@ class ZoneState(IntEnum):
 
 
 class Touch(NamedTuple):
-    """One finger on the bar. A finger in a gap between two zones has no `zone` (None); a palm loads the bar alone."""
+    """One finger on the surface. A finger between zones has no `zone` (None); a palm loads the surface alone."""
 
     contact_id: int
-    position_m: float
+    position_m: complex
+    """Real on a bar (base.points)."""
     zone: int | None
     is_palm: bool = False
 
 
 class TouchPosition:
-    """Converts logical units of a surface to metres from the start of the bar, along the axis that lies on the bar."""
+    """Converts logical units of a digitizer along one of its axes to metres from the start of the surface."""
 
-    def __init__(self, device: "Device", surface: Surface) -> None:
-        axis, self.length_m = device.touch_axis, device.bar.length_m
-        field = surface.x if axis.axis == "x" else surface.y
-        active_m = axis.active_length_m
+    def __init__(
+        self, lies: "TouchAxis | TouchAcross", axis: Literal["x", "y"], length_m: float, surface: Surface
+    ) -> None:
+        field, self.length_m = surface.x if axis == "x" else surface.y, length_m
+        active_m = lies.active_length_m
         if active_m is None:
-            active_m = self.length_m - axis.start_margin_m - axis.end_margin_m
-        self.column = 1 if axis.axis == "x" else 2  # of a contact: half the time of asking for it by name
-        self.start_m = axis.start_margin_m
-        self.zero = field.logical_maximum if axis.flip else field.logical_minimum
+            active_m = length_m - lies.start_margin_m - lies.end_margin_m
+        self.column = 1 if axis == "x" else 2  # of a contact: half the time of asking for it by name
+        self.start_m = lies.start_margin_m
+        self.zero = field.logical_maximum if lies.flip else field.logical_minimum
         span = field.logical_maximum - field.logical_minimum
-        self.m_per_unit = (-active_m if axis.flip else active_m) / span
+        self.m_per_unit = (-active_m if lies.flip else active_m) / span
 
     def position_m(self, contact: Contact) -> float:
-        """Position of the contact, from 0 to the length of the bar: beyond an end, that end."""
+        """Position of the contact, from 0 to the length of the surface: beyond an end, that end."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         if 0.0 <= position_m <= self.length_m:
             return position_m
         return 0.0 if position_m < 0.0 else self.length_m
 
     def is_beside(self, contact: Contact) -> bool:
-        """Whether the contact is more than REACH_M beyond an end of the bar."""
+        """Whether the contact is more than REACH_M beyond an end of the surface."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         return not -REACH_M <= position_m <= self.length_m + REACH_M
 
 
+class TouchPoint:
+    """The same along and across a plate: points x + jy."""
+
+    def __init__(self, along: TouchPosition, across: TouchPosition) -> None:
+        self.along, self.across = along, across
+
+    def position_m(self, contact: Contact) -> complex:
+        """Point of the contact on the plate: beyond an edge, at it."""
+        return complex(self.along.position_m(contact), self.across.position_m(contact))
+
+    def is_beside(self, contact: Contact) -> bool:
+        """Whether the contact is more than REACH_M beyond an edge of the plate."""
+        return self.along.is_beside(contact) or self.across.is_beside(contact)
+
+
+def touch_position(device: "Device", surface: Surface) -> TouchPosition | TouchPoint:
+    """How the digitizer's contacts lie on the surface of a device."""
+    lies, corner_m = device.touch_axis, device.surface.corner_m
+    along = TouchPosition(lies, lies.axis, corner_m.real, surface)
+    if lies.across is None:
+        return along
+    other: Literal["x", "y"] = "y" if lies.axis == "x" else "x"
+    return TouchPoint(along, TouchPosition(lies.across, other, corner_m.imag, surface))
+
+
 class ZoneEdges:
-    """The zone of a position, with hysteresis; zones are in order and may leave gaps."""
+    """The zone of a position on a bar, with hysteresis; zones are in order and may leave gaps."""
 
     def __init__(self, device: "Device") -> None:
-        self.starts_m = [zone.start_m for zone in device.zones]
-        self.stops_m = [zone.stop_m for zone in device.zones]
+        self.starts_m = [zone.start_m.real for zone in device.zones]
+        self.stops_m = [zone.stop_m.real for zone in device.zones]
         self.hysteresis_m = device.zone_hysteresis_m
 
-    def zone_at(self, position_m: float, previous: int | None = None) -> int | None:
+    def zone_at(self, position_m: complex, previous: int | None = None) -> int | None:
         """Index of the zone, None in a gap. A contact stays in `previous` until it is past the edge by the hysteresis.
 
         An edge that two zones share belongs to the zone that starts there.
         """
+        along_m = position_m.real
         if previous is not None:
             start_m = self.starts_m[previous] - self.hysteresis_m
-            if start_m <= position_m <= self.stops_m[previous] + self.hysteresis_m:
+            if start_m <= along_m <= self.stops_m[previous] + self.hysteresis_m:
                 return previous
-        zone = bisect_right(self.starts_m, position_m) - 1
-        return zone if zone >= 0 and position_m <= self.stops_m[zone] else None
+        zone = bisect_right(self.starts_m, along_m) - 1
+        return zone if zone >= 0 and along_m <= self.stops_m[zone] else None
+
+
+class ZoneRectangles:
+    """The zone of a point on a plate, with hysteresis, as `ZoneEdges` has it on a bar."""
+
+    def __init__(self, device: "Device") -> None:
+        self.zones, self.hysteresis_m = device.zones, device.zone_hysteresis_m
+
+    def zone_at(self, position_m: complex, previous: int | None = None) -> int | None:
+        """Index of the zone, None between zones; an edge that zones share belongs to the last of them."""
+        order = range(len(self.zones) - 1, -1, -1)
+        for zone, beyond_m in (
+            *([] if previous is None else [(previous, self.hysteresis_m)]),
+            *((k, 0.0) for k in order),
+        ):
+            start_m, stop_m = self.zones[zone].start_m, self.zones[zone].stop_m
+            if is_within(position_m - start_m, stop_m - start_m, beyond_m):
+                return zone
+        return None
+
+
+def zone_finder(device: "Device") -> ZoneEdges | ZoneRectangles:
+    """What tells the zone of a point on the surface of a device."""
+    return ZoneRectangles(device) if isinstance(device.surface.corner_m, complex) else ZoneEdges(device)
 
 
 class FingerTracker:
-    """Follows every touching contact over the zones of one bar."""
+    """Follows every touching contact over the zones of one surface."""
 
     def __init__(self, device: "Device", surface: Surface) -> None:
         self._surface = surface
@@ -105,11 +159,11 @@ class FingerTracker:
         self.change_bar(device)
 
     def change_bar(self, device: "Device") -> list[Touch]:
-        """Track on another bar from now on; the fingers of the last frame that are on it."""
-        self.position = TouchPosition(device, self._surface)
-        self.edges = ZoneEdges(device)
+        """Track on another surface from now on; the fingers of the last frame that are on it."""
+        self.position = touch_position(device, self._surface)
+        self.edges = zone_finder(device)
         self.touches: dict[int, tuple[Contact, Touch]] = {}
-        """The touching contacts of the last frame on the bar and their fingers, by contact id."""
+        """The touching contacts of the last frame on the surface and their fingers, by contact id."""
         return self.track(self._frame)
 
     def track(self, frame: TouchFrame) -> list[Touch]:

@@ -1,7 +1,5 @@
 """Parses the items of a HID report descriptor into the fields that they declare (HID 1.11 section 6.2.2)."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,82 +1,73 @@
-"""A placement: the fingers on the bar, each at its position and with its role; what drives and clicks are made for."""
+"""A placement: the fingers on the surface, each at its point and with its role; what drives and clicks are made for."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from math import isfinite
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 from base.errors import TactableError
-from engine.touch.finger_tracker import ZoneEdges, ZoneState
+from base.points import is_within, order_of, point_text, point_words
+from engine.touch.finger_tracker import ZoneState, zone_finder
 
 if TYPE_CHECKING:
     from engine.device import Device
 
 MOST_FINGERS = 10  # two hands
 CLOSEST_M = 8e-3
-"""Distance below which two fingers are one to the bar: a fingertip is wider, and their motions are nearly the same."""
+"""Distance below which two fingers are one to the surface: a fingertip is wider, and they move nearly alike."""
 _ROUNDING_M = 1e-9
 
 
 class PlacementError(TactableError, ValueError):
-    """Fingers that no bar can tell apart or that do not lie on it; the message names them and the remedy."""
+    """Fingers that no surface can tell apart or that do not lie on it; the message names them and the remedy."""
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class Placement:
-    """Positions of the fingers in metres from the start of the bar, rising, and whether each of them feels."""
+    """Points of the fingers in metres (base.points), rising along the surface, and whether each of them feels.
 
-    position_m: tuple[float, ...]
+    Fingers of a plate that lie at the same height along it rise across it.
+    """
+
+    position_m: tuple[complex, ...]
     is_felt: tuple[bool, ...]
 
     @classmethod
-    def on(cls, device: "Device", felt_m: Sequence[float], quiet_m: Sequence[float] = ()) -> "Placement":
-        """Fingers on the bar of a device, in any order.
+    def on(cls, device: "Device", felt_m: Sequence[complex], quiet_m: Sequence[complex] = ()) -> "Placement":
+        """Fingers on the surface of a device, in any order.
 
-        Raises PlacementError for no or more than MOST_FINGERS fingers, one beside the bar, and two closer together
+        Raises PlacementError for no or more than MOST_FINGERS fingers, one beside the surface, and two closer together
         than CLOSEST_M.
         """
-        fingers = sorted([(at_m, True) for at_m in felt_m] + [(at_m, False) for at_m in quiet_m])
+        fingers = _sorted([(at_m, True) for at_m in felt_m] + [(at_m, False) for at_m in quiet_m])
         if not 1 <= len(fingers) <= MOST_FINGERS:
             raise PlacementError(f"{len(fingers)} fingers: give 1 to {MOST_FINGERS}")
-        length_m = device.bar.length_m
+        corner_m = device.surface.corner_m
         for at_m, _ in fingers:
-            if not isfinite(at_m) or not 0 <= at_m <= length_m:
+            if isinstance(at_m, complex) is not isinstance(corner_m, complex) or not is_within(at_m, corner_m):
+                reach = f"{device.name} reaches from 0 to {point_text(corner_m)}"
+                raise PlacementError(f"a finger at {point_text(at_m)}: {reach}")
+        for (one_m, _), (next_m, _) in combinations(fingers, 2):
+            if abs(next_m - one_m) < CLOSEST_M - _ROUNDING_M:
                 raise PlacementError(
-                    f"a finger at {1e3 * at_m:g} mm: {device.name} reaches from 0 to {1e3 * length_m:g} mm"
-                )
-        for (one_m, _), (next_m, _) in pairwise(fingers):
-            if next_m - one_m < CLOSEST_M - _ROUNDING_M:
-                raise PlacementError(
-                    f"fingers at {1e3 * one_m:g} and {1e3 * next_m:g} mm: closer than {1e3 * CLOSEST_M:g} mm they are "
-                    "one finger to the bar: give one of them"
+                    f"fingers at {point_text(one_m)} and {point_text(next_m)}: closer than {1e3 * CLOSEST_M:g} mm they "
+                    "are one finger to the surface: give one of them"
                 )
         return cls(tuple(at_m for at_m, _ in fingers), tuple(is_felt for _, is_felt in fingers))
 
     @classmethod
-    def named(cls, device: "Device", felt: Sequence[str | float], quiet: Sequence[str | float] = ()) -> "Placement":
-        """Fingers at positions, each a text with a unit, a number of metres, or a zone's name, which means its middle.
+    def named(cls, device: "Device", felt: Sequence[str | complex], quiet: Sequence[str | complex] = ()) -> "Placement":
+        """Fingers at points: texts with a unit ("35 mm", on a plate "35 x 60 mm"), numbers of metres, or zones' names.
 
-        Raises PlacementError as `on`, and for a text that is neither a length nor a zone.
+        A zone means its middle. Raises PlacementError as `on`, and for a text that is neither a point nor a zone.
 
         >>> Placement.named(device, felt=["35 mm"], quiet=["IV", 0.16])
         """
         return cls.on(device, _positions_m(device, felt), _positions_m(device, quiet))
 
-    @classmethod
-    def in_zones(cls, device: "Device", states: Sequence[ZoneState]) -> "Placement":
-        """A finger in the middle of every zone that is not free."""
-        touched = [
-            (zone, state) for zone, state in zip(device.zones, states, strict=True) if state is not ZoneState.FREE
-        ]
-        return cls(
-            tuple((zone.start_m + zone.stop_m) / 2 for zone, _ in touched),
-            tuple(state is ZoneState.FELT for _, state in touched),
-        )
-
     def zone_states(self, device: "Device") -> tuple[ZoneState, ...]:
         """State of every zone: FELT where one of its fingers feels, else QUIET where one rests."""
-        edges, states = ZoneEdges(device), [ZoneState.FREE] * len(device.zones)
+        edges, states = zone_finder(device), [ZoneState.FREE] * len(device.zones)
         for at_m, is_felt in zip(self.position_m, self.is_felt, strict=True):
             zone = edges.zone_at(at_m)
             if zone is not None:
@@ -94,39 +85,45 @@ class Placement:
         return [finger for finger, is_felt in enumerate(self.is_felt) if not is_felt]
 
 
-def merged(fingers: Iterable[tuple[float, bool]]) -> tuple[tuple[float, ...], tuple[bool, ...], int]:
-    """Fingers (position in metres, whether it feels) in rising order, those that are one to the bar joined.
+def merged(fingers: Iterable[tuple[complex, bool]]) -> tuple[tuple[complex, ...], tuple[bool, ...], int]:
+    """Fingers (point in metres, whether it feels) in rising order, those that are one to the surface joined.
 
-    Returns positions, roles, and how many fingers were joined to their lower neighbour. Two fingers closer than
-    CLOSEST_M are one, which feels if either does; it lies where the felt one lies, else where the lower one does.
+    Returns points, roles, and how many fingers were joined to an earlier one in the order. Two fingers closer than
+    CLOSEST_M are one, which feels if either does; it lies where the felt one lies, else where the earlier one does.
     """
-    position_m, is_felt, joined = list[float](), list[bool](), 0
-    for at_m, feels in sorted(fingers):
-        if position_m and at_m - position_m[-1] < CLOSEST_M - _ROUNDING_M:
-            joined += 1
-            if feels and not is_felt[-1]:
-                position_m[-1], is_felt[-1] = at_m, True
+    position_m, is_felt, joined = list[complex](), list[bool](), 0
+    for at_m, feels in _sorted(fingers):
+        near = next((k for k, each in enumerate(position_m) if abs(at_m - each) < CLOSEST_M - _ROUNDING_M), None)
+        if near is None:
+            position_m.append(at_m)
+            is_felt.append(feels)
             continue
-        position_m.append(at_m)
-        is_felt.append(feels)
+        joined += 1
+        if feels and not is_felt[near]:
+            position_m[near], is_felt[near] = at_m, True
     return tuple(position_m), tuple(is_felt), joined
 
 
-def _positions_m(device: "Device", named: Sequence[str | float]) -> list[float]:
+def _sorted(fingers: Iterable[tuple[complex, bool]]) -> list[tuple[complex, bool]]:
+    return sorted(fingers, key=lambda finger: (*order_of(finger[0]), finger[1]))
+
+
+def _positions_m(device: "Device", named: Sequence[str | complex]) -> list[complex]:
     from engine.device.quantity import QuantityError, read_quantity
 
     if isinstance(named, str):
         raise PlacementError(f"fingers {named!r}: is one text; give a list, such as [{named!r}]")
-    middle_m = {zone.name: (zone.start_m + zone.stop_m) / 2 for zone in device.zones}
-    found_m = list[float]()
+    middle_m = {zone.name: zone.middle_m for zone in device.zones}
+    found_m = list[complex]()
     for each in named:
         if not isinstance(each, str):
-            found_m.append(float(each))
+            found_m.append(complex(each) if isinstance(each, complex) else float(each))
         elif each in middle_m:
             found_m.append(middle_m[each])
         else:
             try:
-                found_m.append(read_quantity(each, "m"))
+                parts = [read_quantity(word, "m") for word in point_words(each)]
             except QuantityError as error:
                 raise PlacementError(f"{error}; or one of the zones {', '.join(middle_m)}") from None
+            found_m.append(complex(*parts) if len(parts) == 2 else parts[0])
     return found_m

@@ -1,7 +1,5 @@
 """How digitizers depart from the specification, by vendor and product: facts from the Linux hid-multitouch driver."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import Enum
 

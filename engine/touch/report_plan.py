@@ -1,7 +1,5 @@
 """Report layouts prepared for decoding: where each field of a contact slot is, as shifts and masks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -20,12 +20,7 @@ class ScanPeriods:
     frames: int
     period_ns: int
     """Median."""
-    longest_period_ns: int
-    """99th percentile; a digitizer that skips scans shows here."""
-    jitter_p50_ns: int
     jitter_p99_ns: int
-    tick_ns: int
-    """Length of the device's tick of nominally 100 us."""
 
 
 class ScanTimes:
@@ -53,11 +48,9 @@ class ScanTimes:
             return None
         scale = host_ns.sum() / scan_ns.sum()
         jitter_ns = abs(host_ns - scale * scan_ns)
-        period_ns, longest_ns = np.percentile(scale * scan_ns, [50, 99], method="inverted_cdf")
-        p50_ns, p99_ns = np.percentile(jitter_ns, [50, 99], method="inverted_cdf")
-        return ScanPeriods(
-            len(host_ns), round(period_ns), round(longest_ns), round(p50_ns), round(p99_ns), round(1e5 * scale)
-        )
+        period_ns = np.percentile(scale * scan_ns, 50, method="inverted_cdf")
+        p99_ns = np.percentile(jitter_ns, 99, method="inverted_cdf")
+        return ScanPeriods(len(host_ns), round(period_ns), round(p99_ns))
 
     def _in_order(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
         return np.roll(self._times_ns, -(self._count % len(self._times_ns)), axis=0)

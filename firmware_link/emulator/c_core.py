@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator.state import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
-from firmware_link.protocol.errors import LinkError
+from firmware_link.emulator.device_state import FULL_SCALE_PM, DeviceConfiguration, DeviceCounters
 from firmware_link.protocol.framing import FramingCounters
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 
 _NEVER_US = 2**64 - 1  # the C core's word for "nothing is due", UINT64_MAX
@@ -27,12 +27,10 @@ _SIGNATURES = {
     "host_receive": (None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_uint64),
     "host_advance": (None, ctypes.c_void_p, ctypes.c_uint64),
     "host_hang_up": (None, ctypes.c_void_p, ctypes.c_uint64),
-    "host_sense": (None, ctypes.c_void_p, ctypes.c_int16),
     "host_sense_at": (None, ctypes.c_void_p, ctypes.c_int16, _i16_p, ctypes.c_uint32),
     "host_senses": (ctypes.c_bool, ctypes.c_void_p),
     "host_take_sent": (ctypes.c_size_t, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t),
     "host_take_samples": (ctypes.c_size_t, ctypes.c_void_p, _i16_p, ctypes.c_size_t),
-    "host_linearise": (None, ctypes.c_void_p, _i16_p),
     "host_next_deadline_us": (ctypes.c_uint64, ctypes.c_void_p),
     "host_state": (ctypes.c_uint8, ctypes.c_void_p),
     "host_allows_high_voltage": (ctypes.c_bool, ctypes.c_void_p),
@@ -111,10 +109,6 @@ class CompiledFirmware:
         values = (ctypes.c_int16 * len(displacements))(*displacements)
         self._library.host_sense_at(self._host, acceleration, values, synthesis_sample % 2**32)
 
-    def sense_now(self, acceleration: int) -> None:
-        """Take a sample of the accelerometer in counts, as a board's interrupt gives it."""
-        self._library.host_sense(self._host, acceleration)
-
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes that came at `now_us`; returns what the device sends until then."""
         self._library.host_receive(self._host, data, len(data), now_us)
@@ -142,12 +136,6 @@ class CompiledFirmware:
         if number:
             self._library.host_take_samples(self._host, samples.ctypes.data_as(_i16_p), number)
         return samples
-
-    def outputs_for(self, displacements: Sequence[int]) -> list[int]:
-        """What a board sends for displacements (actuator,) of one instant: these, or voltages where it linearises."""
-        values = (ctypes.c_int16 * self.configuration.number_of_actuators)(*displacements)
-        self._library.host_linearise(self._host, values)
-        return list(values)
 
     def _counters(self) -> list[int]:
         counters = (ctypes.c_uint32 * 9)()

@@ -87,6 +87,7 @@ class DeviceServer(Generic[C, T]):
 
     def close(self) -> None:
         """Close the terminals."""
+        self._on_gone()
         for terminal in (self.terminal, self._next):
             if terminal is not None:
                 terminal.close()
@@ -99,6 +100,14 @@ class DeviceServer(Generic[C, T]):
             "boots": [self._boot_log(boot) for boot in self.device.boots],
             "faults": self.device.fault_counts(),
         }
+
+    def take_events(self: "DeviceServer[EmulatedFirmware, T]", now_ns: int) -> dict[str, Any]:
+        """The drive events since the last call as JSON, which the device forgets, and the time until which they are."""
+        core = self.device.core
+        events = encode_events(core.drive_log)
+        core.drive_log.clear()
+        core.received.clear()
+        return {"until_us": self._us(now_ns), "host_ns_at_device_zero": self.host_ns_at_zero, "events": events}
 
     def _boot_log(self, boot: Boot[EmulatedFirmware]) -> dict[str, Any]:
         firmware = boot.core

@@ -12,15 +12,15 @@ when a drive lasts too long, the host is silent, the line hangs up or an emergen
 
 from collections.abc import Sequence
 
-from firmware_link.emulator.drive import Drive
-from firmware_link.emulator.drive_log import Cause, DriveEvent, ReceivedFrame
-from firmware_link.emulator.lease import Lease
-from firmware_link.emulator.memory import Memory
-from firmware_link.emulator.reports import Reports
+from firmware_link.emulator.device_lease import Lease
+from firmware_link.emulator.device_memory import Memory
+from firmware_link.emulator.device_reports import Reports
+from firmware_link.emulator.device_session import Session
+from firmware_link.emulator.device_state import Device, DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.sense import Accelerations
-from firmware_link.emulator.session import Session
-from firmware_link.emulator.state import Device, DeviceConfiguration, DeviceCounters
-from firmware_link.protocol.framing import FrameDecoder, FramingCounters, Signal
+from firmware_link.emulator.sounding import Drive
+from firmware_link.protocol.framing import FrameDecoder, Signal
 from firmware_link.protocol.messages import DeviceState, FaultCode, LogCode, LogLevel
 
 
@@ -37,31 +37,19 @@ class EmulatedFirmware:
         self._drive = Drive(self._device, self._lease, self._memory, self._reports)
         self._sense = Accelerations(self._device, self._reports)
         self._session = Session(self._device, self._lease, self._drive, self._memory, self._sense, self._reports)
+        self.counters = self._device.counters
+        """Counters of the firmware since boot, without those of frames."""
+        self.framing_counters = self._decoder.counters
+        """Frames accepted and refused since boot."""
+        self.drive_log = self._drive.log
+        """Every change of what sounds; it grows."""
+        self.received = self._session.received
+        """Every frame with a valid checksum; it grows."""
 
     @property
     def state(self) -> DeviceState:
         """State of the firmware: what it allows."""
         return self._device.state
-
-    @property
-    def counters(self) -> DeviceCounters:
-        """Counters of the firmware since boot, without those of frames."""
-        return self._device.counters
-
-    @property
-    def framing_counters(self) -> FramingCounters:
-        """Frames accepted and refused since boot."""
-        return self._decoder.counters
-
-    @property
-    def drive_log(self) -> list[DriveEvent]:
-        """Every change of what sounds; it grows."""
-        return self._drive.log
-
-    @property
-    def received(self) -> list[ReceivedFrame]:
-        """Every frame with a valid checksum; it grows."""
-        return self._session.received
 
     @property
     def senses(self) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.faulty_device import C
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 NS_PER_MS = 1_000_000
 READ_SIZE = 4096  # N_TTY_BUF_SIZE of Linux: one read takes what waits

@@ -6,9 +6,9 @@ sent as time passes. What finds no room is lost and counted, so that the numbers
 
 from collections.abc import Sequence
 
+from firmware_link.emulator.device_reports import Reports
+from firmware_link.emulator.device_state import Device
 from firmware_link.emulator.drive_log import Outcome
-from firmware_link.emulator.reports import Reports
-from firmware_link.emulator.state import Device
 from firmware_link.protocol.messages import LONGEST_SENSE_MS, MAXIMUM_SENSED_VALUES, Acceleration, Accelerometer, Sense
 
 US_PER_MS = 1_000

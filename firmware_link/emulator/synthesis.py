@@ -5,8 +5,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.emulator.drive_log import DriveEvent, PlayedWaveform
 from firmware_link.emulator.tones import S_PER_US, Tones
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
@@ -38,7 +38,7 @@ class Synthesis:
             self._events.append(event)
             self._tones.take_event(event)
 
-    def displacements(self, start_us: float, stop_us: float, sample_rate_hz: float) -> NDArray[np.float64]:
+    def displacements(self, start_us: float, stop_us: float, sample_rate_hz: float) -> Array:
         """As `synthesise`, for the events so far."""
         if start_us < self._begin_us:
             raise ValueError(f"synthesis of {start_us:g} us: all before {self._begin_us:g} us is forgotten")
@@ -62,9 +62,7 @@ class Synthesis:
         del self._events[:over]
 
 
-def synthesise(
-    log: Sequence[DriveEvent], start_us: float, stop_us: float, sample_rate_hz: float
-) -> NDArray[np.float64]:
+def synthesise(log: Sequence[DriveEvent], start_us: float, stop_us: float, sample_rate_hz: float) -> Array:
     """Base displacements (time, actuator), as fractions of full scale, from device time `start_us` up to `stop_us`.
 
     Samples lie on the grid n / sample_rate_hz from device time 0, so chunks that touch join without a seam and any
@@ -91,8 +89,8 @@ def _length_us(played: PlayedWaveform) -> float:
 
 
 def _add_waveform(
-    displacements: NDArray[np.float64],
-    times_us: NDArray[np.float64],
+    displacements: Array,
+    times_us: Array,
     played: PlayedWaveform,
     start_us: int,
     following: DriveEvent | None,
@@ -110,13 +108,11 @@ def _add_waveform(
         displacements[first:stop, actuator] += amplitude * moved
 
 
-def _clamp(
-    displacements: NDArray[np.float64], times_us: NDArray[np.float64], log: Sequence[DriveEvent]
-) -> NDArray[np.float64]:
+def _clamp(displacements: Array, times_us: Array, log: Sequence[DriveEvent]) -> Array:
     if not log:
         return displacements
     limits = np.array([[channel.limit for channel in event.channels] for event in log])
     index = np.searchsorted([event.device_time_us for event in log], times_us, side="right") - 1
     bound = limits[np.maximum(index, 0)]
-    result: NDArray[np.float64] = np.clip(displacements, -bound, bound)
+    result: Array = np.clip(displacements, -bound, bound)
     return result

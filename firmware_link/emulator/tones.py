@@ -20,8 +20,8 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.emulator.drive_log import ChannelTarget, DriveEvent
 from firmware_link.protocol.messages import FULL_SCALE_WORD
 
@@ -153,7 +153,7 @@ class Tones:
         else:
             self._begin(time_us)
 
-    def evaluate(self, times_us: NDArray[np.float64]) -> NDArray[np.float64]:
+    def evaluate(self, times_us: Array) -> Array:
         """Displacements (time, actuator) at times after those of the last `forget`, as if no event were to come."""
         # What waits now may begin without another event.
         ahead = self
@@ -202,7 +202,7 @@ class Tones:
             channel.begin_target(time_us, length_us, turns)
 
 
-def _evaluate(stretches: NDArray[np.float64], times_us: NDArray[np.float64]) -> NDArray[np.float64]:
+def _evaluate(stretches: Array, times_us: Array) -> Array:
     """Displacements (time,) of one channel; 0 before its first stretch."""
     index = np.searchsorted(stretches[0], times_us, side="right") - 1
     _, begun_us, length_us, amplitude, goal, fading, *oscillators = stretches[:, np.maximum(index, 0)]
@@ -213,5 +213,5 @@ def _evaluate(stretches: NDArray[np.float64], times_us: NDArray[np.float64]) -> 
         np.sin(math.tau * (turns + frequency_hz * (times_us - at_us) * S_PER_US))
         for frequency_hz, turns, at_us in (oscillators[:3], oscillators[3:])
     )
-    displacement: NDArray[np.float64] = (amplitude + (goal - amplitude) * w) * new + fading * (1.0 - w) * old
+    displacement: Array = (amplitude + (goal - amplitude) * w) * new + fading * (1.0 - w) * old
     return np.where(index < 0, 0.0, displacement)

@@ -3,7 +3,7 @@
 import os
 from typing import Self
 
-from firmware_link.protocol.errors import LinkLostError
+from firmware_link.protocol.link_errors import LinkLostError
 
 READ_SIZE = 4096
 """Bytes read at once."""

@@ -11,7 +11,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 _PREFIX = "emulator-"
 _TERMINALS = "/dev/pts/"

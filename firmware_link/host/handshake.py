@@ -7,8 +7,8 @@ from firmware_link.host.memory import RETRY_NS, BasisTransfer
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, check_actuators
-from firmware_link.protocol.errors import LinkError, LinkLostError
 from firmware_link.protocol.framing import DELIMITER, FrameEncoder
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 US_PER_MS = 1_000
 FIRST_EXCHANGES = 16
@@ -147,7 +147,6 @@ def _check_fit(hello: messages.Hello, configuration: LinkConfiguration) -> None:
             "the device allows no lease, so no drive would sound: set longest_lease_ms of its firmware to 1 to 100, "
             "and flash it again"
         )
-    configuration.check_rate(hello.number_of_actuators)
 
 
 def _check_accepted(ack: messages.Ack, request: str, remedy: str) -> None:

@@ -8,10 +8,10 @@ The device lets a drive live for one lease after the last fresh frame and orders
 - *Not too often.* A sequence tells newer from older up to 127 frames ahead, so no more may go out within a lease.
 """
 
-from firmware_link.protocol.line_rate import LONGEST_SEQUENCE_LEAD
-
 NS_PER_MS = 1_000_000
 US_PER_MS = 1_000
+# A sequence says its age up to here: with more frames within a lease, old ones could not be told from new ones.
+LONGEST_SEQUENCE_LEAD = 127
 RENEWALS_PER_LEASE = 3  # each costs a frame a lease; see above
 # The device disarms 250 ms after the last fresh frame: two in a row may be lost.
 SILENT_RENEWAL_NS = 80 * NS_PER_MS

@@ -34,7 +34,7 @@ The same concerns lie side by side on the host, in the emulated firmware and in 
 | how long it may sound | lease | lease | lease |
 | the basis | memory | memory | memory, basis |
 | samples of the accelerometer | sensing | sense | sense, stream |
-| what the device says | reports | reports | reports |
+| what the device says | link | reports | reports |
 | clicks that play and fade | protocol/player | protocol/player | player |
 | weights to samples | | protocol/basis | click, voice |
 """
@@ -56,16 +56,16 @@ from firmware_link.host.link_values import (
 )
 from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
-from firmware_link.host.reports import Report, Reports
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, EncodedClick
-from firmware_link.protocol.errors import LinkError, LinkLostError, MessageError
-from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
+from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, Signal
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.line_rate import EXCHANGE_PERIOD_NS
+from firmware_link.protocol.link_errors import LinkError, LinkLostError, MessageError
 
+# 200 ppm of it widen the bounds of the clock by 0.2 ms (PROTOCOL.md).
+EXCHANGE_PERIOD_NS = 980_000_000
 # A status comes every 100 ms: ten lost in a row are no accident.
 SILENCE_NS = NS_PER_S
 STOP_PATIENCE_NS = NS_PER_S
@@ -88,8 +88,14 @@ class Link:
         self.state = LinkState.DISCONNECTED
         self.clock = DeviceClock()
         self._decoder = FrameDecoder()
+        self.framing_counters = self._decoder.counters
+        """Frames from the device, accepted and refused."""
         self._encoder = FrameEncoder()
         self._patience_end_ns: int | None = None
+        self.status: messages.Status | None = None
+        """The last STATUS of this session; None before the first."""
+        self.acknowledgements = b""
+        """Frames that acknowledge FAULTs, to be sent."""
         self.reconfigure(configuration)
 
     @property
@@ -98,29 +104,18 @@ class Link:
         return self._handshake.capabilities
 
     @property
-    def status(self) -> messages.Status | None:
-        """The last STATUS of this session; None before the first."""
-        return self._reports.status
-
-    @property
     def drive_sequence(self) -> int | None:
         """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
         return self._outbox.drive_sequence
 
-    @property
-    def framing_counters(self) -> FramingCounters:
-        """Frames from the device, accepted and refused."""
-        return self._decoder.counters
-
     def reconfigure(self, configuration: LinkConfiguration) -> None:
         """Take limits and basis from another configuration; `connect` must follow."""
         self.configuration = configuration
-        self._line = Line(configuration.transport, configuration.bit_rate_hz)
+        self._line = Line(configuration.bit_rate_hz)
         self._handshake = Handshake(configuration, self._encoder, self._line, 0)
         self._request = RepeatedRequest(self._encoder, self._line, 0)  # of time in READY, to stop in STOPPING
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
         self._memory = Memory(configuration.basis, self._encoder, self._line, self._outbox)
-        self._reports = Reports(self.counters, self._encoder)
         self._sensing = Sensing(self._encoder, self._line)
 
     def connect(self, now_ns: int) -> None:
@@ -132,7 +127,7 @@ class Link:
         self._outbox.start(b"", self.configuration.lease_ms, self.clock)
         self._memory.end_transfer()
         self._sensing.end()
-        self._reports = Reports(self.counters, self._encoder)
+        self.status, self.acknowledgements = None, b""
         self._extend_patience(now_ns)
 
     def set_drive(self, drive: bytes, *, writes_phase: bool = True) -> None:
@@ -194,7 +189,7 @@ class Link:
     def disconnect(self) -> None:
         """Forget the session, as after an unplug."""
         self._end_session(LinkState.DISCONNECTED)
-        self._reports.acknowledgements = b""
+        self.acknowledgements = b""
 
     def receive(self, data: bytes, now_ns: int) -> list[Event]:
         """Take bytes in; raises LinkError when the device does not fit or refuses to arm."""
@@ -248,9 +243,9 @@ class Link:
             frames = self._request.next_frame(messages.Stop(), STOP_RETRY_NS, now_ns)
         elif self.state in _HANDSHAKING:
             frames = self._handshake.next_frame(now_ns)
-        if self._reports.acknowledgements:
-            frames += self._reports.acknowledgements
-            self._reports.acknowledgements = b""
+        if self.acknowledgements:
+            frames += self.acknowledgements
+            self.acknowledgements = b""
         if frames:
             line.free_ns = now_ns + line.occupied_ns(len(frames))
         return frames
@@ -268,9 +263,9 @@ class Link:
             send_ns = self._request.due_ns
         elif self.state in _HANDSHAKING:
             send_ns = self._handshake.due_ns()
-        elif not self._reports.acknowledgements:
+        elif not self.acknowledgements:
             return None
-        deadline_ns = free_ns if self._reports.acknowledgements else max(send_ns, free_ns)
+        deadline_ns = free_ns if self.acknowledgements else max(send_ns, free_ns)
         return deadline_ns if self._patience_end_ns is None else min(deadline_ns, self._patience_end_ns)
 
     def _act_on(self, message: Message, sequence: int, now_ns: int) -> Event | None:
@@ -294,9 +289,8 @@ class Link:
             case messages.Status() | messages.Fault() | messages.Log():
                 return self._reported(message, sequence, now_ns)
             case messages.Accelerometer() if self._sensing.is_wanted and self.capabilities is not None:
-                configuration, actuators = self.configuration, self.capabilities.number_of_actuators
-                line = (configuration.transport, configuration.bit_rate_hz)
-                return self._sensing.described(message, *line, actuators, now_ns)
+                actuators = self.capabilities.number_of_actuators
+                return self._sensing.described(message, self.configuration.bit_rate_hz, actuators, now_ns)
             case messages.Acceleration() if self._sensing.is_wanted:
                 return message
         self.counters.unexpected += 1
@@ -325,21 +319,30 @@ class Link:
             return Stopped()
         return None
 
-    def _reported(self, message: Report, sequence: int, now_ns: int) -> Event | None:
-        event = self._reports.take_report(message, sequence)
-        if self.state is not _READY:
-            return event
+    def _reported(
+        self, message: messages.Status | messages.Fault | messages.Log, sequence: int, now_ns: int
+    ) -> Event | None:
+        is_ready = self.state is _READY
         match message:
             case messages.Status():
-                self._patience_end_ns = now_ns + SILENCE_NS
-                if message.state in (messages.DeviceState.IDLE, messages.DeviceState.LATCHED):
-                    self._end_session(LinkState.STOPPED)
+                self.counters.statuses += 1
+                self.status = message
+                if is_ready:
+                    self._patience_end_ns = now_ns + SILENCE_NS
+                    if message.state in (messages.DeviceState.IDLE, messages.DeviceState.LATCHED):
+                        self._end_session(LinkState.STOPPED)
             case messages.Fault():
+                self.counters.faults += 1
+                ack = messages.Ack(message.type_byte, sequence, messages.Result.OK)
+                self.acknowledgements += self._encoder.encode(ack)
                 # A fault of before, such as that of a pulled cable, repeats until its acknowledgement has come.
-                if message.device_time_us < self._handshake.arming_device_us:
+                if is_ready and message.device_time_us < self._handshake.arming_device_us:
                     return None
-                self._end_session(LinkState.STOPPED)
-        return event
+                if is_ready:
+                    self._end_session(LinkState.STOPPED)
+            case messages.Log():
+                self.counters.logs += 1
+        return message
 
     def _extend_patience(self, now_ns: int) -> None:
         self._patience_end_ns = now_ns + int(self.configuration.handshake_timeout_s * NS_PER_S)

@@ -1,16 +1,13 @@
 """Values of a link: its configuration, the capabilities of the device, events and counters."""
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.line_rate import Transport, command_rate_hz
 from firmware_link.protocol.messages import (
     Acceleration,
     Arm,
-    FaultCode,
+    Fault,
     Features,
     Hello,
     Log,
@@ -45,8 +42,8 @@ class LinkConfiguration:
     drive without a pause ends after `longest_drive_s`, 0 is no limit. `basis` is that of the clicks of `set_play`; its
     functions move the first actuators of the device.
 
-    Transport and bit rate pace what is sent, and refuse a `command_rate_hz` that they cannot carry: LinkError. Opening
-    a port resets many boards, and some wait seconds in their boot loader: hence the patience of the handshake.
+    The bit rate paces what is sent. Opening a port resets many boards, and some wait seconds in their boot loader:
+    hence the patience of the handshake.
     """
 
     number_of_actuators: int
@@ -55,8 +52,6 @@ class LinkConfiguration:
     lease_ms: int = 40
     bit_rate_hz: int = 115_200
     handshake_timeout_s: float = 5.0
-    transport: Transport = Transport.UART
-    command_rate_hz: float = 0.0
     longest_drive_s: int = 0
     basis: Basis | None = None
 
@@ -65,25 +60,12 @@ class LinkConfiguration:
             given = len(self.amplitude_limits)
             raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
         self.arm_for(0, self.number_of_actuators, self.lease_ms)
-        self.check_rate(self.number_of_actuators)
 
     def arm_for(self, boot_id: int, number_of_actuators: int, lease_ms: int) -> Arm:
         """The ARM for a device; its actuators beyond the configured ones may not move. Raises MessageError."""
         limits = self.amplitude_limits or (1.0,) * self.number_of_actuators
         words = [*map(encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
         return Arm(boot_id, self.slew_limit_per_s, lease_ms, self.longest_drive_s, tuple(words))
-
-    def check_rate(self, number_of_actuators: int) -> None:
-        """Raises LinkError when the line cannot carry the command rate to a device with this many actuators."""
-        carried_hz = command_rate_hz(self.transport, self.bit_rate_hz, number_of_actuators, self.lease_ms)
-        if self.command_rate_hz <= carried_hz:
-            return
-        speed = f" at {self.bit_rate_hz} bit/s" if self.transport is Transport.UART else ""
-        raise LinkError(
-            f"{self.command_rate_hz:g} commands a second for {number_of_actuators} actuators are too many for "
-            f"{self.transport.value}{speed} with a lease of {self.lease_ms} ms: ask for at most "
-            f"{math.floor(carried_hz)}, or take a faster line"
-        )
 
 
 @dataclass(frozen=True)
@@ -138,14 +120,6 @@ class Armed:
 
 
 @dataclass(frozen=True)
-class FaultReceived:
-    """The device disarmed itself; the link acknowledges, and stays STOPPED until `connect`."""
-
-    fault: FaultCode
-    device_time_us: int
-
-
-@dataclass(frozen=True)
 class BasisReplaced:
     """The device plays the basis of `Link.replace_basis` from now on."""
 
@@ -179,7 +153,7 @@ Event = (
     Greeted
     | Armed
     | Status
-    | FaultReceived
+    | Fault
     | Log
     | BasisReplaced
     | BasisRefused
@@ -187,7 +161,7 @@ Event = (
     | Acceleration
     | Stopped
 )
-"""A Status that is not armed ends a session that is READY: the device was rebooted or latched."""
+"""A Fault, or a Status that is not armed, ends a session that is READY: the device latched, or was rebooted."""
 
 
 @dataclass

@@ -6,8 +6,8 @@ from firmware_link.host.line import Line
 from firmware_link.host.link_values import BasisRefused, BasisReplaced
 from firmware_link.host.outbox import Outbox
 from firmware_link.protocol.basis import Basis, EncodedClick, transfer_messages
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Ack, BasisBegin, BasisChunk, BasisCommit, Result
 
 RETRY_NS = 100_000_000  # beside the time that the line takes; a board that boots answers late, not never

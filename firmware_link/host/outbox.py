@@ -26,8 +26,8 @@ from firmware_link.host.clock import DeviceClock
 from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
 from firmware_link.protocol.basis import EncodedClick
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder, encode_frame
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 from firmware_link.host.serial_port import PortDescription, find_ports
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 NS_PER_MS = 1_000_000
 FIRST_PAUSE_NS = 100 * NS_PER_MS  # a cable that slipped is back at once; looking for ports costs milliseconds

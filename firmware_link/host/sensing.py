@@ -9,9 +9,9 @@ from firmware_link.host.lease import NS_PER_MS
 from firmware_link.host.line import Line
 from firmware_link.host.link_values import AccelerometerDescribed
 from firmware_link.host.request import RepeatedRequest
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import FrameEncoder
-from firmware_link.protocol.line_rate import Transport, sensed_rate_hz
+from firmware_link.protocol.line_rate import sensed_rate_hz
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
 
 LEASE_MS = 500  # a board whose host is gone streams on for at most this long
@@ -51,17 +51,16 @@ class Sensing:
         return self._request.next_frame(Sense(LEASE_MS if self._is_described else 0), RENEWAL_NS, now_ns)
 
     def described(
-        self, message: Accelerometer, transport: Transport, bit_rate_hz: int, number_of_actuators: int, now_ns: int
+        self, message: Accelerometer, bit_rate_hz: int, number_of_actuators: int, now_ns: int
     ) -> AccelerometerDescribed:
         """Take the answer to a SENSE. Raises LinkError where the line does not carry the samples."""
         rate_hz = message.rate_mhz / MHZ_PER_HZ
-        carried_hz = sensed_rate_hz(transport, bit_rate_hz, number_of_actuators)
+        carried_hz = sensed_rate_hz(bit_rate_hz, number_of_actuators)
         if rate_hz > carried_hz:
             self.end()
-            speed = f" at {bit_rate_hz} bit/s" if transport is Transport.UART else ""
             raise LinkError(
-                f"the accelerometer takes {rate_hz:g} samples a second and {transport.value}{speed} carries "
-                f"{carried_hz:.0f} of them with {number_of_actuators} actuators: open the port with a higher "
+                f"the accelerometer takes {rate_hz:g} samples a second and a line of {bit_rate_hz} bit/s "
+                f"carries {carried_hz:.0f} of them with {number_of_actuators} actuators: open the port with a higher "
                 "--bit-rate, where board and line have one (USB has none of its own; give 1000000)"
             )
         if not self._is_described:

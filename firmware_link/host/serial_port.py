@@ -13,7 +13,7 @@ from serial.tools import list_ports
 
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.emulator_registry import find_announced
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 _BY_ID = Path("/dev/serial/by-id")
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 
 class Port(Protocol):

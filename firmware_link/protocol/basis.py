@@ -30,7 +30,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.protocol.errors import MessageError
+from base.arrays import Array, Integers
+from firmware_link.protocol.link_errors import MessageError
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
@@ -125,8 +126,8 @@ class EncodedClick(NamedTuple):
 class SampleLimits(NamedTuple):
     """The bounds of a waveform by actuator, in steps of its samples: magnitude, and change from sample to sample."""
 
-    amplitude: NDArray[np.int64]
-    step: NDArray[np.int64]
+    amplitude: Integers
+    step: Integers
 
 
 # ---- clicks ------------------------------------------------------------------------------------------------
@@ -148,7 +149,7 @@ def encode_click(
     )
 
 
-def quantise_weights(weights: NDArray[np.float64]) -> tuple[NDArray[np.int16], int]:
+def quantise_weights(weights: Array) -> tuple[NDArray[np.int16], int]:
     """Weights as words and their fraction bits: as many as the greatest weight leaves room for."""
     greatest = float(np.abs(weights).max())
     for fraction_bits in range(MAXIMUM_FRACTION_BITS, 0, -1):
@@ -159,7 +160,7 @@ def quantise_weights(weights: NDArray[np.float64]) -> tuple[NDArray[np.int16], i
 
 def weighted_sum(
     basis_set: BasisSet, weights: Sequence[int] | NDArray[np.int16], fraction_bits: int, number_of_actuators: int
-) -> NDArray[np.int64]:
+) -> Integers:
     """The sum of step 1 (sample, actuator), before it is clamped."""
     words = np.asarray(weights, dtype=np.int64)
     sums = np.zeros((basis_set.samples, number_of_actuators), dtype=np.int64)
@@ -182,7 +183,7 @@ def amplitude_steps(amplitude: float) -> int:
     return _steps_of(encode_amplitude(amplitude))
 
 
-def clamp_samples(sums: NDArray[np.int64], limits: SampleLimits) -> Samples:
+def clamp_samples(sums: Integers, limits: SampleLimits) -> Samples:
     """The waveform (sample, actuator) that is played, of the sums (steps 2 and 3)."""
     remaining = np.arange(len(sums) - 1, -1, -1)[:, None]
     bound = np.minimum(limits.amplitude, limits.step * remaining)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple, get_args, get_type_hints
 
-from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.link_errors import MessageError
 
 _CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i16": "h"}
 _BLOCK = re.compile(r"u8\[(\d+)\]")

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from enum import KEEP, STRICT, IntEnum, IntFlag
 from typing import Annotated
 
-from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.layout import Counted, Layout, Message, PerActuator, Sender, Word
+from firmware_link.protocol.link_errors import MessageError
 
 VERSION_MAJOR = 3  # another one is refused; a minor one adds optional messages (PROTOCOL.md)
 VERSION_MINOR = 1

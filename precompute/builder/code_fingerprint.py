@@ -1,7 +1,7 @@
 """Fingerprint of the code that a table's numbers depend on.
 
-Covered is what `precompute.builder.build` imports, directly or through other modules of this project: the model, the
-sweeps, sampling, clicks, the device and the table format, with the wire constants that they use. A name that a
+Covered is what `precompute.builder.table_build` imports, directly or through other modules of this project: the model,
+the sweeps, sampling, clicks, the device and the table format, with the wire constants that they use. A name that a
 package re-exports leads to the module that defines it, not to the whole package.
 
 Comments, docstrings and layout do not count, since each source is hashed as its syntax tree without them. So a changed
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from base.files import replace_file
 
 _ROOTS = ("precompute", "engine", "firmware_link", "base")
-_START = "precompute.builder.build"
+_START = "precompute.builder.table_build"
 _WITHOUT_NUMBERS = (
     "precompute.parallel",  # which process solves, not what
     "base.compiled",  # which machine code is kept, not what it computes

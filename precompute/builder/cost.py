@@ -18,24 +18,15 @@ class BuildCost:
 
     @contextmanager
     def measured(self, step: str) -> Iterator[None]:
-        """Add the processor time of this process to a step."""
-        start_s = time.process_time()
+        """Add the processor time of this process to a step, and that of the processes that end meanwhile."""
+        start_s = _processor_s()
         try:
             yield
         finally:
-            self.processor_s[step] += time.process_time() - start_s
-
-    @contextmanager
-    def with_workers(self, step: str) -> Iterator[None]:
-        """Add the processor time of the processes that end meanwhile to a step: their start and imports included."""
-        start_s = _ended_children_s()
-        try:
-            yield
-        finally:
-            self.processor_s[step] += _ended_children_s() - start_s
+            self.processor_s[step] += _processor_s() - start_s
 
 
-def _ended_children_s() -> float:
-    """Processor time of all children of this process that have ended."""
+def _processor_s() -> float:
+    """Processor time of this process and of all its children that have ended, their start and imports included."""
     times = os.times()
-    return times.children_user + times.children_system
+    return time.process_time() + times.children_user + times.children_system

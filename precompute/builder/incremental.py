@@ -1,6 +1,6 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has two parts: the responses of the bar with its receptances and sweeps, and the clicks. For each
+A table has two parts: the responses of the surface with its modes and sweeps, and the clicks. For each
 part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
 part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
 equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from base.points import json_of
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
@@ -34,7 +35,7 @@ class Part(StrEnum):
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of the file that hold the part."""
-        of_responses = ("responses", "receptances", "sweep", "coherent_sweep", "best_rows", "measured")
+        of_responses = ("responses", "modes", "sweep", "coherent_sweep", "best_rows", "measured")
         return of_responses if self is Part.RESPONSES else (self.value,)
 
 
@@ -62,9 +63,9 @@ class BuildOptions:
         )
 
 
-# Responses are those of the untouched bar, receptances at frequencies that the resonances under fingers decide; best
-# rows of the sweep reach the levels within the limit.
-_RESPONSES = ("bar", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
+# Responses are those of the untouched surface, drives at frequencies that resonances under fingers decide; best rows
+# of the sweep reach the levels within the limit.
+_RESPONSES = ("surface", "actuators", "zones", "sweep", "finger", "threshold", "levels_db", "limits")
 # Only the engine or a person reads these.
 _IDLE = ("name", "description", "zone_hysteresis_m", "touch_axis", "inferred", "text", "finger_origin")
 
@@ -83,8 +84,11 @@ def input_fingerprint(part: Part, device: Device, options: BuildOptions) -> str:
             chosen["responses"] = options.responses_sha256
         case Part.CLICKS:
             values.pop("sweep")
-            chosen |= {"clicks_up_to": options.clicks_up_to, "options": asdict(options.click_options)}
-    return hashlib.sha256(json.dumps(chosen | values, sort_keys=True).encode()).hexdigest()
+            chosen |= {
+                "clicks_up_to": options.clicks_up_to,
+                "options": asdict(options.click_options.on(device.surface.corner_m)),
+            }
+    return hashlib.sha256(json.dumps(chosen | values, sort_keys=True, default=json_of).encode()).hexdigest()
 
 
 def is_current(table: Table, device: Device, options: BuildOptions) -> bool:
@@ -101,7 +105,7 @@ def is_compatible(before: Device, device: Device) -> bool:
     They have the same length, zones, actuators, limits and threshold, by which the levels of both are named.
     """
     names = [[actuator.name for actuator in each.actuators] for each in (before, device)]
-    is_as_long = before.bar.length_m == device.bar.length_m
+    is_as_long = before.surface.corner_m == device.surface.corner_m
     if before.threshold.values != device.threshold.values:
         return False
     return is_as_long and before.zones == device.zones and before.limits == device.limits and names[0] == names[1]

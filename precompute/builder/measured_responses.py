@@ -4,10 +4,11 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.file import TableWriter, Variable
+from engine.table.netcdf_file import TableWriter, Variable
 from precompute.measurements.plant import estimate_errors, measured_plant
-from precompute.measurements.responses import MeasuredResponses
-from precompute.model.assembly import Plant, assemble
+from precompute.measurements.response_table import MeasuredResponses
+from precompute.model.assembly import assemble
+from precompute.model.plant import Plant
 
 MODEL = "model"
 MEASURED = "measured responses"

@@ -12,7 +12,7 @@ from pathlib import Path
 from engine.device import Device
 from engine.table import TableError
 from precompute.sweep.grid import zone_points
-from precompute.sweep.kernels import fold_amplitudes
+from precompute.sweep.sweep_kernels import fold_amplitudes
 
 _FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16
 """Figures of a sweep; bytes of a number."""
@@ -22,7 +22,7 @@ _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def table_bytes(device: Device) -> int:
-    """Bytes of the sweeps and responses of a table; clicks and receptances add some tens of MB."""
+    """Bytes of the sweeps and responses of a table; clicks and modes add some MB."""
     rows = _pairs(device) * (_pair_values(device) + _coherent_values(device)) if device.sweep.is_stored else 0
     return _FIGURES * _SINGLE * rows + _responses(device)
 

@@ -16,21 +16,21 @@ anything where the typical misfit is below 0.5 %, which accelerometers and their
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, fdtrc
 
+from base.arrays import Array
+from base.plain import to_plain
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.calibration.conventions import Convention, find_convention
 from precompute.calibration.remedy import Remedy, find_remedy
 from precompute.measurements.parameters import Bounds
 from precompute.measurements.types import Measurements
-
-Array = NDArray[np.float64]
 
 UNLIKELY = 0.005
 """Probability below which a finding is not taken for chance."""
@@ -43,7 +43,7 @@ _LEAST_REPEATS = 5
 
 @dataclass(frozen=True)
 class Adequacy:
-    """What the residuals say. misfit: median of their sizes. neighbours: pairs along the bar; changes of sign in them.
+    """What the residuals say. misfit: median of their sizes. neighbours: pairs along the bar; sign_changes in them.
 
     chance: probability of so few changes in noise. repeat_noise: relative standard deviation of repeated readings, and
     repeat_chance the probability of such a misfit beside it; None without repeats.
@@ -51,7 +51,7 @@ class Adequacy:
 
     misfit: float
     neighbours: int
-    changes: int
+    sign_changes: int
     chance: float
     repeat_noise: float | None
     repeat_chance: float | None
@@ -78,7 +78,7 @@ def assess(calibration: Calibration) -> Adequacy:
     return Adequacy(
         misfit=float(np.median(np.abs(calibration.log_residual))),
         neighbours=number,
-        changes=changes,
+        sign_changes=changes,
         chance=float(bdtr(changes, number, 0.5)) if number else 1.0,
         repeat_noise=noise,
         repeat_chance=chance,
@@ -114,13 +114,9 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
     convention = find_convention(device, calibration, bounds) if is_doubtful else None
     remedy = None if convention or found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
     return {
-        "neighbours": found.neighbours,
-        "sign_changes": found.changes,
-        "chance": found.chance,
-        "repeat_noise": found.repeat_noise,
-        "repeat_chance": found.repeat_chance,
-        "remedy": None if remedy is None else asdict(remedy),
-        "convention": None if convention is None else asdict(convention),
+        **to_plain(found),
+        "remedy": to_plain(remedy),
+        "convention": to_plain(convention),
         "doubt": _convention_text(convention)
         if convention
         else ("" if found.is_noise and remedy is None else _doubt_text(found, remedy)),
@@ -138,7 +134,7 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
     parts = []
     if found.chance < UNLIKELY:
         parts.append(
-            f"the residuals change sign {found.changes} times between {found.neighbours} neighbours along the bar, "
+            f"the residuals change sign {found.sign_changes} times between {found.neighbours} neighbours on the bar, "
             f"where noise does {found.neighbours / 2:.0f} times"
         )
     if found.repeat_noise is not None and found.repeat_chance is not None and found.repeat_chance < UNLIKELY:

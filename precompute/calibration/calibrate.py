@@ -5,19 +5,16 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.confidence import compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
 from precompute.calibration.misfit import Loss, MisfitModel
-from precompute.measurements import Kind, MeasurementError, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 
 STARTS = 5  # 2 pass the tests too; a doubtful basin gets four times as many (fit.py)
 MOST_READINGS = 10_000
@@ -100,7 +97,7 @@ class Calibration(FittedDevice):
     measurements: Measurements
     predicted: Complex
     log_residual: Array
-    is_wrong: NDArray[np.bool_]
+    is_wrong: Mask
 
 
 def calibrate(

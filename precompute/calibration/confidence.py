@@ -22,13 +22,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from base.arrays import Array
 from precompute.calibration.fit import CAUCHY, Fit, refit_held
 from precompute.calibration.misfit import Loss
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95  # the custom of the field; docs/calibration-coverage.png shows that it is kept
 _NEARLY_LINEAR = 0.05

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.quantity import quantity_text
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
@@ -28,8 +28,6 @@ from precompute.calibration.misfit import Loss, Misfit
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
 from precompute.measurements.types import Kind, Measurements
-
-Array = NDArray[np.float64]
 
 _FACTORS = {"full_scale": 1.9, "damping": 10.0}
 """Greatest credible factor between the fitted value and that of the device file, by the end of the parameter's name."""
@@ -155,14 +153,14 @@ def _changes(device: Device, read: Measurements) -> Iterator[_Change]:
                     yield replace(change, sign=sign, delay_s=delay_s)
 
 
-def _ratio(device: Device, read: Measurements) -> NDArray[np.complex128]:
+def _ratio(device: Device, read: Measurements) -> Complex:
     """Measured over predicted (row,) for the device as it is."""
     predicted = MeasurementModel(device, read, ()).predict(np.zeros(0)).log_acceleration
-    out: NDArray[np.complex128] = read.acceleration * np.exp(-predicted)
+    out: Complex = read.acceleration * np.exp(-predicted)
     return out
 
 
-def _agreement(read: Measurements, ratio: NDArray[np.complex128], delay_s: Array) -> Array:
+def _agreement(read: Measurements, ratio: Complex, delay_s: Array) -> Array:
     """Sum (delay, actuator) of the cosines between predicted and measured phases, over the rows of each actuator."""
     omega = 2 * np.pi * np.nanmax(np.where(read.amplitude != 0, read.frequency_hz, np.nan), axis=1)
     turned = np.cos(np.angle(ratio) + delay_s[:, None] * omega)
@@ -170,14 +168,14 @@ def _agreement(read: Measurements, ratio: NDArray[np.complex128], delay_s: Array
     return out
 
 
-def _likely_delay(read: Measurements, ratio: NDArray[np.complex128]) -> float:
+def _likely_delay(read: Measurements, ratio: Complex) -> float:
     """The delay that brings phases nearest to the prediction, but for signs of actuators; the least of equals."""
     delay_s = np.linspace(-_LONGEST_S, _LONGEST_S, _DELAYS)
     agreement = np.abs(_agreement(read, ratio, delay_s)).sum(axis=1)
     return float(delay_s[np.argmax(agreement - 1e-3 * len(read) * np.abs(delay_s) / _LONGEST_S)])
 
 
-def _signs(read: Measurements, ratio: NDArray[np.complex128], delay_s: float) -> tuple[int, ...]:
+def _signs(read: Measurements, ratio: Complex, delay_s: float) -> tuple[int, ...]:
     return tuple(-1 if total < 0 else 1 for total in _agreement(read, ratio, np.array([delay_s]))[0])
 
 

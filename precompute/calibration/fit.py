@@ -19,14 +19,13 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from base.arrays import Array, Mask
 from precompute.calibration.least_absolute import solve_least_absolute
 from precompute.calibration.misfit import Loss, Misfit, MisfitModel
 from precompute.sampling.plants import latin_hypercube
 
-Array = NDArray[np.float64]
 Rho = Callable[[Array], Array]
 
 CAUCHY = 2.385
@@ -54,7 +53,7 @@ class Problem:
     start: Array
     low: Array
     high: Array
-    free: NDArray[np.bool_]
+    free: Mask
 
     @property
     def tie(self) -> Array:

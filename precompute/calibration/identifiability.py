@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from precompute.calibration.calibrate import FittedDevice, Known
-from precompute.calibration.plan import Accuracy, best_drive, prior_information, propose_candidates
+from precompute.calibration.measuring_plan import Accuracy, best_drive, prior_information, propose_candidates
 
 _OPEN_BELOW = 2.0
 """Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
@@ -16,10 +16,13 @@ _NEARLY_ONE = 0.95  # of a unit vector: what the others have is then below 0.32 
 
 @dataclass(frozen=True)
 class Combination:
-    """A direction in parameter space that the data leave open; `singular` runs from 0 (wholly open) to 2."""
+    """A direction in parameter space that the data leave open; `singular_value` runs from 0 (wholly open) to 2.
 
-    singular: float
-    parts: tuple[tuple[str, float], ...]
+    parts: of a unit vector by the name of the parameter, the greatest first.
+    """
+
+    singular_value: float
+    parts: dict[str, float]
     text: str
 
 
@@ -30,7 +33,7 @@ class Advice:
     drive_hz (actuator,): NaN for still; None where no drive of the sweep would help.
     """
 
-    name: str
+    parameter: str
     standard_error: float
     drive_hz: tuple[float, ...] | None
     standard_error_after: float
@@ -48,13 +51,13 @@ def open_combinations(calibration: FittedDevice) -> tuple[Combination, ...]:
         named = [
             (p.name, float(part)) for p, part in zip(calibration.parameters, signed, strict=True) if abs(part) > _PART
         ]
-        parts = tuple(sorted(named, key=lambda item: -abs(item[1])))
+        parts = dict(sorted(named, key=lambda item: -abs(item[1])))
         found.append(Combination(value, parts, _words(parts)))
     return tuple(found)
 
 
-def _words(parts: tuple[tuple[str, float], ...]) -> str:
-    (first, size), *others = parts
+def _words(parts: dict[str, float]) -> str:
+    (first, size), *others = parts.items()
     if not others or size > _NEARLY_ONE:
         return f"{first} alone: it hardly changes what was measured"
     moves = " and ".join(f"{name} {'up' if part > 0 else 'down'}" for name, part in others)
@@ -75,12 +78,6 @@ def advise(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy)
         drive_hz, deviation = best_drive(candidates, information, i)
         rate = estimate.parameter.rate_at(float(calibration.coordinate[i]))
         helps = deviation * rate <= _WORTH * estimate.standard_error
-        found.append(
-            Advice(
-                name=estimate.parameter.name,
-                standard_error=estimate.standard_error,
-                drive_hz=drive_hz if helps else None,
-                standard_error_after=deviation * rate,
-            )
-        )
+        name, error = estimate.parameter.name, estimate.standard_error
+        found.append(Advice(name, error, drive_hz if helps else None, standard_error_after=deviation * rate))
     return tuple(found)

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-Array = NDArray[np.float64]
+from base.arrays import Array
+
 Linearised = Callable[[Array], tuple[Array, Array]]
 
 _FIRST_STEP = 0.1  # of a natural logarithm

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from precompute.measurements import Kind, Measurements
+from base.arrays import Array, Complex
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
-
-Array = NDArray[np.float64]
+from precompute.measurements.types import Kind, Measurements
 
 
 class Loss(Enum):
@@ -70,7 +68,7 @@ class MisfitModel:
             size=self._data(np.abs(predicted) * (1 + 1j)),
         )
 
-    def _data(self, value: NDArray[np.complex128]) -> Array:
+    def _data(self, value: Complex) -> Array:
         """Data along the first axis from the rows."""
         real: Array = value.real
         return real.copy() if self.is_peak else np.concatenate([real, value.imag])

@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit
 from precompute.calibration.fit import fit
 from precompute.calibration.misfit import Loss
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Parameter
-
-Array = NDArray[np.float64]
+from precompute.measurements.types import Kind, Measurements
 
 _MOST_DRIVES = 24  # a fit for each: bounds the time of a comparison, whose answer is an average anyway
 
@@ -55,7 +53,7 @@ def _fit_alone(device: Device, rows: Measurements, parameters: tuple[Parameter, 
     return [p.value_at(x) for p, x in zip(parameters, found.coordinate.tolist(), strict=True)]
 
 
-def _misfit(measurements: Measurements, predicted: NDArray[np.complex128]) -> tuple[float, float]:
+def _misfit(measurements: Measurements, predicted: Complex) -> tuple[float, float]:
     measured = measurements.acceleration
     ratio = np.log(np.abs(measured) / np.abs(predicted))
     return float(np.median(np.abs(ratio))), float(np.abs(measured - predicted).sum())

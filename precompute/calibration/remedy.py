@@ -15,17 +15,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
 from precompute.calibration.fit import CAUCHY, Fit, Problem, fit, minimise, settle
 from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds, find_parameters, known_names
 from precompute.measurements.types import CalibrationError, Measurements
-
-Array = NDArray[np.float64]
 
 _WORTH = 0.9
 """Share of the misfit that a remedy leaves at most."""
@@ -145,7 +143,7 @@ def _is_promising(without: Problem, calibration: Calibration, column: Array) -> 
 
 def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
     """The length of the bar, which holds everything on it, and the place of each actuator."""
-    length_m, places_m = device.bar.length_m, [actuator.position_m for actuator in device.actuators]
+    length_m, places_m = device.bar.length_m, [actuator.position_m.real for actuator in device.actuators]
     reach_m = _REACH * length_m
     last_m = max(
         [*places_m, float(np.nanmax(measurements.position_m)), float(np.nan_to_num(measurements.finger_m).max())]
@@ -153,7 +151,7 @@ def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
     )
 
     def long(other_m: float) -> Device:
-        return replace(device, bar=replace(device.bar, length_m=other_m))
+        return replace(device, surface=replace(device.bar, length_m=other_m))
 
     def driven_at(index: int) -> Callable[[float], Device]:
         def moved(place_m: float) -> Device:

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from engine.steady import SteadyDrive
 from engine.touch import Placement
-from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
-from precompute.clicks.solver import Click, ClickSolver
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
+from precompute.clicks.click_solver import Click, ClickSolver
 
 Array = NDArray[np.float64]
 

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 
 from base.compiled import njit
-from precompute.clicks.basis import SAMPLE_RATE_HZ, Tones
+from precompute.clicks.click_basis import SAMPLE_RATE_HZ, Tones
+from precompute.clicks.click_responses import Responses, combine
 from precompute.clicks.percentiles import ManyPlants
-from precompute.clicks.responses import Responses, combine
 from precompute.model.damped_lines import DampedLines
 
 Array = NDArray[np.float64]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.table.click import ClickFinger, LevelSpread
+from engine.table.click_entry import ClickFinger, LevelSpread
 from engine.touch import Placement
-from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
+from precompute.clicks.click_responses import Responses
 from precompute.clicks.percentiles import ManyPlants, percentiles
-from precompute.clicks.responses import Responses
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click import ClickFinger
+from engine.table.click_entry import ClickFinger
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
-from precompute.clicks.basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import fingers_of
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -36,7 +36,7 @@ class NominalFingers:
         self._plant_of = lru_cache(maxsize=4)(self._make_plant)
         """The plant with fingers at a tuple of positions; clicks with the same fingers come together."""
 
-    def under(self, click: ClickEntry, position_m: tuple[float, ...]) -> tuple[ClickFinger, ...]:
+    def under(self, click: ClickEntry, position_m: tuple[complex, ...]) -> tuple[ClickFinger, ...]:
         """What a click gives to standard fingers at these positions, as it is played."""
         played = click.amplitude / SAMPLE_FULL_SCALE * click.samples.astype(np.float64)
         plant = self._plant_of(position_m)
@@ -59,7 +59,7 @@ class NominalFingers:
         acceleration: Array = abs(np.concatenate([driven, ringing]))
         return fingers_of(acceleration.T, abs(weighted))
 
-    def _make_plant(self, position_m: tuple[float, ...]) -> TransientPlant:
+    def _make_plant(self, position_m: tuple[complex, ...]) -> TransientPlant:
         plant = TransientPlant(self._modes, np.array(position_m), _STEPS * SAMPLE_RATE_HZ)
         plant.touch([(at_m, self._device.finger) for at_m in position_m])
         return plant

@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from engine.table import Table, TableError
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 
 
 def read_click_options(table: Table) -> ClickOptions:

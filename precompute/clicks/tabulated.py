@@ -1,4 +1,4 @@
-"""The clicks of a table: one for every placement of one and two fingers at the places of a grid."""
+"""The clicks of a table: one for every placement of one finger, and on a bar of two, at the places of a grid."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -8,8 +8,8 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch.placement import CLOSEST_M
 from engine.touch.places import Key, Places
-from precompute.clicks.options import ClickOptions
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks.click_options import ClickOptions
+from precompute.clicks.click_solver import ClickSolver
 from precompute.parallel.pool import WorkerPool
 
 MOST_TABULATED = 2
@@ -21,6 +21,11 @@ _TOGETHER = 12
 _PAYS = 20
 """Pieces for which a further process is started: its imports take 1 s."""
 _ROUNDING_M = 1e-9
+
+
+def most_tabulated(places: Places) -> int:
+    """The most fingers whose clicks a table holds: two on a bar, one on a plate, whose pairs of places are too many."""
+    return MOST_TABULATED if places.across == 1 else 1
 
 
 def tabulated_keys(places: Places, fingers: int) -> list[Key]:

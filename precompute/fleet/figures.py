@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
-from engine.steady import Receptances, SteadyDrive
+from engine.steady import Modes, SteadyDrive
 from engine.steady.given_drive import compute_levels
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from precompute.fleet.units import FleetError
 from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis
-from precompute.predict.at_positions import search_frequencies
-from precompute.sampling.places import solve_place_receptances
+from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.studies.two_fingers import finger_pairs
 
 _FELT, _QUIET = 0, 1
@@ -29,8 +27,8 @@ class _Played:
     """A drive for one felt and one quiet finger, and their levels in dB (case, finger), standard fingers first."""
 
     drive: SteadyDrive
-    position_m: tuple[float, float]
-    level_db: NDArray[np.float64]
+    position_m: tuple[complex, complex]
+    level_db: Array
 
     @property
     def contrast_db(self) -> float:
@@ -38,11 +36,11 @@ class _Played:
         power = (10 ** (self.level_db[1:] / 10)).mean(axis=0)
         return float(10 * np.log10(power[_FELT] / power[_QUIET]))
 
-    def on(self, device: Device, receptances: Receptances) -> "_Played":
+    def on(self, device: Device, modes: Modes) -> "_Played":
         """The drive on another bar."""
         drive = self.drive
         levels = compute_levels(
-            device, receptances, self.position_m, drive.frequencies_hz, np.asarray(drive.complex_amplitudes)
+            device, modes, self.position_m, drive.frequencies_hz, np.asarray(drive.complex_amplitudes)
         )
         return _Played(drive, self.position_m, levels)
 
@@ -52,7 +50,7 @@ def compute_table_figures(table: Table) -> dict[str, float | None]:
 
     Contrasts are those of the drives that a run solves at 20 dB for one felt and one quiet finger in mid-zone.
     """
-    solver, middles_m = SteadySolver(table.device, table.receptances), _middles_m(table.device)
+    solver, middles_m = SteadySolver(table.device, table.modes), _middles_m(table.device)
     contrast_db = [played.contrast_db for played in _usual_drives(table)]
     loudest = [solver.solve([at_m], [True], math.inf) for at_m in middles_m]
     return {
@@ -75,9 +73,8 @@ def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
         own, other = ([thing.name for thing in getattr(each, part)] for each in (table.device, device))
         if own != other:
             raise FleetError(f"{table.path}: is for {part} {', '.join(own)}, this bar has {', '.join(other)}")
-    plant = assemble(device)
-    receptances = solve_place_receptances(plant, search_frequencies(plant, compute_basis(plant)))
-    pairs = [(played, played.on(device, receptances)) for played in _usual_drives(table)]
+    modes = steady_modes(steady_basis(assemble(device)))
+    pairs = [(played, played.on(device, modes)) for played in _usual_drives(table)]
     contrast_db = [there.contrast_db for _, there in pairs]
     lost_db = [here.contrast_db - there.contrast_db for here, there in pairs]
     level_lost_db = [float(here.level_db[0, _FELT] - there.level_db[0, _FELT]) for here, there in pairs]
@@ -93,14 +90,14 @@ def evaluate_table(table: Table, device: Device) -> dict[str, float | None]:
 
 def _usual_drives(table: Table) -> list[_Played]:
     """The drives of every two zones, one felt and one quiet, with what the table's own bar makes of them."""
-    device, receptances = table.device, table.receptances
-    solver, middles_m, found = SteadySolver(device, receptances), _middles_m(device), list[_Played]()
+    device, modes = table.device, table.modes
+    solver, middles_m, found = SteadySolver(device, modes), _middles_m(device), list[_Played]()
     for felt, quiet in finger_pairs(device):
         position_m = middles_m[felt], middles_m[quiet]
         drive = solver.solve(position_m, [True, False], DEFAULT_LEVEL_DB)
-        found.append(_Played(drive, position_m, np.zeros((1, 2))).on(device, receptances))
+        found.append(_Played(drive, position_m, np.zeros((1, 2))).on(device, modes))
     return found
 
 
-def _middles_m(device: Device) -> Sequence[float]:
-    return [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
+def _middles_m(device: Device) -> Sequence[complex]:
+    return [zone.middle_m for zone in device.zones]

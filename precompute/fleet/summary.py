@@ -17,6 +17,7 @@ OUTLYING = 3.5
 FEWEST = 8
 """Fewest units for which outliers are sought."""
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
+_TOLD = ("name", "error", "doubts", "seconds", "fingerprint", "figures")  # of each outcome
 _LEAST_SPREAD = 1e-6  # of the median: below it differences are rounding errors
 
 
@@ -134,14 +135,12 @@ def summary_json(summary: Summary) -> dict[str, Any]:
     return {
         "units": [
             {
-                "name": outcome.name,
+                **{
+                    key: getattr(outcome, key)
+                    for key in ("name", "error", "doubts", "seconds", "fingerprint", "figures")
+                },
                 "status": status_of(outcome),
-                "error": outcome.error,
-                "doubts": outcome.doubts,
-                "seconds": outcome.seconds,
-                "fingerprint": outcome.fingerprint,
                 "values": {key: value for key, value in outcome.values.items() if key in names},
-                "figures": outcome.figures,
             }
             for outcome in summary.outcomes
         ],

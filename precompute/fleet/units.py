@@ -13,7 +13,6 @@ from engine.device.values import Value
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.clicks import DEFAULT_OPTIONS
-from precompute.clicks.tabulated import MOST_TABULATED
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 """Names of units, which are also the names of their folders."""
@@ -46,8 +45,8 @@ class FleetOptions:
     for an unknown loss.
     """
 
-    clicks_up_to: int = MOST_TABULATED
-    pitch_m: float = DEFAULT_OPTIONS.pitch_m
+    clicks_up_to: int | None = None
+    pitch_m: float | None = DEFAULT_OPTIONS.pitch_m
     loss: str = "robust"
     parameters: tuple[str, ...] | None = None
     also: tuple[str, ...] = ()

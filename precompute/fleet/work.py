@@ -3,7 +3,6 @@
 import json
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,9 +16,9 @@ from engine.device.texts import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
 from engine.table import Table
-from engine.table.file import file_checksum
-from precompute.builder.build import build_table
+from engine.table.netcdf_file import file_checksum
 from precompute.builder.code_fingerprint import code_fingerprint
+from precompute.builder.table_build import Progress, build_table, no_progress
 from precompute.calibration.fitted import REPORT, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.clicks import ClickOptions
@@ -30,17 +29,11 @@ from precompute.measurements.parameters import default_names
 TABLE = "table.nc"
 DEVICE = "device.toml"
 OUTCOME = "outcome.json"
-Progress = Callable[[str, float], None]
-"""Called with the step that runs and the fraction done."""
 LARGEST_MISFIT = 0.2
 """Typical misfit beyond which a calibration is doubtful, as for `tactable calibrate`."""
 
 # Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()
-
-
-def no_progress(step: str, fraction: float) -> None:
-    """Ignore progress."""
 
 
 def run_in_worker(job: Job) -> Outcome:

@@ -3,15 +3,12 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.response_unit import QUANTITIES, read_response_unit, to_acceleration
 from precompute.measurements.types import Kind, MeasurementError, Measurements, check_measurements, nearest_actuator
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _PARTS = "real", "imaginary", "magnitude", "phase"
 _SINGLE = {

@@ -9,18 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Integers
 from engine.device import Device, Finger
 from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
-from precompute.model.assembly import BANDWIDTH, Plant, add_actuators, assemble
+from precompute.model.assembly import BANDWIDTH, BarPlant, add_actuators, assemble_bar
 from precompute.model.response import solve_response
 from precompute.model.transfers import transfers_at
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Index = NDArray[np.int64]
 
 _CHUNK = 64  # frequencies at a time: fields of 60 columns in 256 elements take 32 MB
 _SENSOR, _FINGER = 0, 1
@@ -43,8 +39,8 @@ class _Tones:
     """A tone for every frequency of every row: the row, the index of the frequency, and the drive (tone, actuator)."""
 
     frequency_hz: Array
-    row: Index
-    frequency: Index
+    row: Integers
+    frequency: Integers
     drive: Complex
 
 
@@ -70,7 +66,7 @@ class MeasurementModel:
     def __init__(self, device: Device, measurements: Measurements, parameters: Sequence[Parameter]) -> None:
         self._device, self._parameters, self._kind = device, tuple(parameters), measurements.kind
         bare = tuple(replace(a, stiffness_n_per_m=0.0, damping_n_s_per_m=0.0, mass_kg=0.0) for a in device.actuators)
-        self._free = assemble(replace(device, actuators=bare))
+        self._free = assemble_bar(replace(device, actuators=bare))
         self._has_finger = ~np.isnan(measurements.finger_m)
         attached_m = measurements.position_m[:, None]
         if self._has_finger.any():
@@ -80,7 +76,7 @@ class MeasurementModel:
         if measurements.force_m is not None:
             attached_m = np.column_stack([attached_m, measurements.force_m])
         self._place_m, place = np.unique(attached_m, return_inverse=True)
-        places: Index = place.reshape(len(attached_m), -1)
+        places: Integers = place.reshape(len(attached_m), -1)
         self._place, self._forced = places[:, :attached], None if measurements.force_m is None else places[:, -1]
         self._sensor_mass_kg = measurements.sensor_mass_kg
         self._tones = _split_tones(measurements)
@@ -99,7 +95,7 @@ class MeasurementModel:
             slope[chosen] = -(loaded.omega**2)[:, None] * self._slopes(plant, loaded, chosen)
         return self._combine(acceleration, slope)
 
-    def _plant(self, device: Device) -> Plant:
+    def _plant(self, device: Device) -> BarPlant:
         """The assembled bar: its stiffness is proportional to Young's modulus, its mass to the density."""
         free, bar, was = self._free, device.bar, self._device.bar
         K = free.K * (bar.youngs_modulus_pa / was.youngs_modulus_pa)
@@ -113,7 +109,7 @@ class MeasurementModel:
                 return np.where(self._sensor_mass_kg > 0, value, 0.0)
         return self._sensor_mass_kg
 
-    def _load(self, plant: Plant, values: Array, chosen: slice, first: int) -> _Loaded:
+    def _load(self, plant: BarPlant, values: Array, chosen: slice, first: int) -> _Loaded:
         """Solve the bar at up to _CHUNK frequencies from `first` and attach each tone's sensor and finger.
 
         With the receptance g of the two places, the dynamic stiffness Z attached there and the deflection u of the
@@ -129,7 +125,7 @@ class MeasurementModel:
             bare = columns[frequency, actuators + self._forced[tones.row[chosen]]]  # of 1 N
         points = columns[frequency[:, None], actuators + place]
         sampler = plant.sampler(self._place_m)
-        weight, dof = sampler.weight[place], 2 * sampler.element[place][..., None] + np.arange(4)
+        weight, dof = sampler.weight[place], sampler.dof[place]
         tone, point = np.arange(len(place))[:, None, None], np.arange(place.shape[1])[:, None, None]
         receptance = np.einsum("tqpk,tpk->tpq", points[tone[..., None], point, dof[:, None]], weight)
         deflection = np.einsum("tpk,tpk->tp", bare[tone, dof], weight)
@@ -154,7 +150,7 @@ class MeasurementModel:
             out[:, _FINGER] = np.where(self._has_finger[row], stiffness, 0.0)
         return out
 
-    def _slopes(self, plant: Plant, loaded: _Loaded, chosen: slice) -> Complex:
+    def _slopes(self, plant: BarPlant, loaded: _Loaded, chosen: slice) -> Complex:
         """Derivatives (tone, parameter) of the deflection at the sensor, q^T (dF/dp - dD/dp w).
 
         w is the field of the loaded bar, F the force of the actuators, and q the adjoint field: the field of a unit

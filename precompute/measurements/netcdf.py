@@ -4,8 +4,8 @@ import io
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, read_column
@@ -25,7 +25,7 @@ def measurements_of(content: Content, path: Path, device: Device, sensor_mass_kg
     """The measurements that a file's arrays and labels are. Raises MeasurementError."""
     known = column_names(device)
     names = [actuator.name for actuator in device.actuators]
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Array] = {}
     for variable in content.variables:
         title = variable.name.replace("_", " ")
         dimensions, parts = variable.dimensions, {title: variable.values}
@@ -58,7 +58,7 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     import h5py
 
     row, each = ("measurement",), ("measurement", "actuator")
-    columns: dict[str, tuple[tuple[str, ...], NDArray[np.float64], str]] = {
+    columns: dict[str, tuple[tuple[str, ...], Array, str]] = {
         "position": (row, measurements.position_m, "m"),
         "frequency": (each, measurements.frequency_hz, "Hz"),
         "amplitude": (each, np.abs(measurements.amplitude), "1"),
@@ -85,7 +85,7 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
     path.write_bytes(memory.getvalue())
 
 
-def _read_column(variable: Variable, column: str, unit: str, path: Path) -> tuple[str, NDArray[np.float64]]:
+def _read_column(variable: Variable, column: str, unit: str, path: Path) -> tuple[str, Array]:
     name, _, written, values = variable
     if values.dtype.kind == "c":
         raise MeasurementError(f"{path}: {name}: has complex values; write real and imaginary part apart")

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.uncertainty import FITTED_UNITS
 from precompute.measurements.types import CalibrationError
 
-Array = NDArray[np.float64]
 Bounds = tuple[float, float]
 
 _SENSOR_UNIT = "kg"
@@ -251,7 +250,7 @@ def with_values(device: Device, parameters: Sequence[Parameter], values: Array) 
             parts[parameter.part][field] = value
     return replace(
         device,
-        bar=replace(device.bar, **parts["bar"]),
+        surface=replace(device.bar, **parts["bar"]),
         finger=replace(device.finger, **parts["finger"]),
         actuators=tuple(replace(a, **changes) for a, changes in zip(device.actuators, actuators, strict=True)),
     )

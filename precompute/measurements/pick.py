@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array, Complex
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Channel = tuple[Complex, Complex]
 """s in units of the highest frequency, both signs of every line, and the response there."""
 

@@ -9,20 +9,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device, Finger
-from precompute.measurements.responses import MeasuredResponses
-from precompute.model.assembly import Plant, assemble
+from precompute.measurements.response_table import MeasuredResponses
+from precompute.model.assembly import BarPlant, assemble_bar
 from precompute.model.response import solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class MeasuredPlant(Plant):
+class MeasuredPlant(BarPlant):
     """A plant whose response to its actuators was measured."""
 
     responses: MeasuredResponses
@@ -32,14 +29,12 @@ class MeasuredPlant(Plant):
         """Whether the responses were measured: always."""
         return True
 
-    def known_field(self, frequency_hz: Array) -> Complex:
-        """Field (frequency, actuator, degree of freedom) from the measured accelerations."""
-        acceleration: Complex = self._over_frequency(frequency_hz)
-        omega = 2 * np.pi * frequency_hz[:, None, None]
-        field: Complex = -(acceleration / omega**2) @ self._along_bar.T
-        return field
+    def known_drive(self, frequency_hz: Array) -> tuple[Array, Complex]:
+        """Splines that are 1 at one of the measured places, and the displacements there."""
+        displacement: Complex = -self._over_frequency(frequency_hz) / (2 * np.pi * frequency_hz[:, None, None]) ** 2
+        return self._along_bar, displacement.transpose(2, 1, 0)
 
-    def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> Plant:
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> BarPlant:
         """Raises ValueError: the bar was measured without fingers; predict.performance adds them to its response."""
         raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
 
@@ -67,7 +62,7 @@ def _spline_matrix(place_m: Array, node_m: Array) -> Array:
 
 def measured_plant(device: Device, responses: MeasuredResponses) -> MeasuredPlant:
     """Assemble the plant of a device whose responses were measured."""
-    plant = assemble(device)
+    plant = assemble_bar(device)
     return MeasuredPlant(device, plant.node_m, plant.K, plant.C, plant.M, responses)
 
 
@@ -94,7 +89,7 @@ def estimate_errors(device: Device, responses: MeasuredResponses) -> Interpolati
     between_hz = CubicSpline(hz[kept_hz], measured[kept_hz])(hz[left_hz]) - measured[left_hz]
     matrix = _spline_matrix(place_m[kept_m], place_m[left_m])[0::2]
     between_m = measured[..., kept_m] @ matrix.T - measured[..., left_m]
-    modelled = solve_response(assemble(device), hz).acceleration(place_m)
+    modelled = solve_response(assemble_bar(device), hz).acceleration(place_m)
     distance = np.sqrt((abs(modelled - measured) ** 2).mean(axis=2) / (abs(measured) ** 2).mean(axis=2))
     return InterpolationErrors(
         between_frequencies=(abs(between_hz) / size[left_hz]).max(axis=(0, 2)),
@@ -103,7 +98,7 @@ def estimate_errors(device: Device, responses: MeasuredResponses) -> Interpolati
     )
 
 
-def _without(count: int, left_out: slice) -> NDArray[np.bool_]:
+def _without(count: int, left_out: slice) -> Mask:
     kept = np.ones(count, dtype=np.bool_)
     kept[left_out] = False
     return kept

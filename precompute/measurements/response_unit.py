@@ -6,8 +6,8 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device.quantity import QuantityError, read_quantity
 
 _PER_NEWTON, _LONGEST = 3, 65
@@ -56,11 +56,9 @@ def read_response_unit(text: str) -> ResponseUnit:
     )
 
 
-def to_acceleration(
-    value: NDArray[np.complex128], order: int, frequency_hz: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def to_acceleration(value: Complex, order: int, frequency_hz: Array) -> Complex:
     """Accelerations of a response (row,) that is a velocity (order 1) or a displacement (2), at frequency_hz (row,)."""
-    acceleration: NDArray[np.complex128] = value * (2j * np.pi * frequency_hz) ** order
+    acceleration: Complex = value * (2j * np.pi * frequency_hz) ** order
     return acceleration
 
 

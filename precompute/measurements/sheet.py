@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_number
 from precompute.measurements.columns import SIMULATED, read_column
@@ -97,12 +97,12 @@ def _read_row(line: str, separator: str, source: str, number: int) -> list[str]:
 
 def read_columns(
     sheet: Sheet, known: Mapping[str, str], is_optional: Callable[[str], bool], device: Device, source: str
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, Array]:
     """Columns (row,) in SI by name, NaN where empty; known: SI unit by the name of a column.
 
     Raises MeasurementError, which names the row and the column.
     """
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Array] = {}
     for index, title in enumerate(sheet.titles):
         where = f"{source}: column {index + 1}: {title!r}"
         name, scale = read_title(title, known, device, where)
@@ -139,7 +139,7 @@ def read_title(title: str, known: Mapping[str, str], device: Device, where: str)
 
 def read_numbers(
     sheet: Sheet, index: int, source: str, *, empty_ok: bool, kind: type[float] | type[complex] = float
-) -> NDArray[np.float64]:
+) -> Array:
     """A column (row,) of real numbers, or of complex ones such as 1.2+3.4i; NaN where empty.
 
     Raises MeasurementError.

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, Measurements
-
-Array = NDArray[np.float64]
 
 POINTS = 22
 """Measured points along the bar, as in the paper."""

@@ -6,14 +6,12 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Integers, Mask
 from base.errors import TactableError
 from engine.device import Device
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Rows = NDArray[np.bool_] | NDArray[np.int64]
+Rows = Mask | Integers
 
 
 class CalibrationError(TactableError, ValueError):
@@ -75,7 +73,7 @@ class Measurements:
         return replace(self, **chosen)
 
     @property
-    def drive_of_row(self) -> NDArray[np.int64]:
+    def drive_of_row(self) -> Integers:
         """Shape (row,): number of each row's drive (frequencies and amplitudes), in the order of first appearance.
 
         A force at another place is another drive.
@@ -85,7 +83,7 @@ class Measurements:
         _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
-        number: NDArray[np.int64] = rank[inverse.ravel()]
+        number: Integers = rank[inverse.ravel()]
         return number
 
     def count_distinct(self) -> int:
@@ -166,10 +164,10 @@ def check_measurements(
     return measurements
 
 
-def nearest_actuator(device: Device, position_m: Array) -> NDArray[np.int64]:
+def nearest_actuator(device: Device, position_m: Array) -> Integers:
     """Index (place,) of the actuator that is nearest to each position (place,) in metres."""
     base_m = np.array([actuator.position_m for actuator in device.actuators])
-    nearest: NDArray[np.int64] = np.abs(position_m[:, None] - base_m).argmin(axis=1)
+    nearest: Integers = np.abs(position_m[:, None] - base_m).argmin(axis=1)
     return nearest
 
 
@@ -178,5 +176,5 @@ def text_of_places(device: Device) -> str:
     return ", ".join(f"{actuator.name} {1e3 * actuator.position_m:g} mm" for actuator in device.actuators)
 
 
-def _outside(position_m: Array, length_m: float) -> NDArray[np.bool_]:
+def _outside(position_m: Array, length_m: float) -> Mask:
     return (position_m < 0) | (position_m > length_m * (1 + 1e-9))

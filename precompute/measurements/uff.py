@@ -132,39 +132,16 @@ def write_uff(path: Path, measurements: Measurements, device: Device, comment: s
 
 
 def _response_set(hz: Any, acceleration: Any, response_node: int, reference_node: int, text: str) -> dict[str, Any]:
-    """A dataset 58: acceleration (line,) over frequencies that need not be even."""
-    axes = {
+    """A dataset 58: acceleration (line,) over frequencies that need not be even; pyuff fills in what is not used."""
+    response = {"func_type": _FREQUENCY_RESPONSE, "ord_data_type": 6, "abscissa_spacing": 0, "id1": text}
+    places = {"rsp_node": response_node, "rsp_dir": _ACROSS, "ref_node": reference_node, "ref_dir": _ACROSS}
+    out: dict[str, Any] = {"type": _RESPONSES, **response, **places, "orddenom_spec_data_type": 0}
+    for axis, (kind, label, unit) in {
         "abscissa": (_FREQUENCY, "Frequency", "Hz"),
         "ordinate": (_ACCELERATION, "Acceleration", "m/s^2"),
-        "orddenom": (0, "NONE", "NONE"),
-        "z_axis": (0, "NONE", "NONE"),
-    }
-    out: dict[str, Any] = {
-        "type": _RESPONSES,
-        "binary": 0,
-        "func_type": _FREQUENCY_RESPONSE,
-        "ver_num": 0,
-        "load_case_id": 0,
-        "rsp_ent_name": "NONE",
-        "rsp_node": response_node,
-        "rsp_dir": 3,
-        "ref_ent_name": "NONE",
-        "ref_node": reference_node,
-        "ref_dir": 3,
-        **{f"id{line}": text if line == 1 else "NONE" for line in range(1, 6)},
-        "ord_data_type": 6,
-        "abscissa_spacing": 0,
-        "z_axis_value": 0.0,
-        "data": acceleration,
-        "x": hz,
-        "num_pts": len(hz),
-        "abscissa_min": hz[0],
-        "abscissa_inc": 0.0,
-    }
-    for axis, (kind, label, unit) in axes.items():
-        out |= {f"{axis}_spec_data_type": kind, f"{axis}_len_unit_exp": 0, f"{axis}_force_unit_exp": 0}
-        out |= {f"{axis}_temp_unit_exp": 0, f"{axis}_axis_lab": label, f"{axis}_axis_units_lab": unit}
-    return out
+    }.items():
+        out |= {f"{axis}_spec_data_type": kind, f"{axis}_axis_lab": label, f"{axis}_axis_units_lab": unit}
+    return out | {"data": acceleration, "x": hz}
 
 
 def _listed(sets: Any) -> list[Mapping[str, Any]]:

@@ -8,15 +8,13 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.measurements.columns import column_names
 from precompute.measurements.response_unit import QUANTITIES
 from precompute.measurements.sheet import Sheet, read_numbers, read_title, split_title
 from precompute.measurements.types import MeasurementError
-
-Array = NDArray[np.float64]
 
 FREQUENCY = re.compile(r"f|freq\.?|frequency|frequenz|fréquence|frequence", re.IGNORECASE)
 PLACE = re.compile(r"((?:(?<![^\s_])[-+]|(?<![^\W_])(?<![.,]))\d+(?:[.,]\d+)?) ?(mm|cm|m|%)(?![^\W_])(?![/^])")

@@ -4,14 +4,17 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, even_points
 from engine.device import Device, Finger
+from engine.device.parts import Bar
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
+from precompute.model.plant import Plant, Sampler
 
-Array = NDArray[np.float64]
 BANDWIDTH = 3
 """Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
 ZONE_PLACES = 257
@@ -21,21 +24,7 @@ _SNAP = 1e-6
 
 
 @dataclass(frozen=True)
-class Sampler:
-    """Rows of shape functions that read a field at points: element index (point,), weights (point, 4)."""
-
-    element: NDArray[np.int64]
-    weight: Array
-
-    def sample(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Shape (..., point) from a field (..., degree of freedom)."""
-        columns = 2 * self.element[:, None] + np.arange(4)
-        values: NDArray[np.complex128] = np.einsum("...pk,pk->...p", field[..., columns], self.weight)
-        return values
-
-
-@dataclass(frozen=True)
-class Plant:
+class BarPlant(Plant):
     """Assembled bar. K, C, M are symmetric, in upper band form (BANDWIDTH + 1, degree of freedom) as LAPACK's."""
 
     device: Device
@@ -56,6 +45,11 @@ class Plant:
         nodes: NDArray[np.int64] = np.abs(self.node_m[:, None] - places).argmin(axis=0)
         return 2 * nodes
 
+    @property
+    def actuators(self) -> Sampler:
+        """The deflection at each actuator, which its spring and damper act on."""
+        return Sampler(self.actuator_dof[:, None], np.ones((len(self.actuator_dof), 1)))
+
     @cached_property
     def element_integral(self) -> Array:
         """Shape (element, 4, 4): integral of N N^T over each element, in metres."""
@@ -72,50 +66,67 @@ class Plant:
 
     @cached_property
     def zone_places_m(self) -> Array:
-        """Shape (zone, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
-        return np.array([np.linspace(zone.start_m, zone.stop_m, ZONE_PLACES) for zone in self.device.zones])
+        """Shape (zone, 1, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
+        return np.array([[even_points(zone.start_m, zone.stop_m, ZONE_PLACES)] for zone in self.device.zones])
 
-    @cached_property
-    def zone_sampler(self) -> Sampler:
-        """Sampler at all `zone_places_m`, zone after zone."""
-        return self.sampler(self.zone_places_m.ravel())
-
-    def sampler(self, position_m: Array) -> Sampler:
+    def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
         """Sampler at positions (point,) on the bar."""
+        position_m = np.asarray(position_m, dtype=np.float64)
         element = np.clip(np.searchsorted(self.node_m, position_m, side="right") - 1, 0, len(self.node_m) - 2)
         length_m = np.diff(self.node_m)[element]
-        return Sampler(element, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
+        dof = 2 * element[:, None] + np.arange(4)
+        return Sampler(dof, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
 
-    @property
-    def is_measured(self) -> bool:
-        """Whether the responses to the actuators were measured: `known_field` has them."""
-        return False
-
-    def known_field(self, frequency_hz: Array) -> NDArray[np.complex128] | None:  # noqa: ARG002  # a model has none
-        """Displacement (frequency, actuator, degree of freedom) of the untouched bar where it was measured, else None.
-
-        Metres at full scale.
-        """
-        return None
-
-    def with_fingers(self, position_m: Sequence[float], finger: Finger | Sequence[Finger]) -> "Plant":
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "BarPlant":
         """The plant with a grounded finger at each position, assembled into the matrices (docs/theory.md#fingers)."""
         fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
         K, C, M = self.K.copy(), self.C.copy(), self.M.copy()
         sampler = self.sampler(np.asarray(position_m, dtype=np.float64))
-        for element, weight, one in zip(sampler.element, sampler.weight, fingers, strict=True):
+        for dof, weight, one in zip(sampler.dof[:, 0].tolist(), sampler.weight, fingers, strict=True):
             outer = np.outer(weight, weight)
-            _add(K, 2 * element, one.stiffness_n_per_m * outer)
-            _add(C, 2 * element, one.damping_n_s_per_m * outer)
-            _add(M, 2 * element, one.mass_kg * outer)
+            _add(K, dof, one.stiffness_n_per_m * outer)
+            _add(C, dof, one.damping_n_s_per_m * outer)
+            _add(M, dof, one.mass_kg * outer)
         return replace(self, K=K, C=C, M=M)
+
+    @property
+    def resolution(self) -> dict[str, int | float]:
+        """Number of elements, and the longest."""
+        length_m = np.diff(self.node_m)
+        return {"mesh_elements": len(length_m), "mesh_longest_element_m": float(length_m.max())}
+
+    def with_device(self, device: Device) -> Self:
+        """The same matrices for a device that differs in what they do not depend on."""
+        return replace(self, device=device)
+
+    def dense(self) -> tuple[Array, Array, Array]:
+        """K, C and M (degree of freedom, degree of freedom)."""
+        return dense(self.K), dense(self.C), dense(self.M)
+
+    def solve(self, omega: Array, loads: Sampler, spring: Array, damper: Array) -> Complex:
+        """Displacement (frequency, load, degree of freedom), by elimination within the band."""
+        from precompute.model.band_solver import solve_banded  # it compiles a kernel, which known modes do not need
+
+        out = np.zeros((len(omega), len(loads.dof), self.size), dtype=np.complex128)
+        first, weight = np.ascontiguousarray(loads.dof[:, 0]), np.ascontiguousarray(loads.weight)
+        solve_banded(self.K, self.C, self.M, np.ascontiguousarray(omega), first, weight, spring, damper, out)
+        return out
+
+    def gram(self, field: Complex) -> Complex:
+        """Integrals (frequency, zone + 1, column, column) of conj(v_a) v_b, exact over each element."""
+        from precompute.model.gram import fill_gram
+
+        frequencies, columns, _ = field.shape
+        out = np.zeros((frequencies, len(self.device.zones) + 1, columns, columns), dtype=np.complex128)
+        fill_gram(np.ascontiguousarray(field), self.element_integral, self.element_zone, out)
+        return out
 
 
 def build_mesh(device: Device) -> Array:
     """Nodes (node,) in metres: one at every actuator and zone edge; elements as short as asked."""
     length_m = device.bar.length_m
-    forced = [0.0, *(actuator.position_m for actuator in device.actuators)]
-    forced += [edge for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
+    forced = [0.0, *(actuator.position_m.real for actuator in device.actuators)]
+    forced += [edge.real for zone in device.zones for edge in (zone.start_m, zone.stop_m)]
     edges = [0.0]
     for place in sorted(forced):
         if edges[-1] + _SNAP * length_m < place < (1 - _SNAP) * length_m:
@@ -128,7 +139,7 @@ def build_mesh(device: Device) -> Array:
     return np.append(np.concatenate(pieces), length_m)
 
 
-def assemble(device: Device) -> Plant:
+def assemble_bar(device: Device) -> BarPlant:
     """The plant of the untouched bar: the mesh, and its elements and actuators assembled."""
     bar = device.bar
     node_m = build_mesh(device)
@@ -142,13 +153,22 @@ def assemble(device: Device) -> Plant:
     return add_actuators(device, node_m, K, M)
 
 
-def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> Plant:
+def assemble(device: Device) -> Plant:
+    """The plant of the untouched surface of a device."""
+    if isinstance(device.surface, Bar):
+        return assemble_bar(device)
+    from precompute.model.plate import assemble_plate
+
+    return assemble_plate(device)
+
+
+def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> BarPlant:
     """The plant of a bar K, M (upper bands, changed in place) with its actuators; C = C_A + sigma M + eta K.
 
     Paper eqs. (2), (3). M and K there are the bar's own, without bolts and springs, or with `damping_of` "assembly"
     the whole plant's. The paper can be read either way; docs/theory.md (damping) says what speaks for each.
     """
-    bar, plant = device.bar, Plant(device, node_m, K, np.zeros_like(K), M)
+    bar, plant = device.bar, BarPlant(device, node_m, K, np.zeros_like(K), M)
     of_bar = bar.mass_damping_per_s * M + bar.stiffness_damping_s * K
     for actuator, dof in zip(device.actuators, plant.actuator_dof, strict=True):
         K[-1, dof] += actuator.stiffness_n_per_m

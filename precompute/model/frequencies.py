@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from precompute.model.assembly import Plant
 from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.model.plant import Plant
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

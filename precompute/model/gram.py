@@ -12,36 +12,25 @@ Gram = NDArray[np.complex128]
 _FIELD = types.Array(types.complex128, 3, "C", readonly=True)
 _INTEGRAL = types.Array(types.float64, 3, "C", readonly=True)
 _ZONE = types.Array(types.int64, 1, "C", readonly=True)
-_OMEGA = types.Array(types.float64, 1, "C", readonly=True)
 _OUT = types.Array(types.complex128, 4, "C")
 
 
 def compute_gram(response: Response) -> tuple[Gram, Gram]:
-    """R_z = omega^2 G^H Z_z G (frequency, zone, actuator, actuator) and T over the whole bar, without the zone axis.
+    """R_z = omega^2 G^H Z_z G (frequency, zone, actuator, actuator) and T over the whole surface, without that axis.
 
     Hermitian, proportional to the kinetic energy; the constants cancel in the localized factor, paper
-    eq. (10) (docs/theory.md#tabulated-quantities). Zones need not cover the bar: then T is more than their sum.
+    eq. (10) (docs/theory.md#tabulated-quantities). Zones need not cover the surface: then T is more than their sum.
     """
-    plant = response.plant
-    zones = len(plant.device.zones)
-    frequencies, actuators, _ = response.displacement_m.shape
-    out = np.zeros((frequencies, zones + 1, actuators, actuators), dtype=np.complex128)
-    _fill_gram(
-        np.ascontiguousarray(response.displacement_m),
-        np.ascontiguousarray(2 * np.pi * response.frequency_hz),
-        plant.element_integral,
-        plant.element_zone,
-        out,
-    )
-    return np.ascontiguousarray(out[:, :zones]), out.sum(axis=1)
+    power = (2 * np.pi * response.frequency_hz) ** 2
+    out = response.plant.gram(response.displacement_m) * power[:, None, None, None]
+    return np.ascontiguousarray(out[:, :-1]), out.sum(axis=1)
 
 
-@njit(types.void(_FIELD, _OMEGA, _INTEGRAL, _ZONE, _OUT), cache=True, parallel=True)
-def _fill_gram(field, omega, integral, zone_of, out):  # type: ignore[no-untyped-def]  # numba
+@njit(types.void(_FIELD, _INTEGRAL, _ZONE, _OUT), cache=True, parallel=True)
+def fill_gram(field, integral, zone_of, out):  # type: ignore[no-untyped-def]  # numba
     """Add to out (frequency, zone, actuator, actuator) the exact integral over each element of conj(v_a) v_b."""
     count, actuators, _ = field.shape
     for f in prange(count):
-        power = omega[f] * omega[f]
         for e in range(integral.shape[0]):
             z = zone_of[e]
             for b in range(actuators):
@@ -50,4 +39,4 @@ def _fill_gram(field, omega, integral, zone_of, out):  # type: ignore[no-untyped
                     for j in range(4):
                         weighted += integral[e, i, j] * field[f, b, 2 * e + j]
                     for a in range(actuators):
-                        out[f, z, a, b] += power * np.conj(field[f, a, 2 * e + i]) * weighted
+                        out[f, z, a, b] += np.conj(field[f, a, 2 * e + i]) * weighted

@@ -14,8 +14,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from engine.device import Finger
-from engine.device.file import CLICKS_TOP_HZ
-from precompute.model.assembly import Plant, assemble, dense
+from engine.device.surface_description import CLICKS_TOP_HZ
+from precompute.model.assembly import assemble
+from precompute.model.plant import Plant
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -43,12 +44,14 @@ class Basis:
         shape, damping = np.ascontiguousarray(self.shape[:, kept]), np.ascontiguousarray(self.damping[kept, kept])
         return Basis(self.plant, shape, self.square_omega[kept], damping)
 
-    def at(self, position_m: Array) -> Array:
+    def at(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Array:
         """Mode shapes at positions: (point, mode)."""
-        sampler = self.plant.sampler(position_m)
-        columns = 2 * sampler.element[:, None] + np.arange(4)
-        values: Array = np.einsum("pkm,pk->pm", self.shape[columns], sampler.weight)
-        return values
+        return self.plant.sampler(position_m).shapes(self.shape)
+
+    @property
+    def at_actuators(self) -> Array:
+        """Mode shapes at the actuators: (actuator, mode)."""
+        return self.plant.actuators.shapes(self.shape)
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
 
     device, omega = basis.plant.device, 2 * np.pi * frequency_hz
     plant = assemble(device) if basis.plant.is_measured else basis.plant  # fingers join no measured responses
-    middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+    middle_m = np.array([zone.middle_m for zone in device.zones])
     actuator_m = np.array([actuator.position_m for actuator in device.actuators])
     count, finger = len(actuator_m), device.finger
     loaded = solve_response(plant.with_fingers(middle_m.tolist(), finger), frequency_hz, actuator_m)
@@ -114,7 +117,7 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
     error, greatest = np.zeros((len(basis.square_omega) // _STEP_OF_MODES, *exact.shape[1:])), np.zeros(exact.shape[1:])
     for w, reference in zip(omega, exact, strict=True):
         touch = finger.stiffness_n_per_m + 1j * w * finger.damping_n_s_per_m - w**2 * finger.mass_kg
-        impedance = np.concatenate([1j * w * _dampers(basis), np.full(len(middle_m), touch)])
+        impedance = np.concatenate([1j * w * mount_dampers(basis), np.full(len(middle_m), touch)])
         free = _partial_receptances(basis, shape, 1j * w)
         attached = np.linalg.solve(np.eye(len(shape)) + free * impedance, free)  # (1 + G Z)^-1 G
         change = attached[:, count:, :count].swapaxes(-1, -2) - reference
@@ -125,7 +128,7 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
 
 def _partial_receptances(basis: Basis, shape: Array, s: complex) -> Complex:
     """Receptances (step, place, place) with 4, 8, 12 ... modes, of the bar without its actuators' dampers."""
-    bar, places, steps = basis.plant.device.bar, len(shape), len(basis.square_omega) // _STEP_OF_MODES
+    bar, places, steps = basis.plant.device.surface, len(shape), len(basis.square_omega) // _STEP_OF_MODES
     kept = steps * _STEP_OF_MODES
     square, rows = basis.square_omega[:kept], shape[:, :kept].T
     modal = 1 / (s**2 + (bar.mass_damping_per_s + bar.stiffness_damping_s * square) * s + square)
@@ -134,12 +137,12 @@ def _partial_receptances(basis: Basis, shape: Array, s: complex) -> Complex:
     return np.asarray(sums, dtype=np.complex128)
 
 
-def _dampers(basis: Basis) -> Array:
+def mount_dampers(basis: Basis) -> Array:
     """Shape (actuator,), N s/m: what the actuators damp beyond sigma + eta omega^2 of the modes.
 
     The modes are those of the bar with its actuators, so where only the bar is damped, too much is in them.
     """
-    bar, actuators = basis.plant.device.bar, basis.plant.device.actuators
+    bar, actuators = basis.plant.device.surface, basis.plant.device.actuators
     own = np.array([actuator.damping_n_s_per_m for actuator in actuators])
     if bar.damping_of == "assembly":
         return own
@@ -149,12 +152,13 @@ def _dampers(basis: Basis) -> Array:
 
 
 def _solve_modes(plant: Plant, count: int) -> Basis:
-    square, shape = scipy.linalg.eigh(dense(plant.K), dense(plant.M), subset_by_index=(0, count - 1))
+    K, C, M = plant.dense()
+    square, shape = scipy.linalg.eigh(K, M, subset_by_index=(0, count - 1))
     # Not below 0, where rounding puts the free turning about a single actuator.
-    return Basis(plant, shape, np.maximum(square, 0.0), shape.T @ dense(plant.C) @ shape)
+    return Basis(plant, shape, np.maximum(square, 0.0), shape.T @ C @ shape)
 
 
-def compute_modal_model(basis: Basis, fingers: Sequence[tuple[float, Finger]] = ()) -> ModalModel:
+def compute_modal_model(basis: Basis, fingers: Sequence[tuple[complex, Finger]] = ()) -> ModalModel:
     """Damped modes with fingers (position in metres, finger) added to the untouched bar's basis."""
     count = len(basis.square_omega)
     M, K, C = np.eye(count), np.diag(basis.square_omega), basis.damping.copy()
@@ -176,7 +180,7 @@ def compute_modal_model(basis: Basis, fingers: Sequence[tuple[float, Finger]] = 
 def _forces(basis: Basis) -> Array:
     """Modal force per unit base displacement and per unit rate: (mode, 2, actuator)."""
     actuators = basis.plant.device.actuators
-    drive = basis.shape[basis.plant.actuator_dof].T
+    drive = basis.at_actuators.T
     spring = np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators])
     damper = np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators])
     return np.stack([drive * spring, drive * damper], axis=1)

@@ -1,4 +1,4 @@
-"""Modes of a bar, untouched or with fingers: natural frequencies, damping ratios, decay times and shapes."""
+"""Modes of a surface, untouched or with fingers: natural frequencies, damping ratios, decay times and shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,12 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points, even_points
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 
 Array = NDArray[np.float64]
 
+POINTS, _ACROSS = 201, 61
+"""Points along a surface that shapes are seen at, close enough to find nodes: 2 mm apart on 400 mm; and across a plate.
+"""
 _STILL = 1e-6
 """Share of the natural frequency below which a pole does not oscillate: it is overdamped, or turns freely."""
 
@@ -29,8 +33,14 @@ class Mode:
     shape: Array
 
 
+def seen_points(device: Device) -> Points:
+    """Even points (point,) that shapes are seen at: along a bar, on a plate rows of POINTS from edge to edge."""
+    corner_m = device.surface.corner_m
+    return np.asarray(even_points(0 * corner_m, corner_m, POINTS, _ACROSS))
+
+
 def compute_modes(
-    device: Device, position_m: Array, up_to_hz: float, finger_m: Sequence[float] = ()
+    device: Device, position_m: Points, up_to_hz: float, finger_m: Sequence[complex] = ()
 ) -> tuple[Mode, ...]:
     """Modes up to a frequency, rising, with the device's finger at each of `finger_m`.
 

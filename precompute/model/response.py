@@ -1,4 +1,4 @@
-"""Unit responses of the plant: one banded complex solve a frequency, a column for each actuator or touched point."""
+"""Unit responses of the plant: one complex solve a frequency, a column for each actuator or touched point."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points
 from engine.device import Actuator
-from precompute.model.assembly import Plant
-from precompute.model.band_solver import solve_banded
+from precompute.model.plant import Plant, Sampler
 from precompute.model.transfers import transfers_at
 
 
 @dataclass(frozen=True)
 class Response:
-    """Displacement of the bar, shape (frequency, column, degree of freedom).
+    """Displacement of the surface, shape (frequency, column, degree of freedom).
 
     Metres per full-scale base displacement for an actuator's column, metres per newton for a touched point's.
     """
@@ -23,7 +23,7 @@ class Response:
     frequency_hz: NDArray[np.float64]
     displacement_m: NDArray[np.complex128]
 
-    def acceleration(self, position_m: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def acceleration(self, position_m: Points) -> NDArray[np.complex128]:
         """A = -omega^2 G at positions (point,): shape (frequency, column, point), m/s^2 at full scale."""
         omega = 2 * np.pi * self.frequency_hz
         return -(omega**2)[:, None, None] * self.plant.sampler(position_m).sample(self.displacement_m)
@@ -62,35 +62,29 @@ def blocked_force(actuators: Sequence[Actuator], frequency_hz: NDArray[np.float6
     return out
 
 
-def solve_response(
-    plant: Plant, frequency_hz: NDArray[np.float64], touched_m: NDArray[np.float64] | None = None
-) -> Response:
+def solve_response(plant: Plant, frequency_hz: NDArray[np.float64], touched_m: Points | None = None) -> Response:
     """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i H_i (docs/theory.md#model).
 
     H_i is the transfer function of an actuator, 1 where the device file has none. A column for each actuator, as
     measured where it was (H_i is in that already), then one for a unit force at each position of `touched_m`.
     """
-    actuators = plant.device.actuators
+    actuators, own = plant.device.actuators, plant.actuators
     touched = plant.sampler(np.zeros(0) if touched_m is None else touched_m)
-    points = len(touched.element)
-    at_actuator = np.zeros((len(actuators), 4))
-    at_actuator[:, 0] = 1.0
-    out = np.zeros((len(frequency_hz), len(actuators) + points, plant.size), dtype=np.complex128)
-    solve_banded(
-        plant.K,
-        plant.C,
-        plant.M,
-        2 * np.pi * np.ascontiguousarray(frequency_hz, dtype=np.float64),
-        np.concatenate([plant.actuator_dof, 2 * touched.element]),
-        np.concatenate([at_actuator, touched.weight]),
+    points, width = len(touched.dof), max(own.dof.shape[1], touched.dof.shape[1])
+    # Beyond an actuator's own degrees of freedom there are more of weight 0, so that all loads are of one width.
+    fill = width - own.dof.shape[1]
+    dof = np.concatenate([np.pad(own.dof, ((0, 0), (0, fill)), mode="edge"), touched.dof])
+    weight = np.concatenate([np.pad(own.weight, ((0, 0), (0, fill))), touched.weight])
+    out = plant.solve(
+        2 * np.pi * np.asarray(frequency_hz, dtype=np.float64),
+        Sampler(dof, weight),
         np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators] + [1.0] * points),
         np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators] + [0.0] * points),
-        out,
     )
     for column, actuator in enumerate(actuators):
         if actuator.transfer is not None:
             out[:, column] *= actuator.transfer.at(frequency_hz)[:, None]
-    known = plant.known_field(np.asarray(frequency_hz, dtype=np.float64))
+    known = plant.known_drive(np.asarray(frequency_hz, dtype=np.float64))
     if known is not None:
-        out[:, : len(actuators)] = known
+        out[:, : len(actuators)] = np.einsum("df,fak->kad", *known, optimize=True)
     return Response(plant, np.asarray(frequency_hz, dtype=np.float64), out)

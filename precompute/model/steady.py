@@ -1,12 +1,13 @@
-"""Steady state of the bar under a drive: share of energy, peak and dead spot of every zone, and where they are."""
+"""Steady state of the surface under a drive: share of energy, peak and dead spot of every zone, and where they are."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precompute.model.assembly import Plant
+from base.arrays import Points
 from precompute.model.gram import compute_gram
+from precompute.model.plant import Plant
 from precompute.model.response import Response, by_tone, solve_response
 
 Array = NDArray[np.float64]
@@ -15,13 +16,13 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class SteadyState:
-    """Per zone: share of kinetic energy, greatest and least acceleration (m/s^2) and where (m from the start)."""
+    """Per zone: share of kinetic energy, greatest and least acceleration (m/s^2), and at which points they are."""
 
     share: Array
     peak: Array
-    peak_position_m: Array
+    peak_position_m: Points
     dead: Array
-    dead_position_m: Array
+    dead_position_m: Points
 
 
 def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) -> SteadyState:
@@ -45,6 +46,7 @@ def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> S
     acceleration = plant.zone_sampler.sample(displacement_m) * (omega**2)[:, None]
     level = np.abs(acceleration).sum(axis=0).reshape(places_m.shape)
     peaks = [_peak(place_m, value) for place_m, value in zip(places_m, level, strict=True)]
+    places_m, level = (each.reshape(len(each), -1) for each in (places_m, level))
     least, rows = level.argmin(axis=1), np.arange(len(level))
     return SteadyState(
         share=share,
@@ -55,12 +57,16 @@ def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> S
     )
 
 
-def _peak(place: Array, value: Array) -> tuple[float, float]:
-    """Height and place of the maximum, by the parabola through its neighbours."""
-    k = int(value.argmax())
-    if k in (0, len(value) - 1):
-        return float(value[k]), float(place[k])
-    left, middle, right = value[k - 1 : k + 2]
-    curvature = left - 2 * middle + right
-    shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
-    return float(middle - 0.25 * (left - right) * shift), float(place[k] + shift * (place[1] - place[0]))
+def _peak(place_m: Points, value: Array) -> tuple[float, complex]:
+    """Height and point of the maximum (across, along), by the parabolas through its neighbours in each direction."""
+    row, column = np.unravel_index(value.argmax(), value.shape)
+    height, at_m = float(value[row, column]), place_m[row, column]
+    for course, way_m, k in ((value[row], place_m[row], column), (value[:, column], place_m[:, column], row)):
+        if k in (0, len(course) - 1):
+            continue
+        left, middle, right = course[k - 1 : k + 2]
+        curvature = left - 2 * middle + right
+        shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
+        height -= 0.25 * float(left - right) * shift
+        at_m = at_m + shift * (way_m[1] - way_m[0])
+    return height, at_m.item()

@@ -26,7 +26,7 @@ class TransientPlant:
     """
 
     basis: Basis
-    position_m: Array
+    position_m: Array | Complex
     sample_rate_hz: float
     _model: ModalModel = field(init=False)
     _state: Array = field(init=False)
@@ -38,12 +38,12 @@ class TransientPlant:
         self.look_at(self.position_m)
         self.touch(())
 
-    def look_at(self, position_m: Array) -> None:
+    def look_at(self, position_m: Array | Complex) -> None:
         """The points whose acceleration `run` gives from now on."""
         self.position_m = position_m
         self._shape = self.basis.at(position_m)
 
-    def touch(self, fingers: Sequence[tuple[float, Finger]]) -> None:
+    def touch(self, fingers: Sequence[tuple[complex, Finger]]) -> None:
         """The fingers on the bar from now on: (position in metres, finger)."""
         self._model = compute_modal_model(self.basis, fingers)
         # Poles come in conjugate pairs: one of each is enough, counted twice.
@@ -118,9 +118,6 @@ def _real_product(matrix: Complex, values: Complex) -> Array:
 
 def _zone_energy(basis: Basis, product: Array) -> Array:
     """Sum over each zone of q'^T (integral of N N^T) q', from the summed products q' q'^T (mode, mode)."""
-    plant = basis.plant
-    columns = 2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)
-    shape = basis.shape[columns]
-    energy = np.einsum("eim,mn,ejn,eij->e", shape, product, shape, plant.element_integral, optimize=True)
-    zone: Array = np.bincount(plant.element_zone, energy, len(plant.device.zones) + 1)[:-1].astype(np.float64)
+    between = basis.plant.gram(np.ascontiguousarray(basis.shape.T[None], dtype=np.complex128))[0, :-1].real
+    zone: Array = np.einsum("zmn,mn->z", between, product)
     return zone

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -95,16 +96,16 @@ class WorkerPool:
                     yield solve_here(own.popleft())
 
     def solve_in_order(
-        self, begin: Begin[Job, Result], jobs: Sequence[Job], on_progress: Callable[[float], None]
+        self, solve: Callable[[Job], Result], jobs: Sequence[Job], on_progress: Callable[[float], None]
     ) -> list[Result]:
         """One result for each job, in their order, solved by this process and the workers, with one thread each.
 
-        `on_progress` is called with the fraction done.
+        `solve` goes to the workers by pickling; `on_progress` is called with the fraction done.
         """
         found = dict[int, Result]()
         with one_thread():
             numbered = [[each] for each in enumerate(jobs)]
-            for number, result in self.solve(_Numbered(begin), numbered, include_self=True):
+            for number, result in self.solve(partial(_numbering, solve), numbered, include_self=True):
                 found[number] = result
                 on_progress(len(found) / len(jobs))
         return [found[number] for number in range(len(jobs))]
@@ -135,15 +136,9 @@ def one_thread() -> Iterator[None]:
         numba.set_num_threads(threads)
 
 
-class _Numbered:
+def _numbering(solve: Callable[[Job], Result]) -> Callable[[tuple[int, Job]], tuple[int, Result]]:
     """The solver of numbered jobs, which numbers its results."""
-
-    def __init__(self, begin: Begin[Any, Any]) -> None:
-        self.begin = begin
-
-    def __call__(self) -> Callable[[tuple[int, Any]], tuple[int, Any]]:
-        solve = self.begin()
-        return lambda numbered: (numbered[0], solve(numbered[1]))
+    return lambda numbered: (numbered[0], solve(numbered[1]))
 
 
 def _killed() -> WorkerError:

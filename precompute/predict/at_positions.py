@@ -1,7 +1,7 @@
 """Steady drives for fingers at any positions, with the spread of what the fingers feel and the rise time.
 
-The drive is the one that the live engine solves (engine.steady.solver), from the same receptances. Its figures are
-computed apart from it, on the plant solved at the drive's own frequency with every sampled finger where it lies.
+The drive is the one that the live engine solves (engine.steady.steady_solver), from the same modes. Its figures
+are computed apart from it, on the plant solved at the drive's own frequency with every sampled finger where it lies.
 """
 
 from collections.abc import Sequence
@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.steady import SteadyDrive
-from engine.steady.cases import FingerCases, cases_at, sample_deviations
-from engine.steady.receptances import Receptances
-from engine.steady.solver import SteadySolver
-from precompute.model.assembly import Plant, assemble
-from precompute.model.frequencies import add_resonances
-from precompute.model.modal import Basis, compute_basis, compute_modal_model
+from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.modes import Modes
+from engine.steady.steady_solver import SteadySolver
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis
+from precompute.model.plant import Plant
 from precompute.predict.performance import compute_figures
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import SAMPLES, SampledFingers
-from precompute.sampling.places import solve_place_receptances
+from precompute.sampling.steady_modes import steady_basis, steady_modes
 
 Array = NDArray[np.float64]
 PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
@@ -58,7 +58,7 @@ class PlacementFigures:
     bar of its own where a calibration left some. contrasts are None where nothing is quiet.
     """
 
-    positions_m: tuple[float, ...]
+    positions_m: tuple[complex, ...]
     drive: SteadyDrive
     level_db: Array
     sampled_level_db: Array
@@ -79,7 +79,7 @@ class PlacementFigures:
 class SteadyDesigner:
     """Solves drives for placements on one device, and computes their figures.
 
-    `receptances` are those of its table; without them they are solved, which takes about a second. `samples`: of the
+    `modes` are those of its table; without them they are computed. `samples`: of the
     fingers, even, over which the figures are; the solver optimises over fewer of its own.
     """
 
@@ -87,25 +87,24 @@ class SteadyDesigner:
         self,
         device: Device,
         plant: Plant | None = None,
-        receptances: Receptances | None = None,
+        modes: Modes | None = None,
         samples: int = SAMPLES,
     ) -> None:
         self.plant, self._samples = plant or assemble(device), samples
         self.basis = compute_basis(self.plant)
-        self.receptances = receptances or solve_place_receptances(
-            self.plant, search_frequencies(self.plant, self.basis)
-        )
-        self.solver = SteadySolver(device, self.receptances)
+        self.modes = modes or steady_modes(steady_basis(self.plant))
+        self.solver = SteadySolver(device, self.modes)
 
-    def solve(self, positions_m: Sequence[float], felt: Sequence[bool], level_db: float) -> PlacementFigures:
+    def solve(self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float) -> PlacementFigures:
         """The drive for fingers at these positions, `felt` or else quiet, at a level in dB, and its figures.
 
-        Raises engine.steady.solver.SteadyError as SteadySolver.solve does.
+        Raises engine.steady.steady_solver.SteadyError as SteadySolver.solve does.
         """
         drive = self.solver.solve(positions_m, felt, level_db)
-        device, positions = self.plant.device, np.array(positions_m, dtype=np.float64)
-        deviations = sample_deviations(len(positions), self._samples)
-        sampled = _sampled_fingers(cases_at(positions, deviations, device.finger, device.bar.length_m))
+        device, positions = self.plant.device, np.array(positions_m)
+        corner_m = device.surface.corner_m
+        deviations = sample_deviations(len(positions), self._samples, axes_of(corner_m))
+        sampled = _sampled_fingers(cases_at(positions, deviations, device.finger, corner_m))
         touched = range(len(positions))
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
         power = compute_figures(self.plant, sampled, touched, hz, amplitude).power
@@ -133,15 +132,6 @@ class SteadyDesigner:
             ),
             t90_s=float(compute_rise_time(model, hz, amplitude)[0, is_felt].max()),
         )
-
-
-def search_frequencies(plant: Plant, basis: Basis) -> Array:
-    """The grid of the device, with the resonances of the bar untouched and under fingers in its zones."""
-    device = plant.device
-    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    loads = [[], [(at_m, device.finger) for at_m in middles_m], *([(at_m, device.finger)] for at_m in middles_m)]
-    pole = np.concatenate([compute_modal_model(basis, load).pole for load in loads])
-    return add_resonances(device, device.sweep.frequency_hz, pole)
 
 
 def _sampled_fingers(cases: FingerCases) -> SampledFingers:

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
-from base.compiled import njit
-from precompute.model.assembly import Plant
+from precompute.model.plant import Plant
 from precompute.model.response import by_tone, solve_response
 from precompute.model.steady import SteadyState, steady_state_of
 from precompute.sampling.fingers import SampledFingers
@@ -16,7 +14,7 @@ from precompute.sampling.fingers import SampledFingers
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_EVERY = 8  # of the places in a zone is looked at for the range of its peak
+_STEPS = 32  # about, of the places along a zone, are looked at for the range of its peak
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,7 @@ def _loaded_fields(plant: Plant, sampled: SampledFingers, zones: list[int], tone
 def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
     """Field (tone, case, degree of freedom) at positions of its own for each case (case, place)."""
     sampler = plant.sampler(position_m.ravel())
-    columns = (2 * sampler.element[:, None] + np.arange(4)).reshape(*position_m.shape, 4)
-    weights = sampler.weight.reshape(*position_m.shape, 4)
+    columns, weights = (each.reshape(*position_m.shape, -1) for each in (sampler.dof, sampler.weight))
     case = np.arange(len(position_m))[:, None, None]
     values: Complex = np.einsum("tkpi,kpi->tkp", field[:, case, columns], weights)
     return values
@@ -85,54 +82,11 @@ def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
 
 def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Array]:
     """Share of the kinetic energy and peak acceleration, each (case, zone)."""
-    zones = plant.device.zones
-    every = slice(None, None, _EVERY)
-    element = plant.zone_sampler.element.reshape(len(zones), -1)[:, every]
-    weight = plant.zone_sampler.weight.reshape(len(zones), -1, 4)[:, every]
-    energy, peak = np.zeros((field.shape[1], len(zones) + 1)), np.zeros((field.shape[1], len(zones)))
-    _fill_figures(
-        np.ascontiguousarray(field),
-        omega,
-        plant.element_integral,
-        plant.element_zone,
-        np.ascontiguousarray(element),
-        np.ascontiguousarray(weight),
-        energy,
-        peak,
-    )
+    columns = np.ascontiguousarray(np.moveaxis(field, 1, 0)[:, :, None])
+    energy = np.array([omega**2 @ plant.gram(column)[:, :, 0, 0].real for column in columns])
+    # Magnitudes of the tones are added at each place (paper eq. (8)).
+    every = max(1, plant.zone_places_m.shape[-1] // _STEPS)
+    looked_at = plant.sampler(plant.zone_places_m[:, ::every, ::every].ravel())
+    level = np.tensordot(omega**2, abs(looked_at.sample(field)), 1)
+    peak = level.reshape(len(level), len(plant.device.zones), -1).max(axis=2)
     return energy[:, :-1] / energy.sum(axis=1, keepdims=True), peak
-
-
-_FIELD = types.Array(types.complex128, 3, "C", readonly=True)
-_OMEGA = types.Array(types.float64, 1, "C", readonly=True)
-_BLOCK = types.Array(types.float64, 3, "C", readonly=True)
-_ZONE = types.Array(types.int64, 1, "C", readonly=True)
-_ELEMENT = types.Array(types.int64, 2, "C", readonly=True)
-_OUT = types.Array(types.float64, 2, "C")
-
-
-@njit(types.void(_FIELD, _OMEGA, _BLOCK, _ZONE, _ELEMENT, _BLOCK, _OUT, _OUT), cache=True)
-def _fill_figures(field, omega, integral, zone_of, element, weight, energy, peak):  # type: ignore[no-untyped-def]  # numba
-    """Add up kinetic energies (case, zone; the last what lies in none), find peaks (case, zone) over places."""
-    tones, cases, _ = field.shape
-    for k in range(cases):
-        for t in range(tones):
-            # Kinetic energy: the exact integral over each element, added to its zone.
-            for e in range(integral.shape[0]):
-                total = 0.0
-                for i in range(4):
-                    v = field[t, k, 2 * e + i]
-                    for j in range(4):
-                        w = field[t, k, 2 * e + j]
-                        total += integral[e, i, j] * (v.real * w.real + v.imag * w.imag)
-                energy[k, zone_of[e]] += omega[t] ** 2 * total
-        # Peak: magnitudes of the tones added at each place (paper eq. (8)).
-        for z in range(element.shape[0]):
-            for p in range(element.shape[1]):
-                level = 0.0
-                for t in range(tones):
-                    value = 0j
-                    for i in range(4):
-                        value += weight[z, p, i] * field[t, k, 2 * element[z, p] + i]
-                    level += omega[t] ** 2 * abs(value)
-                peak[k, z] = max(peak[k, z], level)

@@ -52,7 +52,7 @@ class RiseModel:
     damper: Complex
 
 
-def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[float, Finger]]], place_m: Array) -> RiseModel:
+def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[complex, Finger]]], place_m: Array) -> RiseModel:
     """One eigenproblem a case, a case being its fingers (position in metres, finger); place_m (case, place)."""
     models = [compute_modal_model(basis, fingers) for fingers in cases]
     modes = len(basis.square_omega)

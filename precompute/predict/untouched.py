@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from precompute.model.assembly import Plant
 from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.gram import compute_gram
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from base.compiled import njit
 from engine.device import Device
 from engine.steady.cases import SEED
-from precompute.model.assembly import BANDWIDTH, Plant, assemble
+from precompute.model.assembly import BANDWIDTH, BarPlant, assemble_bar
 from precompute.model.band_solver import BAND_ROWS, FIRST_SUPER, eliminate
 from precompute.model.transfers import moved_bases
 from precompute.sampling.fingers import SampledFingers
@@ -28,7 +28,7 @@ class SampledBars:
     full scale, per unit of its displacement and of its velocity.
     """
 
-    plants: tuple[Plant, ...]
+    plants: tuple[BarPlant, ...]
     sampled: SampledFingers
     K: Array
     C: Array
@@ -58,7 +58,7 @@ class SampledBars:
             mesh.actuator_dof,
             2 * np.pi * tones,
             weight.astype(np.complex128),
-            2 * sampler.element.reshape(place_m.shape),
+            np.ascontiguousarray(sampler.dof[:, 0]).reshape(place_m.shape),
             sampler.weight.reshape(*place_m.shape, 4),
             np.ascontiguousarray(sampled.stiffness_n_per_m[1:, zones]),
             np.ascontiguousarray(sampled.damping_n_s_per_m[1:, zones]),
@@ -79,7 +79,7 @@ def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
         return None
     count = len(sampled.place) - 1
     scenarios = sample_scenarios(device, count, SEED)
-    plants = tuple(assemble(scenarios.device_of(i)) for i in range(1, count + 1))
+    plants = tuple(assemble_bar(scenarios.device_of(i)) for i in range(1, count + 1))
     actuators = [plant.device.actuators for plant in plants]
     return SampledBars(
         plants=plants,

@@ -27,11 +27,11 @@ class SampledFingers:
     damping_n_s_per_m: Array
     stiffness_n_per_m: Array
 
-    def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[float, Finger]]:
-        """Position in metres and finger of one case, in each of `zones` (indices)."""
+    def fingers(self, case: int, zones: Sequence[int]) -> list[tuple[complex, Finger]]:
+        """Point and finger of one case, in each of `zones` (indices)."""
         return [
             (
-                float(self.position_m[zone, self.place[case, zone]]),
+                self.position_m[zone, self.place[case, zone]].item(),
                 Finger(
                     mass_kg=float(self.mass_kg[case, zone]),
                     damping_n_s_per_m=float(self.damping_n_s_per_m[case, zone]),

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from base.arrays import Points
+from base.points import clip_points
 from engine.device import Device, Finger
 from precompute.sampling.devices import sample_devices
 
@@ -18,17 +20,17 @@ Array = NDArray[np.float64]
 class Fingers:
     """Fingers of a placement in every scenario: position, stiffness, damping and mass, each (scenario, finger)."""
 
-    position_m: Array
+    position_m: Points
     stiffness_n_per_m: Array
     damping_n_s_per_m: Array
     mass_kg: Array
 
     def first(self, scenarios: int) -> "Fingers":
         """The fingers of the first scenarios."""
-        columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
-        return Fingers(*(column[:scenarios] for column in columns))
+        columns = (self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
+        return Fingers(self.position_m[:scenarios], *(column[:scenarios] for column in columns))
 
-    def of(self, scenario: int) -> list[tuple[float, Finger]]:
+    def of(self, scenario: int) -> list[tuple[complex, Finger]]:
         """Position in metres and finger of one scenario, for each finger."""
         columns = (self.position_m, self.stiffness_n_per_m, self.damping_n_s_per_m, self.mass_kg)
         return [
@@ -62,10 +64,10 @@ class Scenarios:
     def device_of(self, scenario: int) -> Device:
         """The device with the bar and the actuators of one scenario."""
         base = self.calibrated[scenario]
-        bar = replace(
-            base.bar,
-            youngs_modulus_pa=base.bar.youngs_modulus_pa * float(self.bar_stiffness[scenario]),
-            density_kg_per_m3=base.bar.density_kg_per_m3 * float(self.bar_mass[scenario]),
+        surface = replace(
+            base.surface,
+            youngs_modulus_pa=base.surface.youngs_modulus_pa * float(self.bar_stiffness[scenario]),
+            density_kg_per_m3=base.surface.density_kg_per_m3 * float(self.bar_mass[scenario]),
         )
         actuators = tuple(
             replace(actuator, stiffness_n_per_m=actuator.stiffness_n_per_m * k, mass_kg=actuator.mass_kg * m)
@@ -73,26 +75,29 @@ class Scenarios:
                 base.actuators, self.stiffness[scenario].tolist(), self.mass[scenario].tolist(), strict=True
             )
         )
-        return replace(base, bar=bar, actuators=actuators)
+        return replace(base, surface=surface, actuators=actuators)
 
     def deviations(self, fingers: int) -> Array:
         """What varies (scenario, parameter), standardised: bar, actuators, and that many fingers."""
-        return np.hstack([self.normal, _touch_deviations((len(self) - 1) // 2, fingers, self.seed)])
+        return np.hstack([self.normal, _rows(self._touches(fingers))])
 
-    def place(self, position_m: Sequence[float], tolerance_m: float | None = None) -> Fingers:
+    def _touches(self, fingers: int) -> Array:
+        return _sample_touches((len(self) - 1) // 2, fingers, _axes(self.device), self.seed)
+
+    def place(self, position_m: Sequence[complex], tolerance_m: float | None = None) -> Fingers:
         """Sampled fingers about these positions, which rise along the bar; the nominal ones are exactly there.
 
         Each lies within `tolerance_m` of its position (None: as the device's spread says), and on the bar.
         """
-        finger, spread, length_m = self.device.finger, self.device.spread, self.device.bar.length_m
+        finger, spread, corner_m = self.device.finger, self.device.spread, self.device.surface.corner_m
         reach_m = spread.finger_position_m if tolerance_m is None else tolerance_m
-        place, *parts = _sample_touches((len(self) - 1) // 2, len(position_m), self.seed)
-        mass, damping, stiffness = (1 + spread.finger * part for part in parts)
+        *way, mass, damping, stiffness = self._touches(len(position_m))
+        place = way[0] if len(way) == 1 else way[0] + 1j * way[1]
         return Fingers(
-            position_m=np.clip(np.array(position_m) + reach_m * place, 0.0, length_m),
-            stiffness_n_per_m=finger.stiffness_n_per_m * stiffness,
-            damping_n_s_per_m=finger.damping_n_s_per_m * damping,
-            mass_kg=finger.mass_kg * mass,
+            position_m=clip_points(np.array(position_m) + reach_m * place, corner_m),
+            stiffness_n_per_m=finger.stiffness_n_per_m * (1 + spread.finger * stiffness),
+            damping_n_s_per_m=finger.damping_n_s_per_m * (1 + spread.finger * damping),
+            mass_kg=finger.mass_kg * (1 + spread.finger * mass),
         )
 
 
@@ -124,7 +129,7 @@ def sample_deviations(device: Device, count: int, fingers: int, seed: int) -> Ar
     """`Scenarios.deviations` of `count` plants, which need not be made for it; without the nominal one."""
     pairs = (count + 1) // 2
     normal = np.repeat(_normal_deviates(device, pairs, seed), 2, axis=0)
-    return np.hstack([normal, _touch_deviations(pairs, fingers, seed)[1:]])
+    return np.hstack([normal, _rows(_sample_touches(pairs, fingers, _axes(device), seed))[1:]])
 
 
 def latin_hypercube(count: int, dimensions: int, random: np.random.Generator) -> Array:
@@ -146,22 +151,28 @@ def _normal_deviates(device: Device, pairs: int, seed: int) -> Array:
     return deviates
 
 
-def _touch_deviations(pairs: int, fingers: int, seed: int) -> Array:
+def _rows(touches: Array) -> Array:
     """`_sample_touches` as rows (scenario, parameter)."""
-    return _sample_touches(pairs, fingers, seed).transpose(1, 0, 2).reshape(1 + 2 * pairs, -1)
+    return touches.transpose(1, 0, 2).reshape(touches.shape[1], -1)
+
+
+def _axes(device: Device) -> int:
+    """Axes along which a finger's place varies: one on a bar, two on a plate."""
+    return 2 if isinstance(device.surface.corner_m, complex) else 1
 
 
 @lru_cache(maxsize=64)
-def _sample_touches(pairs: int, fingers: int, seed: int) -> Array:
-    """Deviations (parameter, scenario, finger) from -1 to 1 of place, mass, damping and stiffness, the nominal first.
+def _sample_touches(pairs: int, fingers: int, axes: int, seed: int) -> Array:
+    """Deviations (parameter, scenario, finger) from -1 to 1 of place by axis, mass, damping, stiffness; nominal first.
 
     A mirror image has the fingers in the opposite order, and their places on the other side.
     """
     (random,) = np.random.default_rng([seed, fingers]).spawn(1)
-    touch = 2 * latin_hypercube(pairs, 4 * fingers, random).reshape(pairs, 4, fingers) - 1
+    touch = 2 * latin_hypercube(pairs, (axes + 3) * fingers, random).reshape(pairs, axes + 3, fingers) - 1
     image = touch[:, :, ::-1].copy()
     image[:, 0] *= -1
-    deviation: Array = np.concatenate([np.zeros((1, 4, fingers)), _alternating(touch, image)]).transpose(1, 0, 2)
+    nominal = np.zeros((1, axes + 3, fingers))
+    deviation: Array = np.concatenate([nominal, _alternating(touch, image)]).transpose(1, 0, 2)
     deviation.flags.writeable = False
     return deviation
 
@@ -176,11 +187,12 @@ def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:
 def _fitted(device: Device) -> NDArray[np.bool_]:
     """Whether a calibration has fitted the stiffness and the mass (2, part) of the bar and of every actuator."""
     names = {value.name for value in device.uncertainty.fitted} if device.uncertainty is not None else set[str]()
+    kind = device.surface.kind
     own = [("actuator", f"actuator[{i}]") for i in range(1, len(device.actuators) + 1)]
     return np.array(
         [
             [bar in names, *[not names.isdisjoint(f"{part}.{key}" for part in parts) for parts in own]]
-            for bar, key in (("bar.youngs_modulus", "stiffness"), ("bar.density", "mass"))
+            for bar, key in ((f"{kind}.youngs_modulus", "stiffness"), (f"{kind}.density", "mass"))
         ]
     )
 

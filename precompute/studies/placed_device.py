@@ -5,11 +5,12 @@ from collections.abc import Sequence
 
 import tomlkit
 
+from base.points import order_of
 from engine.device import Device
-from precompute.studies.placement import with_actuators_at
+from precompute.studies.placement_search import with_actuators_at
 
 
-def placed_text(device: Device, name: str, position_m: Sequence[float]) -> str:
+def placed_text(device: Device, name: str, position_m: Sequence[complex]) -> str:
     """Text of the device called `name` with an actuator at each position, in metres; comments and order are kept.
 
     The positions are no longer marked as estimates: the study chose them. Where there are more positions than
@@ -17,7 +18,7 @@ def placed_text(device: Device, name: str, position_m: Sequence[float]) -> str:
     that of the actuators where they were.
     """
     document = tomlkit.parse(device.text)
-    rank = sorted(range(len(device.actuators)), key=lambda i: device.actuators[i].position_m)
+    rank = sorted(range(len(device.actuators)), key=lambda i: order_of(device.actuators[i].position_m))
     own, count = document["actuator"], len(position_m)
     placed = tomlkit.aot()
     for i, actuator in enumerate(with_actuators_at(device, position_m).actuators):

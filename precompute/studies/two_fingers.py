@@ -5,16 +5,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.at_positions import SteadyDesigner
-from precompute.sampling.places import modal_receptances
+from precompute.sampling.steady_modes import steady_modes
 
-Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 _MODES = 24
@@ -61,8 +60,8 @@ def solve_two_fingers(device: Device, wanted_db: float) -> TwoFingers:
 def screen_two_fingers(device: Device, wanted_db: float, step_hz: float) -> TwoFingers:
     """The same estimated quickly, from few modes and frequencies `step_hz` apart."""
     coarse = replace(device, sweep=replace(device.sweep, step_hz=step_hz))
-    receptances = modal_receptances(compute_basis(assemble(coarse), _MODES))
-    return _contrasts(coarse, SteadySolver(coarse, receptances), wanted_db)
+    modes = steady_modes(compute_basis(assemble(coarse), _MODES))
+    return _contrasts(coarse, SteadySolver(coarse, modes), wanted_db)
 
 
 def _contrasts(device: Device, solver: SteadySolver, wanted_db: float) -> TwoFingers:

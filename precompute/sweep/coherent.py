@@ -1,4 +1,4 @@
-"""Coherent sweep: what the bar does under many complex amplitude vectors ("directions") at one frequency."""
+"""Coherent sweep: what the surface does under many complex amplitude vectors ("directions") at one frequency."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precompute.sweep.grid import GridResponse
-from precompute.sweep.kernels import AmplitudeRatios, fill_coherent_sweep
+from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_coherent_sweep
 
 Complex = NDArray[np.complex128]
 Single = NDArray[np.float32]

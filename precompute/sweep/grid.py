@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Points, even_points
 from engine.device import Device
-from precompute.model.assembly import Plant
 from precompute.model.frequencies import in_band
 from precompute.model.gram import compute_gram
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
 Array = NDArray[np.float64]
@@ -28,27 +29,29 @@ class GridResponse:
 
     device: Device
     frequency_hz: Array
-    position_m: Array
+    position_m: Points
     acceleration: Complex
     gram: Complex
     total: Complex
     in_band: NDArray[np.bool_]
 
 
-def zone_points(device: Device) -> Array:
-    """Positions (zone, point), edges included, a multiple of 8, close enough for SAMPLING_ERROR.
+def zone_points(device: Device) -> Points:
+    """Points (zone, point), edges included, a multiple of 8, close enough for SAMPLING_ERROR.
 
     A peak between two points is missed by about (k d)^2 / 8, k the bending wave number at the highest frequency; twice
-    that is allowed for, since near fields curve more than waves.
+    that is allowed for, since near fields curve more than waves. In both directions of a plate the same spacing serves,
+    since kx^2 + ky^2 = k^2.
     """
-    spacing_m = np.sqrt(4 * SAMPLING_ERROR) / device.bar.wave_number_per_m(device.sweep.stop_hz)
-    longest_m = max(zone.length_m for zone in device.zones)
-    count = 8 * int(np.ceil((longest_m / spacing_m + 1) / 8))
-    return np.stack([np.linspace(zone.start_m, zone.stop_m, count) for zone in device.zones])
+    spacing_m = np.sqrt(4 * SAMPLING_ERROR) / device.surface.wave_number_per_m(device.sweep.stop_hz)
+    longest_m = max((zone.stop_m - zone.start_m).real for zone in device.zones)
+    widest_m = max((zone.stop_m - zone.start_m).imag for zone in device.zones)
+    along, across = 8 * int(np.ceil((longest_m / spacing_m + 1) / 8)), 1 + int(np.ceil(widest_m / spacing_m))
+    return np.stack([even_points(zone.start_m, zone.stop_m, along, across) for zone in device.zones])
 
 
-def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Array) -> GridResponse:
-    """Solve the plant at every frequency and look at every position (zone, point)."""
+def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Points) -> GridResponse:
+    """Solve the plant at every frequency and look at every point (zone, point)."""
     response = solve_response(plant, frequency_hz)
     acceleration = response.acceleration(position_m.ravel())
     gram, total = compute_gram(response)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.best_rows import BestRows
-from engine.table.file import TableWriter, Variable, VariableStream
-from precompute.model.assembly import Plant, assemble
+from engine.table.netcdf_file import TableWriter, Variable, VariableStream
+from precompute.model.assembly import assemble
 from precompute.model.frequencies import BEAT_HZ
+from precompute.model.plant import Plant
 from precompute.sweep.best import BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
 from precompute.sweep.grid import (
@@ -22,14 +23,14 @@ from precompute.sweep.grid import (
     estimate_interpolation_error,
     zone_points,
 )
-from precompute.sweep.kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
+from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
 
 Single = NDArray[np.float32]
 
 _CHUNK_BYTES = 1 << 23
 """Of rows that are not kept; few enough for the caches of a processor."""
 _FIGURES = (
-    ("localized_factor", "1", "share of the bar's kinetic energy, paper eq. (10); NaN: nothing moves"),
+    ("localized_factor", "1", "share of the surface's kinetic energy, paper eq. (10); NaN: nothing moves"),
     ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8); NaN: nothing moves"),
     ("dead_spot", "m s-2", "least peak acceleration in the zone; NaN: nothing moves"),
 )
@@ -41,8 +42,8 @@ def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> No
     error = estimate_interpolation_error(plant, grid)
     group = "responses"
     _write_axes(writer, group, device, "frequency", "actuator", "zone")
-    position = Variable("position", ("zone", "point"), "m", "places looked at in each zone, from the bar's start")
-    writer.write(group, position, grid.position_m)
+    position = Variable("position", ("zone", "point"), "m", "places looked at in each zone, from the surface's start")
+    writer.write_points(group, position, grid.position_m)
     writer.write(group, Variable("part", ("part",), "1", "of a complex number"), ["real", "imaginary"])
     unit = np.einsum("fii->f", grid.total).real.max()
     for name, dimensions, unit_name, meaning, values in (
@@ -64,7 +65,7 @@ def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> No
             "total_gram",
             ("frequency", "actuator", "actuator_2"),
             "1",
-            "T, energy of the whole bar, in the unit of zone_gram",
+            "T, energy of the whole surface, in the unit of zone_gram",
             grid.total / unit,
         ),
     ):

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.c_library import CompileError, LibrarySource, compile_library
-from firmware_link.emulator import BOARD_EMULATED, BOARD_SOUND_CARD, DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.host.link_values import BOARD_EMULATED, BOARD_SOUND_CARD
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import PM_PER_M, DeviceState
 from tactable.audio.names import AudioError, AudioOutput

@@ -10,7 +10,7 @@ stands for, and the greatest sample, have no default: without them the text is r
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 PREFIX = "audio:"
 SIMULATED = "simulated"

@@ -8,7 +8,6 @@ import contextlib
 import gc
 import os
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from base.child import Parent
+from base.printable import write_note
 from tactable.audio.board import AudioBoard, CardPace, Samples, core_library
 from tactable.audio.names import AudioError, AudioOutput, parse_output
 from tactable.audio.streams import open_output, wait_while_called
@@ -93,7 +93,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     feeder.is_silent.wait(_FADING_S)
     stream.stop()
     if feeder.gaps:
-        sys.stderr.write(
-            f"note: {output.name}: {feeder.gaps} blocks came too late, and were silence; take a longer block, or a "
-            "machine that does less beside it\n"
+        write_note(
+            f"{output.name}: {feeder.gaps} blocks came too late, and were silence; take a longer block, or a machine "
+            "that does less beside it"
         )

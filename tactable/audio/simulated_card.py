@@ -8,8 +8,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from tactable.audio.board import AudioBoard, CardPace
 from tactable.audio.names import AudioOutput
 
@@ -49,7 +49,7 @@ class SimulatedCard:
         self._due_us = self._late_us = 0.0
         self._stall_us = 0
         self._waiting = b""
-        self._played: list[NDArray[np.float64]] = []
+        self._played: list[Array] = []
         self._kept = 0
         """Samples of the card before the first in `_played`."""
 
@@ -74,7 +74,7 @@ class SimulatedCard:
         """Time at which the next block is asked for."""
         return math.ceil(self._callback_us())
 
-    def drive(self, start_us: float, stop_us: float, rate_hz: float) -> NDArray[np.float64]:
+    def drive(self, start_us: float, stop_us: float, rate_hz: float) -> Array:
         """Samples (time, actuator) at the output, on the grid n / rate_hz from time 0, straight lines between."""
         first, stop = (math.ceil(time_us * rate_hz / _US_PER_S) for time_us in (start_us, stop_us))
         own_hz = self.output.rate_hz * (1 + self._flaws.drift)

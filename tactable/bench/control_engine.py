@@ -7,15 +7,15 @@ from typing import Any
 
 from base.child import Parent
 from base.plain import to_plain
-from engine.effects import DEFAULT_EFFECTS
-from engine.loop import SystemClock
-from engine.render import WhenNotAchieved
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.loop import SystemClock
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from firmware_link.host.descriptor_port import DescriptorPort
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.sockets import SocketSource
 from tactable.control.slot import ControlOf, ControlProcess
-from tactable.run.live import Live, LiveOptions, fast_library
+from tactable.run.live_run import Live, LiveOptions, fast_library
 from tactable.run.ring_recorder import ring_for
 from tactable.shipped import named_effects
 

@@ -11,27 +11,27 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import Trace
+from base.arrays import Array, Integers, Mask
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.layout import NONE
-from engine.render import WhenNotAchieved
+from engine.loop.observer import Trace
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
 from engine.touch.sources import OnClock
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.light_device import LightDevice
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
 REPORTS_HZ = 2 * MOST_COMMANDS_HZ
 """By the clock of the loop: a tap and its lift in turn, as fast as clicks may follow each other."""
 _PERIOD_NS = 1_000_000_000 // REPORTS_HZ
 _PASSES_AN_ANSWER = 16
-Times = NDArray[np.float64]
+Times = Array
 
 
 class _PacedClock:
@@ -58,8 +58,6 @@ class _Memory(OnClock):
     def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
-        self.report_index = -1
-        self.report_time_ns = 0
         self.answer_ns: list[int] = []
         """From each report in hand until the loop asks for more."""
         self.write_ns: list[int] = []
@@ -166,10 +164,10 @@ class InProcess:
     stream: str
     simulated: bool
     answer_ns: Times
-    has_command: NDArray[np.bool_]
+    has_command: Mask
     by_fast_path: int
     """Number of the commands that the compiled step answered."""
-    fingers: NDArray[np.int64]
+    fingers: Integers
 
     def figures_json(self) -> dict[str, Any]:
         """Figures over the reports that bring a command, over all, and over the commands of one finger and of ten."""

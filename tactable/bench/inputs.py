@@ -10,7 +10,8 @@ from itertools import cycle, islice
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Effect, EffectPlayer, Effects, Rule, Segment, Trigger
+from engine.effects.effect_player import EffectPlayer
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, Placement, open_digitizer
@@ -33,11 +34,11 @@ def open_table(path: Path | None) -> Iterator[Table]:
         with Table.open(path) as table:
             yield table
         return
-    from tactable.rig.demo import table_for
+    from tactable.rig.demo_run import table_for
+    from tactable.rig.ready import cached_table
 
     device = find_device("reference-a")
-    cached = cache_folder() / f"{device.name}-{device.fingerprint[:12]}.nc"
-    with table_for(device, cached, lambda *_: None) as table:
+    with table_for(device, cached_table(device, cache_folder()), lambda *_: None) as table:
         yield table
 
 
@@ -114,4 +115,4 @@ def expected_clicks(stream: Stream, rate_hz: float, count: int, device: Device) 
 
 def place_of(placement: Placement | None) -> int:
     """Position of the first felt finger in micrometres, -1 without one: what tells the clicks of taps apart."""
-    return -1 if placement is None else round(1e6 * placement.position_m[placement.felt[0]])
+    return -1 if placement is None else round(1e6 * placement.position_m[placement.felt[0]].real)

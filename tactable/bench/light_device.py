@@ -4,7 +4,8 @@ import struct
 from array import array
 from dataclasses import dataclass, field
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import DELIMITER
 from firmware_link.protocol.messages import Play, Set
 

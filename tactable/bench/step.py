@@ -11,14 +11,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Drives, Effects
-from engine.loop import open_pipeline, realtime
-from engine.render import PlayCommand, WhenNotAchieved, link_configuration, render_table
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
+from engine.loop import realtime
+from engine.loop.pipeline import open_pipeline
+from engine.render.limits import link_configuration
+from engine.render.link_commands import PlayCommand
+from engine.render.prepared import render_table
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording
@@ -30,7 +34,7 @@ from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.environment import reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
-from tactable.run.live import fast_library
+from tactable.run.live_run import fast_library
 
 ROUNDS = 15  # of all reports of a recording; their median is shown
 STAGES = ("decode", "track", "play", "render", "frame")
@@ -39,7 +43,7 @@ _HANDSHAKE_STEP_NS = 500_000  # of virtual time: finer than any pause of the han
 _PAUSE_NS = 1_000_000_000
 # What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
 _EARLIER_NS = 2_000_000
-Stamps = NDArray[np.float64]
+Stamps = Array
 """Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
 IN_ZONES = replace(HELD, drives=Drives.ZONES)
 RULES = {"a drive while touched": HELD, "a row while touched": IN_ZONES, "a click for every touch": DEFAULT_EFFECTS}

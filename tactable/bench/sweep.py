@@ -15,8 +15,9 @@ from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array, Points
 from engine.device import Device
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import BarPlant, assemble_bar
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
 
@@ -30,7 +31,7 @@ SAMPLED_POINTS = 40  # some milliseconds each; their mean is scaled up, and the 
 def run_sweep_bench(device: Device) -> dict[str, Any]:
     """Time the pair sweep of the first two actuators of `device` against its rivals. Takes about half a minute."""
     with threadpool_limits(1, "blas"):
-        plant = assemble(device)
+        plant = assemble_bar(device)
         grid = compute_grid_response(plant, device.sweep.frequency_hz, zone_points(device))
         sweep = prepare_pair_sweep(grid, (0, 1))
         count, steps = len(grid.frequency_hz), device.sweep.amplitude_steps + 1
@@ -106,7 +107,7 @@ def _write_floor(factor, peak, dead):  # type: ignore[no-untyped-def]  # numba
         dead[row] = np.float32(3)
 
 
-def _time_points(plant: Plant, grid: GridResponse) -> float:
+def _time_points(plant: BarPlant, grid: GridResponse) -> float:
     """Seconds a point the way of the paper: solve the model for each (f1, f2, a1, a2), then read the figures off."""
     rng = np.random.default_rng(0)
     pairs_hz = rng.choice(grid.frequency_hz, size=(SAMPLED_POINTS, 2))
@@ -116,9 +117,7 @@ def _time_points(plant: Plant, grid: GridResponse) -> float:
     return (time.perf_counter() - start) / SAMPLED_POINTS
 
 
-def solve_point(
-    plant: Plant, position_m: NDArray[np.float64], pair_hz: NDArray[np.float64], amplitude: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def solve_point(plant: BarPlant, position_m: Points, pair_hz: Array, amplitude: Array) -> tuple[Array, Array]:
     """Localized factor and peak of every zone for two tones, by SciPy's banded solver on the assembled matrices."""
     zones = len(plant.device.zones)
     energy, level = np.zeros(zones + 1), np.zeros(position_m.shape)

@@ -16,11 +16,11 @@ from typing import Any
 from base.errors import TactableError
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.diff import TableDiff, compare_tables
 from engine.table.history import previous_of
-from precompute.builder.build import build_table
+from engine.table.table_diff import TableDiff, compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current
+from precompute.builder.table_build import build_table
 from precompute.parallel.pool import available_cores
 from tactable.calibration.job import CalibrationJob
 from tactable.calibration.step_times import Progress, StepTimes

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from tactable.cli.console import show
-from tactable.cli.options import AsJson, DeviceArgument, DeviceOption, OptionalTable
+from tactable.cli.options import AsJson, DeviceOption, OptionalTable
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 
@@ -18,21 +18,6 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
     show(run_sweep_bench(find_device(device_name)), as_json, print_sweep_bench)
-
-
-def clicks(
-    device_name: DeviceArgument = "reference-a",
-    placements: Annotated[int, typer.Option(min=2, help="Random placements of each number of fingers.")] = 20,
-    as_json: AsJson = False,
-) -> None:
-    """Time clicks as a run solves them, beside a linear program.
-
-    Both solve the same random placements of two, three and five fingers, and are judged on the same fresh plants: what
-    is felt, what is kept quiet, what is lost, and whether the promises hold.
-    """
-    from tactable.bench.clicks import print_clicks_bench, run_clicks_bench
-
-    show(run_clicks_bench(find_device(device_name), placements), as_json, print_clicks_bench)
 
 
 def step(
@@ -50,7 +35,7 @@ def step(
 
     Drives for positions and for zones, and clicks are timed, with and without rules, beside the compiled step.
     """
-    from engine.effects import read_effects
+    from engine.effects.rule_file import read_effects
     from engine.touch.sources.recording import read_recording
     from tactable.bench.inputs import open_table
     from tactable.bench.step import RULES, print_step_bench, run_step_bench
@@ -73,7 +58,7 @@ def control(
     Messages of a program and touches take turns in the same run, and bring the same clicks. A pause follows
     each click: 1000 rounds, with the compiled step and then without, pause for two and a half minutes in all.
     """
-    from tactable.bench.control import print_control_bench, run_control_bench
+    from tactable.bench.control_bench import print_control_bench, run_control_bench
     from tactable.bench.inputs import open_table
 
     with open_table(table_path) as table:

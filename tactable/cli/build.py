@@ -44,7 +44,7 @@ def build(
     device_name: DeviceArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = "3 mm",
+    pitch: Pitch = None,
     threshold: ThresholdCurve = None,
     workers: Workers = None,
     reuse: Annotated[
@@ -100,7 +100,7 @@ class WantedTable:
 
     output: Path | None
     clicks_up_to: int | None
-    pitch_m: float
+    pitch_m: float | None
     workers: int | None
     reuses: bool
     responses: Path | None
@@ -111,10 +111,9 @@ class WantedTable:
 
     def build(self, device: Device) -> None:
         """Build the table of a device and print what it holds."""
-        from precompute.builder.build import EARLY_IN_PLACE, build_table
+        from precompute.builder.table_build import EARLY_IN_PLACE, build_table
         from precompute.clicks import ClickOptions
-        from precompute.clicks.tabulated import MOST_TABULATED
-        from precompute.measurements.responses import read_responses
+        from precompute.measurements.response_table import read_responses
         from precompute.parallel.pool import available_cores
 
         path = self.output or Path(f"{device.name}.nc")
@@ -123,7 +122,7 @@ class WantedTable:
             scales = self.scales_forces
             responses = read_responses(self.responses, device, self.sensor_mass_kg, scales_forces=scales)
         # Clicks are computed by the model in time: with measured responses only where they are asked for.
-        fingers = 0 if responses else MOST_TABULATED
+        fingers = 0 if responses else None
         with shown_progress(self.as_json) as show:
 
             def progress(step: str, fraction: float) -> None:
@@ -188,24 +187,15 @@ def _print_built(path: Path, device: Device, responses: Path | None, cost: "Buil
     if as_json:
         print_json(summary)
         return
-    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} {_clicks_text(summary)}"
+    apart = f" at places {1e3 * summary['click_pitch_m']:.3g} mm apart" if summary["clicks"] else ""
+    counts = f"best rows of {summary['best_rows']} zone combinations, {summary['clicks']} clicks{apart}"
     say(f"{path}: {counts}, {summary['bytes'] / 1e6:.0f} MB, for {device.name}")
-    say(_cost_text(cost))
+    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
+    say(f"processor time: {times}; {cost.clicks} clicks solved")
     say(f"fingerprint {device.fingerprint[:16]}; {len(device.estimated_values)} values of the device are estimates")
     say(model)
     if responses is not None:
         say(f"built from {summary['source']} in {responses}; {_doubts_text(summary)}")
-
-
-def _clicks_text(summary: Mapping[str, Any]) -> str:
-    if not summary["clicks"]:
-        return "clicks"
-    return f"clicks at places {1e3 * summary['click_pitch_m']:.3g} mm apart"
-
-
-def _cost_text(cost: "BuildCost") -> str:
-    times = ", ".join(f"{step} {taken_s:.1f} s" for step, taken_s in cost.processor_s.items())
-    return f"processor time: {times}; {cost.clicks} clicks solved"
 
 
 def _doubts_text(summary: Mapping[str, Any]) -> str:

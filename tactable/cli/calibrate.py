@@ -175,9 +175,9 @@ def calibrate(
 
 def _modes(device: "Device", path: Path, picked: Path | None, mass_kg: float) -> tuple[Path, tuple[str, ...]]:
     """The file of modes, which is written first where they are `picked` from responses, and the usual parameters."""
-    from precompute.calibration.modal import modal_names
-    from precompute.measurements.file import read_measurements
-    from precompute.measurements.modes import read_modes
+    from precompute.calibration.modal_fit import modal_names
+    from precompute.measurements.measured_modes import read_modes
+    from precompute.measurements.measurement_file import read_measurements
     from precompute.measurements.pick import pick_modes, write_modes
 
     if picked is not None:
@@ -223,8 +223,8 @@ def _at_the_bar(device: "Device", options: "ApparatusOptions", places: int, meth
 
 def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
     """Fit, write the folder, and print the report; the doubts."""
+    from tactable.calibration.calibration_page import print_calibration
     from tactable.calibration.job import calibration_json
-    from tactable.calibration.page import print_calibration
 
     fitted = job.fit(lambda _step, _fraction: None)
     job.write(fitted)
@@ -239,9 +239,9 @@ def _apply(
 ) -> list[str]:
     """Apply the calibration to a table, and print it; the doubts for which the table was left as it was."""
     from tactable.calibration.apply import PromiseError, apply_fit
+    from tactable.calibration.calibration_page import print_applied, print_calibration, print_clicks
     from tactable.calibration.job import calibration_json
-    from tactable.calibration.page import print_applied, print_calibration, print_clicks
-    from tactable.explain.diff import print_short_diff, short_diff_json
+    from tactable.explain.diff_words import print_short_diff, short_diff_json
 
     with shown_progress(as_json) as progress:
         applied = apply_fit(job, table, despite_doubts, progress, verify)
@@ -304,9 +304,9 @@ def plan_measurements(
 
     from precompute.calibration.calibrate import calibrate as fit_device
     from precompute.calibration.calibrate import names_told
-    from precompute.calibration.plan import Accuracy, Criterion, plan_after, plan_first
-    from precompute.measurements.file import read_measurements
-    from tactable.calibration.page import print_plan
+    from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after, plan_first
+    from precompute.measurements.measurement_file import read_measurements
+    from tactable.calibration.calibration_page import print_plan
 
     device = find_device(device_name)
     accuracy = Accuracy(

@@ -86,7 +86,7 @@ def demo(
             programs = None
             if control:
                 from tactable.control.client import default_socket
-                from tactable.page.processes.programs import ProgramsAt
+                from tactable.page.processes.engine_process import ProgramsAt
 
                 programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
             if drives is not None and effects_path is not None:
@@ -115,10 +115,10 @@ def report_demo(
     rules: the options --effects and --drives.
     """
     from engine.touch.sources.recording import read_recording
-    from tactable.figures.demo import draw_demo
-    from tactable.figures.file import outputs_of
-    from tactable.rig.demo import demo_json, run_demo, table_at, table_for
+    from tactable.figures.demo_picture import draw_demo
+    from tactable.figures.picture_file import outputs_of
     from tactable.rig.demo_page import print_demo
+    from tactable.rig.demo_run import demo_json, run_demo, table_at, table_for
     from tactable.rig.ready import cached_table, compare_with_shipped, open_shipped
 
     outputs_of([figure])

@@ -1,4 +1,4 @@
-"""Commands `modes` and `check`: what a device file says of its bar, before a table is built."""
+"""Commands `modes` and `check`: what a device file says of its surface, before a table is built."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from base.plain import to_plain
+from base.points import json_of, point_of_json, point_text
 from tactable.cli.console import say, show
 from tactable.cli.options import (
     AsJson,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from engine.device import Device
     from precompute.model.modes import Mode
 
-_POINTS = 201  # along the bar, to find nodes: 2 mm apart on 400 mm
 _CHECKED_MODES = 6  # shipped bars have 4 to 7 below twice their band; a line for each
 _LEAST_RATIO = 1e-6
 
@@ -34,7 +34,7 @@ _LEAST_RATIO = 1e-6
 def modes(
     device_name: DeviceArgument,
     fingers: Annotated[
-        str, typer.Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: mid-bar.")
+        str, typer.Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: the middle.")
     ] = "",
     up_to: Annotated[str, typer.Option(help="Highest frequency.")] = "1 kHz",
     output: Annotated[
@@ -42,29 +42,30 @@ def modes(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the modes of a bar, untouched and under a finger.
+    """List the modes of a bar or a plate, untouched and under a finger.
 
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
-    from precompute.model.modes import compute_modes
-    from tactable.figures.file import outputs_of, write_outputs
+    from precompute.model.modes import compute_modes, seen_points
+    from tactable.figures.picture_file import outputs_of, write_outputs
 
     outputs = outputs_of([] if output is None else [output])
     device = find_device(device_name)
-    at_m, limit_hz = _finger_places(device, fingers), read_option("--up-to", up_to, "Hz")
-    position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
+    at_m = list(read_placement(device, fingers, "").position_m) if fingers else [device.surface.corner_m / 2]
+    limit_hz = read_option("--up-to", up_to, "Hz")
+    position_m = seen_points(device)
     untouched, touched = (compute_modes(device, position_m, limit_hz, at) for at in ((), at_m))
     if not untouched and not touched:
         raise OptionError(f"--up-to: {device.name} has no mode up to {up_to}; give a higher frequency")
     found = {
         "device": device.name,
         "estimated": list(device.estimated_values),
-        "finger_m": at_m,
+        "finger_m": [json_of(each_m) for each_m in at_m],
         "untouched": [_mode_json(mode) for mode in untouched],
         "with_finger": [_mode_json(mode) for mode in touched],
     }
     if output is not None:
-        from tactable.figures.modes import plot_modes
+        from tactable.figures.mode_picture import plot_modes
 
         write_outputs(plot_modes(device, position_m, at_m, untouched, touched), outputs)
     show(found, as_json, _print_modes)
@@ -72,21 +73,15 @@ def modes(
         say(f"written: {output}")
 
 
-def _finger_places(device: "Device", text: str) -> list[float]:
-    if not text:
-        return [device.bar.length_m / 2]
-    return list(read_placement(device, text, "").position_m)
-
-
 def _mode_json(mode: "Mode") -> dict[str, float | None]:
     plain: dict[str, float | None] = to_plain(
-        {"frequency_hz": mode.frequency_hz, "damping_ratio": mode.damping_ratio, "decay_s": mode.decay_s}
+        {key: getattr(mode, key) for key in ("frequency_hz", "damping_ratio", "decay_s")}
     )
     return plain
 
 
 def _print_modes(out: Console, found: dict[str, Any]) -> None:
-    places = ", ".join(f"{1e3 * at_m:.4g} mm" for at_m in found["finger_m"])
+    places = ", ".join(point_text(point_of_json(at_m), 4) for at_m in found["finger_m"])
     grid = Grid("mode", "untouched", "damping", "decay", f"finger at {places}", "damping", "decay")
     empty = ("", "", "")
     for k in range(max(len(found["untouched"]), len(found["with_finger"]))):
@@ -114,12 +109,12 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
     """
     from precompute.model.assembly import assemble
     from precompute.model.modes import compute_modes
-    from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz
-    from precompute.studies.reach import compute_reach
+    from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz, shortest_wave_m
+    from precompute.studies.reach_along import compute_reach
 
     path = find_device_file(device_name)
     device = with_threshold(find_device(device_name), threshold)
-    middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
+    middle_m = np.array([zone.middle_m for zone in device.zones])
     reach = compute_reach(assemble(device), middle_m, device.finger)
     first = compute_modes(device, middle_m, 2 * device.sweep.stop_hz)[:_CHECKED_MODES]
     levels = dict(zip((zone.name for zone in device.zones), reach.level_db.tolist(), strict=True))
@@ -146,6 +141,8 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
         "greatest_level_db": levels,
         "threshold": _threshold_json(device),
         "finger": _finger_json(device),
+        "surface": device.surface.kind,
+        "waves_in_thickness": shortest_wave_m(device) / device.surface.thickness_m,
         "shear_error": estimate_shear_error(device),
         "torsion_hz": estimate_torsion_hz(device),
         "levels_out_of_reach": [
@@ -175,10 +172,12 @@ def _say_check(found: dict[str, Any]) -> None:
         say(f"note: the mode at {mode['frequency_hz']:.1f} Hz is {_width_hz(mode):.2g} Hz wide, narrower than a step")
     share, torsion_hz = found["shear_error"], found["torsion_hz"]
     text = (
-        f"at {stop_hz:g} Hz shear and rotary inertia, which the theory leaves out, lower modes by {100 * share:.2g} %"
+        f"at {stop_hz:g} Hz the shortest wave is {found['waves_in_thickness']:.3g} times the thickness of the "
+        f"{found['surface']}; shear and rotary inertia, which the theory leaves out, lower modes by {100 * share:.2g} %"
     )
-    say(f"{'note: ' if share >= 0.01 else ''}{text}; first torsional mode near {torsion_hz:.3g} Hz (ESTIMATES)")
-    if torsion_hz <= stop_hz:
+    torsion = "" if torsion_hz is None else f"; first torsional mode near {torsion_hz:.3g} Hz"
+    say(f"{'note: ' if share >= 0.01 else ''}{text}{torsion} (ESTIMATES)")
+    if torsion_hz is not None and torsion_hz <= stop_hz:
         say("note: the first torsional mode lies within the band: the bar is a plate, and drives twist it")
     levels = ", ".join(f"{name} {level_db:.1f} dB" for name, level_db in found["greatest_level_db"].items())
     above = f"above threshold {found['threshold']['name']}"

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from base.files import replace_file
-from engine.effects import Effect, EffectError, Segment
-from engine.effects.files import FORMATS, Converted, Fate, read_effect_file
-from engine.effects.files.conversion import FULL_LEVEL_DB
-from engine.effects.rules import NS_PER_MS
+from engine.device import Device
+from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
+from engine.effects.files.read import FORMATS, read_effect_file
+from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
 from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level, read_option
 from tactable.shipped import find_device, named_effects
@@ -38,7 +38,7 @@ def show(
     converted = read_effect_file(path, path.stem, full_level_db)
     if output:
         from tactable.figures.effect_file import plot_effect_file
-        from tactable.figures.file import outputs_of, write_outputs
+        from tactable.figures.picture_file import outputs_of, write_outputs
 
         outputs = outputs_of(output)
         write_outputs(plot_effect_file(converted, full_level_db), outputs)
@@ -97,16 +97,11 @@ def curve(
     import numpy as np
 
     from precompute.model.assembly import assemble
-    from precompute.studies.reach import compute_acceleration_curves
+    from precompute.studies.reach_along import compute_acceleration_curves
 
     device = find_device(device_name)
-    middles = [0.5 * (zone.start_m + zone.stop_m) for zone in device.zones]
-    places_m = [read_option("--at", each, "m") for each in names_in(at)] or middles
-    for place_m in places_m:
-        if not 0 <= place_m <= device.bar.length_m:
-            raise OptionError(
-                f"--at {1e3 * place_m:g} mm is off the bar, which is {1e3 * device.bar.length_m:g} mm long"
-            )
+    middles = [zone.middle_m.real for zone in device.zones]
+    places_m = [_read_place(device, each) for each in names_in(at)] or middles
     finger = device.finger if under_finger else None
     hz, g = compute_acceleration_curves(assemble(device), np.array(places_m), finger)
     document = {
@@ -155,16 +150,21 @@ def _place(device_name: str, at: str) -> Any:
 
     from engine.effects.files.hjif_out import BarPlace
     from precompute.model.assembly import assemble
-    from precompute.studies.reach import compute_reach
+    from precompute.studies.reach_along import compute_reach
 
     device = find_device(device_name)
-    at_m = read_option("--at", at, "m")
-    if not 0 <= at_m <= device.bar.length_m:
-        raise OptionError(f"--at {at}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
+    at_m = _read_place(device, at)
     reach = compute_reach(assemble(device), np.array([at_m]), device.finger)
     bands = [actuator.band_hz for actuator in device.actuators]
     band_hz = (min(low for low, _ in bands), max(high for _, high in bands))
     return BarPlace(device.name, at_m, band_hz, float(reach.one_tone_hz[0]))
+
+
+def _read_place(device: Device, text: str) -> float:
+    at_m = read_option("--at", text, "m")
+    if at_m > device.bar.length_m:
+        raise OptionError(f"--at {text}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
+    return at_m
 
 
 def _plain(converted: Converted, full_level_db: float) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from threadpoolctl import threadpool_limits
 
 from base.errors import TactableError
 from engine.device import Device
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from engine.table import Table
-from engine.table.diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.table.table_diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.touch import Placement
 from tactable.cli.console import print_error, show, shown_work
 from tactable.cli.options import (
@@ -30,7 +30,7 @@ from tactable.cli.options import (
     read_placement,
     with_threshold,
 )
-from tactable.explain.diff import diff_json, print_diff
+from tactable.explain.diff_words import diff_json, print_diff
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
@@ -82,8 +82,8 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
 def _explain_click(
     table: Table, placement: Placement, level_db: float, tolerance_m: float, alternatives: bool, as_json: bool
 ) -> None:
-    from tactable.explain.click import click_json, explain_click, print_click
     from tactable.explain.click_source import ClickSource
+    from tactable.explain.explained_click import click_json, explain_click, print_click
 
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
         explained = explain_click(ClickSource(table, tolerance_m), placement, level_db, rivals=alternatives)

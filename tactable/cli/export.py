@@ -16,9 +16,7 @@ def export(
     table_path: TableArgument,
     group: Annotated[
         str,
-        typer.Argument(
-            help="sweep, coherent_sweep, best_rows, responses, receptances or clicks, as in tables/FORMAT.md."
-        ),
+        typer.Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
     ],
     path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
 ) -> None:
@@ -27,8 +25,8 @@ def export(
     NetCDF and MATLAB files hold every array of the part. CSV has a line for each row: of the sweep its two frequencies
     and amplitudes with the figures of every zone, of the clicks one click.
     """
-    from tactable.research.export import write_csv, write_matlab, write_netcdf
-    from tactable.research.table import Table
+    from tactable.research.notebook_table import Table
+    from tactable.research.table_export import write_csv, write_matlab, write_netcdf
 
     if path.suffix.lower() not in _ENDINGS:
         raise OptionError(f"--output {path}: expected a name that ends in {', '.join(_ENDINGS)}")

@@ -43,7 +43,7 @@ def fleet(
         int | None, typer.Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,
     clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = "3 mm",
+    pitch: Pitch = None,
     loss: Loss = "robust",
     fit: Fit = None,
     also: Also = None,
@@ -54,16 +54,15 @@ def fleet(
 
     Exit status 3: a unit failed.
     """
-    from precompute.clicks.tabulated import MOST_TABULATED
-    from precompute.fleet.plan import plan_fleet
-    from precompute.fleet.run import run_fleet, run_here, run_on_processes, run_on_scheduler
+    from precompute.fleet.fleet_plan import plan_fleet
+    from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
     from precompute.fleet.units import FleetOptions
 
     if scheduler is not None and workers is not None:
         raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
     options = FleetOptions(
-        clicks_up_to=MOST_TABULATED if clicks_up_to is None else clicks_up_to,
+        clicks_up_to=clicks_up_to,
         pitch_m=read_pitch(pitch),
         loss=loss,
         parameters=tuple(fit) if fit else None,

@@ -62,7 +62,7 @@ def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
     Code that is older than a source counts as none. A build compiles at its end and a run at its start, so that neither
     a run nor a touch waits without a word.
     """
-    name = "search.find_drive-*.nbi"
+    name = "drive_search.find_drive-*.nbi"
     folder = os.environ.get(_VARIABLE)
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
     beside = _SOLVER / "__pycache__"
@@ -70,7 +70,7 @@ def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
     newest_s = max(source.stat().st_mtime for source in _SOLVER.glob("*.py"))
     if not any(path.stat().st_mtime >= newest_s for path in kept):
         on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
-    import_module("engine.steady.solver")
+    import_module("engine.steady.steady_solver")
 
 
 def _is_writable(folder: Path) -> bool:

@@ -15,11 +15,12 @@ from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
 from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
-from tactable.cli.console import ERRORS, OUT, remark, show
-from tactable.cli.options import AsJson, BitRate, OptionalTable, OptionError
+from tactable.cli.console import ERRORS, OUT, remark, say, show
+from tactable.cli.options import AsJson, BitRate, OptionalTable, OptionError, read_counts
 
 EXIT_WORSE = 4
-_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/latency.py)
+_HIGHEST_RATE_HZ = 20_000
+_MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/command_latency.py)
 
 
 def latency(
@@ -60,7 +61,7 @@ def latency(
     # It draws, and knows the demo: importing that takes longer than parsing the options.
     from base.plain import to_plain
     from tactable.audio.names import is_audio
-    from tactable.bench.latency.report import compare_with, measure, read_baseline, write_report
+    from tactable.bench.latency.latency_report import compare_with, measure, read_baseline, write_report
 
     if is_audio(over):
         raise OptionError(
@@ -68,7 +69,7 @@ def latency(
             "latency; measure it with `tactable measure`, which states it, or give a serial port"
         )
     with open_table(table_path) as table:
-        streams = _streams(table, _numbers(rates), fingers, recordings or [])
+        streams = _streams(table, read_counts("--rates", rates, 1, _HIGHEST_RATE_HZ), fingers, recordings or [])
         transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)
         plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, bool(table.best_rows))
         _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
@@ -90,16 +91,6 @@ def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Seque
         stream = replayed(read_recording(recordings[0]))
         return [(rate_hz, stream) for rate_hz in rates]
     return [(rate_hz, tapping(fingers, rate_hz, table.device)) for rate_hz in rates]
-
-
-def _numbers(rates: str) -> tuple[int, ...]:
-    try:
-        numbers = tuple(int(part) for part in rates.split(",") if part.strip())
-    except ValueError:
-        numbers = ()
-    if not numbers or any(not 1 <= number <= 20_000 for number in numbers) or list(numbers) != sorted(set(numbers)):
-        raise typer.BadParameter(f"{rates!r}: expected rising rates from 1 to 20000, such as 125,1000,4000")
-    return numbers
 
 
 def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: bool, has_zones: bool) -> Plan:
@@ -126,20 +117,19 @@ def _on_progress(text: str) -> None:
 
 def _print_summary(document: dict[str, Any], folder: Path) -> None:
     if document["simulated"]:
-        OUT.print(f"SIMULATED: {', '.join(document['simulated'])}", soft_wrap=True)
+        say(f"SIMULATED: {', '.join(document['simulated'])}")
     for condition in document["conditions"]:
         figures = condition["stages"].get(document["whole"])
         if figures is not None:
             shown = {"median": "p50_us", "p99": "p99_us", "greatest": "max_us"}
             text = ", ".join(f"{name} {us(figures[key])} us" for name, key in shown.items())
-            OUT.print(f"{condition['name']}: {text} of {figures['count']}", highlight=False, soft_wrap=True)
+            say(f"{condition['name']}: {text} of {figures['count']}")
         if condition["blame"] is not None:
             slowest = condition["blame"]["slowest"]
-            OUT.print(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})", highlight=False)
+            say(f"  its slowest lost their time in {slowest['layer']} ({slowest['stage']})")
     for row in document["ratios"]:
         if row["way"].startswith("due"):
-            ratio = f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}"
-            OUT.print(ratio, highlight=False, soft_wrap=True)
+            say(f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}")
     for name in got_worse(document.get("comparison", {})):
         OUT.print(f"WORSE than the baseline: {name}", style="red", soft_wrap=True)
-    OUT.print(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it", highlight=False)
+    say(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it")

@@ -44,7 +44,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Describe": {
             "new": Entry("new:new", "Write a device file for your bar; what you do not give is marked as an estimate."),
             "check": Entry("device:check", "Validate a device file, and say what follows from it."),
-            "modes": Entry("device:modes", "List the modes of a bar, untouched and under a finger."),
+            "modes": Entry("device:modes", "List the modes of a bar or a plate, untouched and under a finger."),
             "effects": Entry("", "Read effect files of other makers, and write them."),
         },
         "Build": {
@@ -109,7 +109,6 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "bench": {
         "Benchmarks": {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
-            "clicks": Entry("bench:clicks", "Time clicks as a run solves them, beside a linear program."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("latency:latency", "Measure the latency from report to command."),

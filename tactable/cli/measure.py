@@ -104,7 +104,7 @@ def measure(
     from threadpoolctl import threadpool_limits
 
     from base.plain import to_plain
-    from precompute.measurements.file import check_ending
+    from precompute.measurements.measurement_file import check_ending
     from tactable.audio.names import is_audio
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.stepped_sine import SteppedSineOptions
@@ -165,10 +165,10 @@ def with_simulation(
 
 def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "tuple[Stop, ...]":
     """The walk; with an accelerometer that is fixed to the bar all its tones at that one place."""
-    from tactable.measure.board_sensor import fixed_position_m, is_board
+    from tactable.measure.board_sensor import fixed_position_m
     from tactable.measure.walk import Stop
 
-    position_m = fixed_position_m(sensor, device) if is_board(sensor) else None
+    position_m = fixed_position_m(sensor, device)
     if position_m is None:
         return walk
     return (Stop(position_m, tuple(sorted({tone for stop in walk for tone in stop.tones}))),)
@@ -205,8 +205,8 @@ def write_records(
     keep_spoiled: bool,
 ) -> None:
     """Write the responses, or without their phases the peaks, to every output."""
-    from precompute.measurements import Kind
-    from precompute.measurements.file import write_measurements
+    from precompute.measurements.measurement_file import write_measurements
+    from precompute.measurements.types import Kind
     from tactable.measure.walk import measurements_of
 
     has_phase = all(form.loopback(actuator.name) is not None for actuator in device.actuators)
@@ -236,8 +236,8 @@ def write_transfers(
     from base.files import replace_file
     from engine.device import Device
     from precompute.calibration.device_text import text_with_transfers
-    from precompute.calibration.transfer import find_transfers
-    from precompute.measurements import Kind
+    from precompute.calibration.transfer_fit import find_transfers
+    from precompute.measurements.types import Kind
     from tactable.measure.walk import measurements_of
 
     measurements = measurements_of(records, device, mass_kg, Kind.RESPONSE, is_simulated=form.is_simulated)

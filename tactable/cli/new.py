@@ -1,10 +1,13 @@
-"""Command `new`: a device file for a bar of one's own, in which whatever was not given is marked as an estimate."""
+"""Command `new`: a device file for a bar of one's own, in which whatever was not given is marked as an estimate.
 
-import json
-from dataclasses import dataclass
+The file begins as `tables/new-bar.toml`, all of whose values are estimates; what is given takes their places.
+"""
+
+import copy
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import tomlkit
 import typer
 
 from base.files import replace_file
@@ -13,32 +16,25 @@ from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
 from tactable.cli.console import say
 from tactable.cli.options import OptionError, names_in, read_option
+from tactable.shipped import new_bar_text
 
-
-@dataclass(frozen=True)
-class Material:
-    """Young's modulus and density as device files have them."""
-
-    youngs_modulus: str
-    density: str
-
-
-# Usual handbook values at room temperature; alloys and batches differ by some per cent.
+# Young's modulus and density: handbook values at room temperature; alloys and batches differ by some per cent.
 MATERIALS = {
-    "aluminium": Material("70 GPa", "2700 kg/m^3"),
-    "steel": Material("200 GPa", "7850 kg/m^3"),
-    "stainless-steel": Material("193 GPa", "8000 kg/m^3"),
-    "titanium": Material("110 GPa", "4500 kg/m^3"),
-    "brass": Material("105 GPa", "8500 kg/m^3"),
-    "glass": Material("72 GPa", "2500 kg/m^3"),
-    "acrylic": Material("3.2 GPa", "1190 kg/m^3"),
-    "polycarbonate": Material("2.35 GPa", "1200 kg/m^3"),
-    "fr4": Material("22 GPa", "1850 kg/m^3"),
+    "aluminium": ("70 GPa", "2700 kg/m^3"),
+    "steel": ("200 GPa", "7850 kg/m^3"),
+    "stainless-steel": ("193 GPa", "8000 kg/m^3"),
+    "titanium": ("110 GPa", "4500 kg/m^3"),
+    "brass": ("105 GPa", "8500 kg/m^3"),
+    "glass": ("72 GPa", "2500 kg/m^3"),
+    "acrylic": ("3.2 GPa", "1190 kg/m^3"),
+    "polycarbonate": ("2.35 GPa", "1200 kg/m^3"),
+    "fr4": ("22 GPa", "1850 kg/m^3"),
 }
-
-_ACTUATOR_UNITS = {"stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"}
+_UNITS = {
+    "bar": {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"},
+    "actuator": {"stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"},
+}
 _LONGEST_NAME = 64  # it is in titles, names of files and errors
-_OPTIONAL_KEYS = "# optional, where known: transfer, and below [actuator.electrodes] (docs/devices.md)"
 
 
 def new(
@@ -72,15 +68,22 @@ def new(
         raise OptionError(f"-o {path}: a device file is TOML; name it {path.stem or name}.toml")
     if path.exists() or path.is_symlink():
         raise OptionError(f"{path}: exists already and is not overwritten; choose another name, or edit the file")
-    given = {"stiffness": stiffness, "damping": damping, "mass": mass, "full_scale": full_scale}
-    edges = _edges(band or "60Hz,300Hz")
-    parts = [
-        _head(name, threshold),
-        _bar(length, width, thickness, material, youngs_modulus, density),
-        *_actuators(actuators, given, band is None, edges),
-        _rest(zones, edges),
-    ]
-    text = "\n".join(parts)
+    if not 0 < len(name) <= _LONGEST_NAME or not name.replace("-", "").replace("_", "").isalnum():
+        raise OptionError(f"NAME {name!r}: expected letters, digits, - and _, such as my-bar")
+    document: Any = tomlkit.parse(new_bar_text())
+    document["name"], document["threshold"] = name, threshold
+    if material is not None:
+        youngs_modulus, density = _of_material(material, youngs_modulus, density)
+    _give(document, "bar", (length, width, thickness, youngs_modulus, density))
+    _give(document, "actuator", (stiffness, damping, mass, full_scale))
+    if band is not None:
+        edges = _edges(band)
+        _set(document["actuator"][0], "band", edges)
+        document["sweep"]["start"], document["sweep"]["stop"] = edges
+    if zones is not None:
+        _set(document["zones"], "count", zones)
+    _place(document, actuators)
+    text = tomlkit.dumps(document)
     try:
         device = Device.parse(text, str(path))
     except DeviceError as error:
@@ -93,42 +96,29 @@ def new(
     say(f"next: tactable check {path}")
 
 
-def _head(name: str, threshold: str) -> str:
-    if not 0 < len(name) <= _LONGEST_NAME or not name.replace("-", "").replace("_", "").isalnum():
-        raise OptionError(f"NAME {name!r}: expected letters, digits, - and _, such as my-bar")
-    head = f'name = "{name}"\ndescription = "Bar described by `tactable new`"\n'
-    return f"{head}threshold = {json.dumps(threshold)} # the curve that levels are above; or the path of a file\n"
+def _of_material(name: str, youngs_modulus: str | None, density: str | None) -> tuple[str, str]:
+    """Young's modulus and density: those that are given, else the material's."""
+    if name not in MATERIALS:
+        raise OptionError(f"--material {name!r}: expected one of {', '.join(MATERIALS)}; or give modulus and density")
+    known = MATERIALS[name]
+    return youngs_modulus or known[0], density or known[1]
 
 
-def _bar(
-    length: str,
-    width: str | None,
-    thickness: str,
-    material: str | None,
-    youngs_modulus: str | None,
-    density: str | None,
-) -> str:
-    if material is not None and material not in MATERIALS:
-        raise OptionError(
-            f"--material {material!r}: expected one of {', '.join(MATERIALS)}; or give modulus and density"
-        )
-    known = MATERIALS[material or "aluminium"]
-    inferred = [] if width else ["width"]
-    inferred += [] if material or youngs_modulus else ["youngs_modulus"]
-    inferred += [] if material or density else ["density"]
-    lines = [
-        "[bar]",
-        f'length = "{_checked("--length", length, "m")}"',
-        f'width = "{_checked("--width", width or "12.7 mm", "m")}"',
-        f'thickness = "{_checked("--thickness", thickness, "m")}"',
-        f'youngs_modulus = "{_checked("--youngs-modulus", youngs_modulus or known.youngs_modulus, "Pa")}"',
-        f'density = "{_checked("--density", density or known.density, "kg/m^3")}"',
-        'mass_damping = "1.008e-5 1/s"      # sigma in C = C_A + sigma M + eta K',
-        'stiffness_damping = "5.00456e-5 s" # eta',
-        f"inferred = {_list([*inferred, 'mass_damping', 'stiffness_damping'])}",
-        "",
-    ]
-    return "\n".join(lines)
+def _give(document: Any, part: str, texts: tuple[str | None, ...]) -> None:
+    """Set the quantities of a part, in the order of its units, where they are given."""
+    table = document[part][0] if part == "actuator" else document[part]
+    for (key, unit), text in zip(_UNITS[part].items(), texts, strict=True):
+        if text is not None:
+            _set(table, key, _checked("--" + key.replace("_", "-"), text, unit))
+
+
+def _set(table: Any, key: str, value: Any) -> None:
+    """Set a value, which is no estimate any more."""
+    table[key] = value
+    if key in table["inferred"]:
+        table["inferred"].remove(key)
+    if not table["inferred"]:
+        del table["inferred"]
 
 
 def _edges(band: str) -> list[str]:
@@ -141,57 +131,17 @@ def _edges(band: str) -> list[str]:
     return [low, high]
 
 
-def _actuators(positions: str, given: dict[str, str | None], is_band_inferred: bool, edges: list[str]) -> list[str]:
+def _place(document: Any, positions: str) -> None:
+    """Put an actuator like the first one at each position."""
     places = names_in(positions)
     if not places:
         raise OptionError("--actuators names no position; give at least one, such as --actuators 40mm,260mm")
-    values = {"stiffness": "18.9 kN/m", "damping": "0.045 N*s/m", "mass": "9.5 g", "full_scale": "0.52 um"}
-    inferred = [key for key in values if given[key] is None] + ["band"] * is_band_inferred
-    shared = [
-        f'{key} = "{_checked("--" + key.replace("_", "-"), given[key] or estimate, _ACTUATOR_UNITS[key])}"'
-        for key, estimate in values.items()
-    ]
-    shared.append(f"band = {_list(edges)}")
-    if inferred:
-        shared.append(f"inferred = {_list(inferred)}")
-    shared.append(_OPTIONAL_KEYS)
-    return [
-        "\n".join(["[[actuator]]", f'name = "actuator-{number}"', f'position = "{_position(place)}"', *shared, ""])
-        for number, place in enumerate(places, 1)
-    ]
-
-
-def _rest(zones: int | None, edges: list[str]) -> str:
-    lines = [
-        "[zones]",
-        f"count = {zones or 5} # equal; or [[zone]] tables with name, start, stop",
-        'hysteresis = "2 mm"',
-        f"inferred = {_list([*([] if zones else ['count']), 'hysteresis'])}",
-        "",
-        "[finger] # grounded mass-damper-spring, normal direction; 0.3 to 3 times",
-        'mass = "0.1 g"',
-        'damping = "1 N*s/m"',
-        'stiffness = "1 kN/m"',
-        "spread = 3.0",
-        'inferred = ["mass", "damping", "stiffness", "spread"]',
-        "",
-        "[sweep]",
-        f'start = "{edges[0]}"',
-        f'stop = "{edges[1]}"',
-        'step = "1 Hz"',
-        "amplitude_steps = 5",
-        "phase_steps = 36",
-        "",
-        "[feel] # dB above the threshold curve; full scale is always there too",
-        'levels = ["10 dB", "20 dB", "30 dB"]',
-        "",
-        "[limits]",
-        'amplitude = "100 %"',
-        'ramp = "5 ms" # silence to full scale',
-        'lease = "40 ms"',
-        "",
-    ]
-    return "\n".join(lines)
+    placed = tomlkit.aot()
+    for number, place in enumerate(places, 1):
+        table = copy.deepcopy(document["actuator"][0])
+        table["name"], table["position"] = f"actuator-{number}", _position(place)
+        placed.append(table)
+    document["actuator"] = placed
 
 
 def _checked(option: str, text: str, unit: str) -> str:
@@ -210,7 +160,3 @@ def _position(text: str) -> str:
     except ValueError:
         raise OptionError(f"--actuators {text!r}: expected a length or a percentage, such as 40mm or 16%") from None
     return f"{text[:-1].strip()} %"
-
-
-def _list(texts: list[str]) -> str:
-    return "[" + ", ".join(f'"{text}"' for text in texts) + "]"

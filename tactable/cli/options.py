@@ -13,7 +13,7 @@ from base.errors import TactableError
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from engine.effects import Drives, Effects
+    from engine.effects.rules import Drives, Effects
     from engine.touch import Placement
     from precompute.measurements.parameters import Bounds
 
@@ -67,7 +67,13 @@ ClicksUpTo = Annotated[
     int | None,
     typer.Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
 ]
-Pitch = Annotated[str, typer.Option(help="Clicks are made for fingers at places this far apart; finer takes longer.")]
+Pitch = Annotated[
+    str | None,
+    typer.Option(
+        help="Clicks are made for fingers at places this far apart; finer takes longer. Default: 3 mm on a bar, 900 "
+        "places on a plate."
+    ),
+]
 Fit = Annotated[
     list[str] | None,
     typer.Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit only the parameters that are named so. Repeat."),
@@ -143,7 +149,8 @@ def read_rules(
     path: Path | None, device: "Device", drives: str | None, tell: Callable[[str], None] = lambda _: None
 ) -> "Effects":
     """The rules of a file, by default a click for every touch; --drives, if it is given, replaces that of the file."""
-    from engine.effects import DEFAULT_EFFECTS, read_effects
+    from engine.effects.rule_file import read_effects
+    from engine.effects.rules import DEFAULT_EFFECTS
     from tactable.shipped import named_effects
 
     effects = DEFAULT_EFFECTS if path is None else read_effects(path, device, named_effects(), tell)
@@ -152,7 +159,7 @@ def read_rules(
 
 def read_drives_of(text: str | None) -> "Drives":
     """The option --drives; positions without it. Raises OptionError."""
-    from engine.effects import Drives
+    from engine.effects.rules import Drives
 
     return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
 
@@ -164,8 +171,10 @@ def with_threshold(device: "Device", curve: str | None) -> "Device":
     return device.with_threshold(Path(curve) if curve.endswith(".toml") else curve)
 
 
-def read_pitch(text: str) -> float:
-    """A distance of places in metres. Raises OptionError for one that no digitizer tells."""
+def read_pitch(text: str | None) -> float | None:
+    """A distance of places in metres; None: not given. Raises OptionError for one that no digitizer tells."""
+    if text is None:
+        return None
     pitch_m = read_option("--pitch", text, "m")
     if pitch_m < _FINEST_PITCH_M:
         raise OptionError(

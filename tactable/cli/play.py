@@ -11,7 +11,7 @@ from tactable.shipped import find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from tactable.measure import AskedDrive
+    from tactable.measure.asked_drive import AskedDrive
 
 _STEP_NS = 100_000_000  # a signal is noticed within it; the link renews its lease by itself
 _NS_PER_S = 1_000_000_000
@@ -35,10 +35,11 @@ def play(
     amplitude and no more, and falls silent when the command ends. With an emulated firmware the levels along the
     untouched bar follow, SIMULATED. It has never been run on hardware.
     """
-    from engine.loop import SystemClock
+    from engine.loop.loop import SystemClock
     from tactable.audio.port import open_port
     from tactable.digitizers.record import stop_at_signal
-    from tactable.measure import DrivenDevice, check_drive
+    from tactable.measure.asked_drive import check_drive
+    from tactable.measure.driven_device import DrivenDevice
 
     device = find_device(device_name)
     asked = read_asked_drive(device, frequency, amplitude, phase)
@@ -66,7 +67,7 @@ def play(
 
 def read_asked_drive(device: "Device", frequency: str, amplitude: str, phase: str) -> "AskedDrive":
     """The drive of --frequency, --amplitude and --phase. Raises OptionError where one of them cannot be read."""
-    from tactable.measure import AskedDrive
+    from tactable.measure.asked_drive import AskedDrive
 
     frequencies = _each(device, "--frequency", frequency)
     is_still = [text == "-" for text in frequencies]
@@ -131,7 +132,7 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
     if is_simulated:
         import numpy as np
 
-        from tactable.measure.bar_levels import simulate_levels
+        from tactable.measure.asked_drive import simulate_levels
 
         position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
         peak_m_per_s2, level_db = simulate_levels(device, asked, position_m)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -42,11 +42,8 @@ from tactable.cli.options import (
     read_placement,
     read_zones,
 )
-from tactable.figures.file import Outputs, Picture, outputs_of, write_outputs, write_texts
+from tactable.figures.picture_file import Outputs, Picture, outputs_of, write_outputs, write_texts
 from tactable.shipped import find_device
-
-if TYPE_CHECKING:
-    from tactable.figures.played_drive import PlayedDrive
 
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
 
@@ -101,13 +98,6 @@ def _opened_table(path: Path) -> Iterator[Table]:
         yield table
 
 
-def _played_drive(table: Table, felt: str, quiet: str, level_db: float) -> "PlayedDrive":
-    """The drive that a run solves for these fingers."""
-    from tactable.figures.played_drive import solved_drive
-
-    return solved_drive(table, read_placement(table.device, felt, quiet), level_db)
-
-
 # ---- pictures of a table -----------------------------------------------------------------------------------------
 
 
@@ -125,10 +115,13 @@ def state(
     detection threshold. The rise time lasts until every felt finger has 90 % of its predicted vibration.
     """
     with _opened_table(table_path) as table:
+        from tactable.explain.placed_drive import designer_of
         from tactable.figures.course import plot_course
-        from tactable.figures.state import plot_state
+        from tactable.figures.played_drive import solved_drive
+        from tactable.figures.state_picture import plot_state
 
-        return (plot_course if over_time else plot_state)(_played_drive(table, felt, quiet, read_level(level)))
+        played = solved_drive(designer_of(table), read_placement(table.device, felt, quiet), read_level(level))
+        return plot_course(played) if over_time else plot_state(played)
 
 
 @picture_command
@@ -170,7 +163,7 @@ def click(
     acceleration under each finger at its position, and its spread over sampled plants that the click was not optimised
     over. With --sound it can be heard.
     """
-    from engine.table.click import played_at
+    from engine.table.click_entry import played_at
     from tactable.explain.click_sound import check_sound_path, make_sound, sound_json, write_sound
 
     if sound_path is not None:
@@ -179,7 +172,7 @@ def click(
         raise OptionError("--stereo and --plain belong to a sound; name its file, such as --sound click.wav")
     with _opened_table(table_path) as table:
         from tactable.explain.click_source import ClickSource
-        from tactable.figures.click import plot_click
+        from tactable.figures.click_picture import plot_click
 
         source, placement = ClickSource(table), read_placement(table.device, felt, quiet)
         played = played_at(source.click_of(placement), read_level(level))
@@ -210,9 +203,9 @@ def response(
 
     The actuators are at full scale. Measured readings are drawn beside the model where there are any.
     """
-    from precompute.measurements.file import read_measurements
+    from precompute.measurements.measurement_file import read_measurements
     from precompute.measurements.types import lay_out
-    from tactable.figures.response import plot_response
+    from tactable.figures.response_picture import plot_response
 
     device = _changed(device_name, change)
     mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
@@ -261,7 +254,7 @@ def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
 
     Places that no drive moves are dead zones.
     """
-    from tactable.figures.reach import plot_reach
+    from tactable.figures.reach_picture import plot_reach
 
     return plot_reach(_changed(device_name, change))
 

@@ -11,21 +11,24 @@ from typing import Annotated, Any
 
 import typer
 
+from base.child import Child
 from engine.device import Device
-from engine.effects import Effects
-from engine.loop import Clock, RingWriter, Stage, StopRequest, SystemClock, Updates
+from engine.effects.rules import Effects
+from engine.loop.command_latency import Stage
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
-from engine.render import WhenNotAchieved
+from engine.loop.ring import RingWriter
+from engine.loop.table_swap import Updates
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import BOARD_EMULATED
-from firmware_link.host.link_values import Capabilities
+from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
 from tactable.cli.kernel_cache import compile_steady_solver
@@ -46,10 +49,9 @@ from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.digitizers.record import open_live, opened, recording_named, stop_at_signal
-from tactable.doctor.touch import Machine
-from tactable.page.attach import PageOf, page_of
+from tactable.doctor.touch_check import Machine
 from tactable.run.click_process import ClickProcess
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 from tactable.run.ring_recorder import recorder_of, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
 from tactable.shipped import cache_folder, find_device, named_effects
@@ -175,8 +177,8 @@ def run(
         if ring is not None and recording_path is not None:
             stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
-            shown = _page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0)
-            _note_all(stack.enter_context(page_of(shown)))
+            shown = stack.enter_context(_page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0))
+            _note_all(shown.read()["lines"])
         _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, when_not_achieved)
         where = {"table": str(table_path), "device": table.device.name, "port": port.path}
@@ -221,9 +223,11 @@ def _note_all(lines: Iterable[str]) -> None:
         note(line)
 
 
-def _page(live: Live, ring: RingWriter, table_path: Path, host: str, port: int) -> PageOf:
-    board = live.capabilities
-    return PageOf(ring.path, table_path, board.frequency_resolution_hz, board.full_scales_m, host, port)
+def _page(live: Live, ring: RingWriter, table_path: Path, host: str, port: int) -> Child:
+    """The process that serves the page of the run: it reads only the ring, and the loop never waits for it."""
+    board = {key: getattr(live.capabilities, key) for key in ("frequency_resolution_hz", "full_scales_m")}
+    shown = {"ring": str(ring.path), "table": str(table_path), **board, "host": host, "port": port}
+    return Child("tactable.page.processes.live_process", shown, name=f"no page at {host}, port {port}")
 
 
 def _compiled(is_wanted: bool) -> ctypes.CDLL | None:

@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from engine.device import Device
-from engine.device.file import ROMAN
+from engine.device.surface_description import ROMAN
 from tactable.cli.console import Progress, remark
 from tactable.cli.options import AsJson, DeviceArgument, OptionError, Workers, names_in, read_counts
 from tactable.cli.plot import picture_command
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 from tactable.shipped import find_device
 
 _MOST_ACTUATORS = 4
@@ -40,8 +40,8 @@ def placement(
     """
     from precompute.parallel.pool import WorkerPool
     from precompute.studies.placed_device import placed_text
-    from precompute.studies.placement import search_placement
-    from tactable.figures.placement import plot_placement
+    from precompute.studies.placement_search import search_placement
+    from tactable.figures.placement_picture import plot_placement
 
     device, counts = find_device(device_name), read_counts("--actuators", actuators, 1, _MOST_ACTUATORS)
     if len(device.zones) < 2:
@@ -86,9 +86,9 @@ def resolution(
     The figure shows the worst contrast of two fingers, and the localized factor of the worst zone.
     """
     from precompute.parallel.pool import WorkerPool
-    from precompute.studies.placement import even_places, own_places
-    from precompute.studies.resolution import study_resolution
-    from tactable.figures.resolution import plot_resolution
+    from precompute.studies.placement_search import even_places, own_places
+    from precompute.studies.zone_resolution import study_resolution
+    from tactable.figures.resolution_picture import plot_resolution
 
     device, counts = find_device(device_name), read_counts("--zones", zones, 2, _MOST_ZONES)
     if placements:

@@ -13,7 +13,7 @@ from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
 from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
 from tactable.digitizers.listing import list_devices as find_devices
-from tactable.doctor.touch import Machine
+from tactable.doctor.touch_check import Machine
 from tactable.shipped import cache_folder, find_device
 
 if TYPE_CHECKING:
@@ -142,8 +142,8 @@ def doctor(
     from tactable.doctor.layers import layers_of
     from tactable.doctor.machine import check_machine
     from tactable.doctor.ports import check_cards
-    from tactable.doctor.tables import check_fast_path, check_kernels, check_tables
-    from tactable.doctor.touch import examine, rules_text
+    from tactable.doctor.table_check import check_fast_path, check_kernels, check_tables
+    from tactable.doctor.touch_check import examine, rules_text
 
     need_switch(context, "--emit-udev", emit_udev, "device")
     machine = machine_of(context)

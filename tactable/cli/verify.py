@@ -24,8 +24,8 @@ from tactable.cli.options import (
 
 if TYPE_CHECKING:
     from engine.table import Table
-    from tactable.figures.file import Outputs
-    from tactable.measure.verify import Point
+    from tactable.figures.picture_file import Outputs
+    from tactable.measure.verification import Point
 
 
 _VERDICTS = {
@@ -70,11 +70,11 @@ def verify(
     from engine.table import Table
     from precompute.measurements.simulate import even_places
     from precompute.sampling.placements import Anywhere, random_placements
-    from tactable.figures.file import outputs_of
+    from tactable.figures.picture_file import outputs_of
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.board_sensor import fixed_places
     from tactable.measure.stepped_sine import SteppedSineOptions
-    from tactable.measure.verify import plan_played, verify_table
+    from tactable.measure.verification import plan_played, verify_table
 
     outputs = outputs_of(output or [])
     mass_kg, level_db = read_option("--sensor-mass", sensor_mass, "kg"), read_level(level)
@@ -99,7 +99,7 @@ def verify(
 
 def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) -> dict[str, Any]:
     """Every point, how many have each outcome, and the verdict."""
-    from tactable.measure.verify import Judgement
+    from tactable.measure.verification import Judgement
 
     judgement, faults = Judgement.of(points), [fault.name for point in points for fault in point.faults]
     return {
@@ -156,8 +156,8 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def _draw(summary: dict[str, Any], outputs: "Outputs") -> None:
-    from tactable.figures.file import write_outputs
-    from tactable.figures.verify import plot_verification
+    from tactable.figures.picture_file import write_outputs
+    from tactable.figures.verify_picture import plot_verification
 
     marked = " SIMULATED" if summary["simulated"] else ""
     shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from base.errors import TactableError
+from base.points import point_text
 from tactable.control.requests import DEFAULT_LEASE_S, VERSION
 
 _READ_BYTES = 1 << 16
@@ -74,7 +75,7 @@ def hello(name: str, lease_s: float | None) -> Document:
 
 def region_message(
     name: str,
-    place: Sequence[str | float],
+    place: Sequence[str | complex],
     rules: Mapping[str, str | Mapping[str, Any]],
     enabled: bool,
     level_change: str,
@@ -88,7 +89,7 @@ def region_message(
     return {"type": "region", "name": name, **where, "rules": listed, **more}
 
 
-def trigger_message(effect: str, finger: int | None, at: str | float | None, level_change: str) -> Document:
+def trigger_message(effect: str, finger: int | None, at: str | complex | None, level_change: str) -> Document:
     """An effect at a finger, or at a place (a text with a unit, or metres)."""
     message: Document = {"type": "trigger", "effect": effect, "level_change": level_change}
     if finger is not None:
@@ -109,9 +110,9 @@ def file_message(name: str, path: Path | str, level: str | None) -> Document:
     return {"type": "define", "name": name, "format": path.suffix.removeprefix(".").lower(), "content": content, **more}
 
 
-def position_text(position: str | float) -> str:
-    """A position with its unit; a number is in metres."""
-    return position if isinstance(position, str) else f"{position:.9f} m"
+def position_text(position: str | complex) -> str:
+    """A point with its unit; a number is in metres."""
+    return position if isinstance(position, str) else point_text(position, 9)
 
 
 def _unreachable(path: Path, error: OSError) -> ClientError:
@@ -176,7 +177,7 @@ class Client:
     def set_region(
         self,
         name: str,
-        place: Sequence[str | float],
+        place: Sequence[str | complex],
         *,
         enabled: bool = True,
         level_change: str = "0 dB",

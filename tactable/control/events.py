@@ -8,16 +8,17 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from engine.loop import Record
+from base.points import json_of
+from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
-from engine.render.commands import RendererError
+from engine.render.link_commands import RendererError
 from engine.table import Table
 from engine.touch import Touch
 from tactable.control.promise import Board, promise_of
 
 MATCHED_M = 4e-3
 """A finger is the one of a placement if it touches within this distance of it."""
-RegionAt = Callable[[float, int | None], str | None]
+RegionAt = Callable[[complex, int | None], str | None]
 
 
 class Events:
@@ -62,7 +63,7 @@ class Events:
         return [
             {
                 "finger": finger,
-                "at_m": at_m,
+                "at_m": json_of(at_m),
                 "zone": None if zone is None else zones[zone].name,
                 "region": self._region_at(at_m, zone),
             }
@@ -85,12 +86,12 @@ class Events:
         if placement is None or level_db is None:
             return event
         event["fingers"] = [
-            {"finger": self._finger_at(at_m), "at_m": at_m, "role": "felt" if is_felt else "quiet"}
+            {"finger": self._finger_at(at_m), "at_m": json_of(at_m), "role": "felt" if is_felt else "quiet"}
             for at_m, is_felt in zip(placement.position_m, placement.is_felt, strict=True)
         ]
         return event
 
-    def _finger_at(self, at_m: float) -> int | None:
+    def _finger_at(self, at_m: complex) -> int | None:
         near = [(abs(touch.position_m - at_m), touch.contact_id) for touch in self._touches]
         distance_m, finger = min(near, default=(math.inf, None))
         return finger if distance_m <= MATCHED_M else None

@@ -16,10 +16,10 @@ from typing import Any
 
 from base.child import ChildError
 from base.printable import printable
+from tactable.control.control_server import ControlServer
 from tactable.control.osc_codec import OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import VERSION
 from tactable.control.security import LOOPBACK
-from tactable.control.server import ControlServer
 
 LEASE_S = 30.0  # senders of OSC do not renew on their own: longer than the 5 s of programs that do
 PREFIX = "/tactable/"
@@ -154,7 +154,8 @@ class _Sender:
 
     async def lines(self) -> AsyncIterator[bytes]:
         """Lines as they come, until the sender holds nothing any more or is silent for its lease."""
-        while not self._is_done():
+        # Until all was answered and the sender may be forgotten at once.
+        while self._asked or self.reply_to != self._peer or not self._owner.server.let_go(self):
             try:
                 # `asyncio.wait_for` of Python 3.11 forgets that it was cancelled when a line comes at that moment.
                 async with asyncio.timeout(LEASE_S):
@@ -163,10 +164,6 @@ class _Sender:
                 break
             yield line
         self._owner.forget(self._peer, self)
-
-    def _is_done(self) -> bool:
-        """Whether all was answered, and the sender may be forgotten at once."""
-        return not self._asked and self.reply_to == self._peer and self._owner.server.let_go(self)
 
     def send(self, line: bytes) -> None:
         document = json.loads(line)

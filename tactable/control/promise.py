@@ -1,7 +1,7 @@
 """What a table promises of a command: the levels of the weakest felt and the strongest quiet finger, with their spread.
 
 - A **click** of the table has its promise there, over sampled bars and fingers.
-- A **steady drive** is what the device was sent, so its levels are computed from these bytes and the receptances of the
+- A **steady drive** is what the device was sent, so its levels are computed from these bytes and the modes of the
   table, over sampled fingers (engine.steady.given_drive).
 - A click that was solved beside the run has none: its spread would take a second.
 
@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.loop import Record
+from base.arrays import Array
+from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive
-
-Array = NDArray[np.float64]
 
 SHARE = 0.95
 """Of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised."""
@@ -66,7 +64,7 @@ def _of_drive(table: Table, drive: bytes, board: Board, placement: Placement, le
         [c.amplitude / scale * np.exp(1j * c.phase_rad) for c, scale in zip(channels, scales, strict=True)]
     )
     hz = [channel.frequency_hz for channel in channels]
-    found_db = compute_levels(device, table.receptances, placement.position_m, hz, amplitude)
+    found_db = compute_levels(device, table.modes, placement.position_m, hz, amplitude)
     is_felt = np.array(placement.is_felt)
     weakest = found_db[:, is_felt].min(axis=1)
     quiet = None if is_felt.all() else _over_cases(found_db[:, ~is_felt].max(axis=1))

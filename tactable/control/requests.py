@@ -13,11 +13,12 @@ from typing import Any
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
-from engine.effects import Effect, EffectError, Role, Rule, SceneSettings, TriggeredEffect
-from engine.effects.files import FORMATS, Converted, decode_effect_file
-from engine.effects.files.conversion import FULL_LEVEL_DB
+from engine.effects.control_step import Role, SceneSettings, TriggeredEffect
+from engine.effects.files.conversion import FULL_LEVEL_DB, Converted
 from engine.effects.files.json_part import Part, read_json
+from engine.effects.files.read import FORMATS, decode_effect_file
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
+from engine.effects.rules import Effect, EffectError, Rule
 
 VERSION = 1
 """Version of the messages; `hello` states it."""
@@ -51,7 +52,7 @@ class Region:
     rules: tuple[Rule, ...]
     """Without the place and the change of level, which are the region's."""
     zones: frozenset[int] | None
-    region_m: tuple[float, float] | None
+    region_m: tuple[complex, complex] | None
     is_enabled: bool
     """False: no event in it is felt; programs may trigger effects there all the same."""
     level_change_db: float
@@ -193,7 +194,7 @@ def _read_trigger(part: RuleTable, device: Device, effects: Mapping[str, Effect]
         return TriggeredEffect(effect, owner, part.integer("finger", 0, GREATEST_ID), None, change_db)
     if effect.is_endless:
         raise part.error("effect", effect.name, "is held, but at a place no finger holds it: give a finger")
-    return TriggeredEffect(effect, owner, None, part.position("at", device.bar.length_m), change_db)
+    return TriggeredEffect(effect, owner, None, part.point("at", device.surface.corner_m), change_db)
 
 
 def _read_subscribe(part: RuleTable, *_: object) -> Subscribe:

@@ -6,18 +6,15 @@ whatever programs send. Parts have the form of `tactable.control.steps`, behind 
 
 import contextlib
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from base.child import Child
-from base.plain import to_plain
-from base.printable import printable
-from engine.effects import ControlStep, Outcome
+from engine.effects.control_step import ControlStep, Outcome
 from firmware_link.host.link_values import Capabilities
 from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
+from tactable.run.beside_loop import BesideLoop
 from tactable.run.table_watch import Messages
 
 
@@ -35,18 +32,12 @@ class ControlOf:
     is_watched: bool = True
     """Whether the run changes over to another table at the same path."""
 
-    @classmethod
-    def from_plain(cls, plain: dict[str, Any]) -> "ControlOf":
-        """The value from what `to_plain` made of it."""
-        paths = {key: Path(plain[key]) for key in ("socket", "ring", "table")}
-        return cls(**{**plain, **paths})
 
-
-class ControlProcess:
-    """The child process, and the slot that the loop reads (engine.loop.ControlSlot). Raises ChildError."""
+class ControlProcess(BesideLoop):
+    """The child process, and the slot that the loop reads (program_steps.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
-        self._child = start("tactable.control.process", to_plain(served), name="the control channel")
+        super().__init__("tactable.control.control_process", {"served": served}, "the control channel", start)
         self._decoder = StepDecoder()
         try:
             self.lines: list[str] = self._child.read()["lines"]
@@ -54,13 +45,8 @@ class ControlProcess:
         except BaseException:
             self._child.kill()
             raise
-        self.process_id = self._child.process_id
-        self._descriptor = self._child.fileno()
         self._is_there = True
         self._messages = Messages(self._descriptor, MOST_BYTES)
-
-    def __enter__(self) -> "ControlProcess":
-        return self
 
     def __exit__(self, *unused: object) -> None:
         os.set_blocking(self._descriptor, True)
@@ -77,10 +63,6 @@ class ControlProcess:
     def scene(self) -> ControlStep:
         """Present settings of all programs for the whole bar."""
         return self._decoder.scene
-
-    def fileno(self) -> int:
-        """The descriptor that is readable when something of a part has come."""
-        return self._descriptor
 
     def poll(self) -> ControlStep | None:
         """Read at most one part; the step that it has, None where others follow."""
@@ -102,13 +84,8 @@ class ControlProcess:
                 self._child.write({"outcome": outcome})
 
     def _end(self, why: str) -> ControlStep:
-        """Replace the socket of a child that died by a silent one, so that the run goes on; what programs held ends."""
-        sys.stderr.write(f"note: programs are no longer heard: {printable(why)}; start the run again\n")
-        sys.stderr.flush()
+        """Go on without the child; what programs held ends."""
+        self._fall_silent(f"programs are no longer heard: {why}; start the run again")
         self._is_there = False
-        silent, self._kept_open = os.pipe()
-        os.dup2(silent, self._descriptor)
-        os.close(silent)
-        os.set_blocking(self._descriptor, False)
         self._decoder = StepDecoder()
         return replace(self._decoder.scene, are_all_gone=True)

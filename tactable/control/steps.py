@@ -18,12 +18,15 @@ a run, and its `scene` is what the next run begins with. What does not have the 
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from base.errors import TactableError
-from engine.effects import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
+from base.points import json_of, point_of_json
+from engine.effects.control_step import ControlStep, Role, SceneSettings, TriggeredEffect
+from engine.effects.rules import Effect, Rule, Segment, Trigger
+from tactable.control.program_scene import Scene
 from tactable.control.requests import Region
-from tactable.control.scene import Scene
 
 MOST_BYTES = 8192
 """Of one part."""
@@ -82,14 +85,20 @@ class StepEncoder:
             yield _encode({"forget": self._effects.pop(key)[0]})
 
     def _region(self, number: int, region: Region) -> bytes:
-        rules = [[rule.on, self._number(rule.effect), rule.after_ns, rule.every_m] for rule in _rules_of(region)]
+        rules = [self._rule(rule) for rule in _rules_of(region)]
         zones = None if region.zones is None else sorted(region.zones)
-        place = {"zones": zones, "region_m": region.region_m, "level_change_db": region.level_change_db}
+        corners = None if region.region_m is None else [*map(json_of, region.region_m)]
+        place = {"zones": zones, "region_m": corners, "level_change_db": region.level_change_db}
         return _encode({"region": number, "rules": rules, **place})
+
+    def _rule(self, rule: Rule) -> list[Any]:
+        along = [json_of(rule.along)] if rule.along else []
+        return [rule.on, self._number(rule.effect), rule.after_ns, rule.every_m, *along]
 
     def _trigger(self, asked: TriggeredEffect) -> list[Any]:
         number = self._number(asked.effect)
-        return [number, asked.owner, asked.contact_id, asked.position_m, asked.level_change_db]
+        at_m = None if asked.position_m is None else json_of(asked.position_m)
+        return [number, asked.owner, asked.contact_id, at_m, asked.level_change_db]
 
     def _number(self, effect: Effect) -> int:
         return self._effects[id(effect)][0]
@@ -133,16 +142,17 @@ class StepDecoder:
         region: int,
         rules: list[Any],
         zones: list[int] | None,
-        region_m: list[float] | None,
+        region_m: list[Any] | None,
         level_change_db: float,
     ) -> None:
         """Add a region, which no scene has yet."""
         indices = None if zones is None else frozenset(_whole(zone, _MOST_NUMBERS) for zone in zones)
-        place = indices, None if region_m is None else (_number(region_m[0]), _number(region_m[1]))
+        place = indices, None if region_m is None else (point_of_json(region_m[0]), point_of_json(region_m[1]))
         change_db = _number(level_change_db)
         own = [
-            Rule(Trigger(on), self._effects[effect], *place, _whole(after_ns), _number(every_m), change_db)
-            for on, effect, after_ns, every_m in rules
+            replace(rule, along=point_of_json(along[0])) if along else rule
+            for on, effect, after, every, *along in rules
+            for rule in [Rule(Trigger(on), self._effects[effect], *place, _whole(after), _number(every), change_db)]
         ]
         # Neither regions below nor the rules of the run hold here, not even for an event without a rule.
         others = [Rule(on, _NOTHING, *place) for on in Trigger if all(rule.on is not on for rule in own)]
@@ -168,12 +178,12 @@ class StepDecoder:
         )
 
     def _triggered(
-        self, effect: int, owner: int, contact_id: int | None, position_m: float | None, level_change_db: float
+        self, effect: int, owner: int, contact_id: int | None, position_m: Any, level_change_db: float
     ) -> TriggeredEffect:
         if (contact_id is None) is (position_m is None):
             raise ValueError(contact_id)
         finger = None if contact_id is None else _whole(contact_id)
-        place_m = None if position_m is None else _number(position_m)
+        place_m = None if position_m is None else point_of_json(position_m)
         return TriggeredEffect(self._effects[effect], _whole(owner), finger, place_m, _number(level_change_db))
 
     def forget(self, forget: int) -> None:
@@ -208,13 +218,10 @@ def _parts_of(number: int, effect: Effect) -> Iterator[bytes]:
     envelope = effect.envelope
     for at in range(0, max(1, len(envelope)), MOST_SEGMENTS):
         stop = at + MOST_SEGMENTS
-        segments = [[each.duration_ns, _level_text(each.level_db), each.is_click] for each in envelope[at:stop]]
+        levels = [_FULL_SCALE if each.level_db == math.inf else each.level_db for each in envelope[at:stop]]
+        segments = [[s.duration_ns, level, s.is_click] for s, level in zip(envelope[at:stop], levels, strict=True)]
         whole = stop >= len(envelope)
         yield _encode({"effect": number, "name": effect.name, "at": at, "segments": segments, "is_whole": whole})
-
-
-def _level_text(level_db: float | None) -> float | str | None:
-    return _FULL_SCALE if level_db is not None and math.isinf(level_db) else level_db
 
 
 def _encode(document: dict[str, Any]) -> bytes:

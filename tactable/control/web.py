@@ -14,9 +14,9 @@ from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from base.child import ChildError
+from tactable.control.control_server import ControlServer
 from tactable.control.requests import MOST_BYTES
 from tactable.control.security import GRACE_S, LOOPBACK, AccessPolicy, new_token, quiet_server
-from tactable.control.server import ControlServer
 
 _LONGEST_MESSAGE = 64 * MOST_BYTES
 """Beyond it the WebSocket is closed; up to it a message that is too long is answered."""

@@ -89,7 +89,7 @@ def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) ->
     """
     axis = _axis_of(surface, stroke)
     field, values, touch_mm = (
-        (surface.x, stroke.x, surface.width_mm) if axis == "x" else (surface.y, stroke.y, surface.height_mm)
+        (surface.x, stroke.x, surface.x.extent_mm) if axis == "x" else (surface.y, stroke.y, surface.y.extent_mm)
     )
     flip = values[-1] < values[0]
     low, high = min(values), max(values)
@@ -108,8 +108,8 @@ def _axis_of(surface: Surface, stroke: Stroke) -> Literal["x", "y"]:
             f"the longest stroke goes over {100 * max(x, y):.0f} % of the touch area: "
             "draw one finger from the bar's start to its end without lifting it"
         )
-    if surface.width_mm is not None and surface.height_mm is not None:
-        x, y = x * surface.width_mm, y * surface.height_mm
+    if surface.x.extent_mm is not None and surface.y.extent_mm is not None:
+        x, y = x * surface.x.extent_mm, y * surface.y.extent_mm
     if max(x, y) < _STRAIGHT * min(x, y):
         raise DigitizerError("the longest stroke goes as far across as along: draw it straight along the bar")
     return "x" if x > y else "y"

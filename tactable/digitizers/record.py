@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
 
-from engine.loop import Clock, StopRequest, SystemClock
+from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev
@@ -18,7 +18,7 @@ from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from tactable.digitizers.axis_map import LearntAxis, find_stroke, learn_axis
 from tactable.digitizers.listing import SIMULATED
-from tactable.doctor.touch import Machine
+from tactable.doctor.touch_check import Machine
 from tactable.shipped import DEMO_RECORDING
 
 _EVDEV_FOLDER = "/dev/input/"

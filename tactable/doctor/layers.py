@@ -8,13 +8,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from engine.loop.latency import Percentiles
+from engine.loop.command_latency import Percentiles
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.pty import open_pseudo_terminal
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, Transport, occupied_ns
+from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, occupied_ns
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING
@@ -48,7 +48,7 @@ class Layer:
 def measure_layers(bit_rate_hz: int) -> list[Layer]:
     """Wake-up, engine, terminal and line; takes about a second. The line is computed, not measured."""
     command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
-    line_us = occupied_ns(Transport.UART, bit_rate_hz, len(command)) / _US
+    line_us = occupied_ns(bit_rate_hz, len(command)) / _US
     click = encode_message(Play(0, 0, 1, 0, _CLICK_WEIGHTS, (0,) * _CLICK_WEIGHTS), 0)
     slowest_hz = len(click) * UART_BITS_PER_BYTE / _HALF_LEASE_S
     return [
@@ -71,7 +71,7 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
         ),
         Layer(
             "line for a click",
-            occupied_ns(Transport.UART, bit_rate_hz, len(click)) / _US,
+            occupied_ns(bit_rate_hz, len(click)) / _US,
             None,
             f"{len(click)} bytes of {_CLICK_WEIGHTS} weights, two actuators, at {bit_rate_hz} bit/s (computed); "
             + (

@@ -3,19 +3,17 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from base.plain import to_plain
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import Table
 from engine.table.best_rows import BestRow
-from engine.touch import Placement, ZoneState
+from engine.touch import Placement
 from tactable.explain import words
 from tactable.explain.placed_drive import PERCENTILES, finger_grid
-
-Array = NDArray[np.float64]
 
 
 class ExplainedRow:
@@ -27,10 +25,10 @@ class ExplainedRow:
     def __init__(self, table: Table, placement: Placement, level_db: float) -> None:
         device = table.device
         self.table, self.placement = table, placement
-        self.felt_zones = words.zone_names(device, placement.zone_states(device), ZoneState.FELT)
+        self.felt_zones = words.zone_names(device, placement)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
-        self.level_db: Array = compute_levels(device, table.receptances, placement.position_m, *played)
+        self.level_db: Array = compute_levels(device, table.modes, placement.position_m, *played)
         self.percentiles_db: list[list[float]] = np.percentile(self.level_db[1:], (5, 50, 95), axis=0).T.tolist()
         """5th, 50th and 95th percentile over the sampled cases of each finger."""
 

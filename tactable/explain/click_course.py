@@ -3,16 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
-from precompute.clicks.basis import EVALUATION_RATE_HZ, interpolated
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
 from tactable.explain.click_source import ClickSource
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,26 +1,25 @@
 """Sound of a click: the acceleration of every finger in the nominal plant, as a .wav file."""
 
-import wave
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import wavfile
 
+from base.arrays import Array
 from base.errors import TactableError
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
-from precompute.clicks.basis import RINGDOWN_S
+from precompute.clicks.click_basis import RINGDOWN_S
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.explain.click_course import played_displacement
 from tactable.explain.words import finger_names
-
-Array = NDArray[np.float64]
 
 SOUND_RATE_HZ = 48_000  # every player has it, and it is a multiple of the rate of waveforms
 PAUSE_S = 0.5
@@ -82,7 +81,7 @@ def make_sound(device: Device, click: ClickEntry, placement: Placement, *, is_we
     return Sound(samples, loudest, is_weighted, tuple(names[finger] for finger in order))
 
 
-def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[float], *, is_weighted: bool) -> Array:
+def compute_felt(device: Device, click: ClickEntry, position_m: Sequence[complex], *, is_weighted: bool) -> Array:
     """Simulate the acceleration (time, finger) at SOUND_RATE_HZ, in m/s^2 or over threshold, until it has died down.
 
     The plant is the nominal one, with standard fingers at these positions.
@@ -113,8 +112,4 @@ def sound_json(sound: Sound) -> dict[str, object]:
 
 def write_sound(sound: Sound, path: Path) -> None:
     """Write a .wav file of 16-bit PCM."""
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(sound.samples.shape[1])
-        file.setsampwidth(sound.samples.dtype.itemsize)
-        file.setframerate(SOUND_RATE_HZ)
-        file.writeframes(sound.samples.astype("<i2").tobytes())
+    wavfile.write(path, SOUND_RATE_HZ, sound.samples)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from engine.steady.cases import TOLERANCE_M
 from engine.table import ClickEntry, Table, TableError
-from engine.table.click import ClickFinger
+from engine.table.click_entry import ClickFinger
 from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
@@ -18,7 +18,7 @@ from precompute.clicks.nominal import NominalFingers
 from precompute.clicks.of_table import read_click_options
 
 if TYPE_CHECKING:  # its kernels are compiled when it is imported
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
 
 
 class ClickSource:
@@ -41,9 +41,9 @@ class ClickSource:
 
     @cached_property
     def _steady(self) -> "SteadySolver":
-        from engine.steady.solver import SteadySolver
+        from engine.steady.steady_solver import SteadySolver
 
-        return SteadySolver(self.table.device, self.table.receptances)
+        return SteadySolver(self.table.device, self.table.modes)
 
     def holds(self, placement: Placement) -> bool:
         """Whether the table has the click of the nearest places."""

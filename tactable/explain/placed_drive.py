@@ -21,15 +21,15 @@ PERCENTILES = ("5 %", "50 %", "95 %")
 
 
 def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
-    """Solves drives as a run of this table does, from its receptances, and computes their figures.
+    """Solves drives as a run of this table does, from its modes, and computes their figures.
 
-    `device`: the table's with another threshold curve, which receptances do not depend on.
+    `device`: the table's with another threshold curve, which modes do not depend on.
     """
-    plant, receptances = plant_of(table), table.receptances
+    plant, modes = plant_of(table), table.modes
     if device is not None:
-        threshold_m_per_s2 = device.threshold.peak_m_per_s2(receptances.frequency_hz)
-        plant, receptances = replace(plant, device=device), replace(receptances, threshold_m_per_s2=threshold_m_per_s2)
-    return SteadyDesigner(plant.device, plant, receptances)
+        threshold_m_per_s2 = device.threshold.peak_m_per_s2(modes.frequency_hz)
+        plant, modes = plant.with_device(device), replace(modes, threshold_m_per_s2=threshold_m_per_s2)
+    return SteadyDesigner(plant.device, plant, modes)
 
 
 def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Threshold) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Levels, fingers, zones and states of a table in words, for pages, pictures and JSON alike."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -12,7 +11,6 @@ from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
-from precompute.predict.rise_time import LONGEST_RISE_S
 
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
@@ -83,22 +81,25 @@ def level_text(level_db: float) -> str:
 
 def rise_text(t90_s: float) -> str:
     """A rise time in words, such as "83 ms"; rises are not followed beyond LONGEST_RISE_S."""
+    from precompute.predict.rise_time import LONGEST_RISE_S  # its kernels are compiled when it is imported
+
     return f"longer than {LONGEST_RISE_S:g} s" if t90_s >= LONGEST_RISE_S else f"{1e3 * t90_s:.0f} ms"
 
 
-def zone_names(device: Device, states: Sequence[ZoneState], kind: ZoneState) -> list[str]:
-    """Names of the zones in one state."""
+def zone_names(device: Device, placement: Placement, kind: ZoneState = ZoneState.FELT) -> list[str]:
+    """Names of the zones that the fingers bring into one state."""
+    states = placement.zone_states(device)
     return [zone.name for zone, state in zip(device.zones, states, strict=True) if state is kind]
 
 
-def zone_lists(device: Device, states: Sequence[ZoneState]) -> dict[str, list[str]]:
+def zone_lists(device: Device, placement: Placement) -> dict[str, list[str]]:
     """Names of the felt and of the quiet zones, for a summary."""
-    return {kind.name.lower(): zone_names(device, states, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
+    return {kind.name.lower(): zone_names(device, placement, kind) for kind in (ZoneState.FELT, ZoneState.QUIET)}
 
 
 def model_figures(table: Table) -> dict[str, int | float]:
-    """Mesh and modes that the table was made with; empty for a table that does not state them."""
-    keys = ("mesh_elements", "mesh_longest_element_m", "modes", "click_modes")
+    """Mesh or functions, and modes, that the table was made with; empty for a table that does not state them."""
+    keys = ("mesh_elements", "mesh_longest_element_m", "ritz_functions", "modes", "click_modes")
     return {key: table.attributes[key].item() for key in keys if key in table.attributes}
 
 
@@ -108,5 +109,8 @@ def model_text(table: Table) -> str:
     if not model:
         return "the table does not state its mesh and modes"
     clicks = f", {model['click_modes']} for clicks" if "click_modes" in model else ""
-    longest_mm = 1e3 * model["mesh_longest_element_m"]
-    return f"model: {model['mesh_elements']} elements of up to {longest_mm:.1f} mm, {model['modes']} modes{clicks}"
+    if "ritz_functions" in model:
+        parts = f"{model['ritz_functions']} functions by Ritz's method"
+    else:
+        parts = f"{model['mesh_elements']} elements of up to {1e3 * model['mesh_longest_element_m']:.1f} mm"
+    return f"model: {parts}, {model['modes']} modes{clicks}"

@@ -5,14 +5,14 @@ import io
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from base.arrays import Integers
 from precompute.calibration.calibrate import Calibration, FittedDevice
-from precompute.calibration.modal import ModalCalibration
-from tactable.figures.response import reading_along
+from precompute.calibration.modal_fit import ModalCalibration
+from tactable.figures.response_picture import reading_along
 from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
 
-_DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than file.py's 150
+_DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than picture_file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
 
 
@@ -67,7 +67,7 @@ def calibration_png(calibration: FittedDevice) -> bytes:
     return buffer.getvalue()
 
 
-def _draw(axes: Axes, calibration: Calibration, rows: NDArray[np.int64]) -> None:
+def _draw(axes: Axes, calibration: Calibration, rows: Integers) -> None:
     measurements = calibration.measurements
     place_m, level = reading_along(calibration.device, measurements, int(rows[0]))
     axes.plot(1e3 * place_m, level, color=BLUE, lw=1.5, label="fitted")

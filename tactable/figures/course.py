@@ -6,14 +6,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import compute_rise_model
 from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 from tactable.figures.played_drive import PlayedDrive
-from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, Array, finish_picture, level_text
+from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, finish_picture, level_text
 
 PROMPT_MS = (5.0, 50.0)
 """When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""
@@ -55,7 +56,7 @@ def plot_course(played: PlayedDrive) -> Picture:
         words,
         _columns(played, rising),
         {
-            **zone_lists(device, played.placement.zone_states(device)),
+            **zone_lists(device, played.placement),
             "fingers": placement_json(device, played.placement),
             "wanted_level_db": played.drive.wanted_level_db,
             "t90_s": played.figures.t90_s,

@@ -8,17 +8,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
-from tactable.figures.file import Picture
-from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, Array, finish_picture
-
-Complex = NDArray[np.complex128]
+from tactable.figures.picture_file import Picture
+from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, finish_picture
 
 _PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4
 """Panels in a row and their sides, of many and of one or two."""

@@ -8,15 +8,13 @@ import numpy as np
 from engine.device import Device, Finger
 from engine.steady import SteadyDrive
 from engine.steady.cases import cases_at, sample_deviations
-from engine.table import Table
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.predict.at_positions import PlacementFigures
+from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
-from tactable.explain.placed_drive import designer_of
 
-Load = Sequence[tuple[float, Finger]]
+Load = Sequence[tuple[complex, Finger]]
 """Position in metres and finger, for each finger."""
 
 
@@ -24,7 +22,7 @@ Load = Sequence[tuple[float, Finger]]
 class PlayedFinger:
     """Level under a standard finger; range_db: least and greatest level of the sampled ones."""
 
-    position_m: float
+    position_m: complex
     is_felt: bool
     acceleration_m_per_s2: float
     level_db: float
@@ -54,10 +52,10 @@ class PlayedDrive:
         return self.figures.drive
 
 
-def solved_drive(table: Table, placement: Placement, level_db: float) -> PlayedDrive:
+def solved_drive(designer: SteadyDesigner, placement: Placement, level_db: float) -> PlayedDrive:
     """The drive that a run solves for these positions, its sampled fingers within a millimetre of them."""
-    device = table.device
-    figures = designer_of(table).solve(placement.position_m, placement.is_felt, level_db)
+    device = designer.plant.device
+    figures = designer.solve(placement.position_m, placement.is_felt, level_db)
     drive, position_m = figures.drive, np.array(placement.position_m)
     threshold_m_per_s2 = float(device.threshold.peak_m_per_s2(np.array([drive.frequency_hz]))[0])
     ends_db = np.stack([figures.sampled_level_db.min(axis=0), figures.sampled_level_db.max(axis=0)], axis=1)

@@ -11,9 +11,9 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
 from tactable.explain.words import level_text as level_text
-from tactable.figures.file import Picture
+from tactable.figures.picture_file import Picture
 
-if TYPE_CHECKING:  # as in file.py: pages use the words of this module, and draw nothing
+if TYPE_CHECKING:  # as in picture_file.py: pages use the words of this module, and draw nothing
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -38,7 +38,6 @@ THRESHOLD_NOTE = "detection threshold"
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
 _NOTE_LETTERS_PER_INCH = 16
-Array = NDArray[np.float64]
 Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
 
 
@@ -47,16 +46,14 @@ def draw_zone_names(axes: "Axes", device: Device, names: Sequence[str] | None = 
     draw_zone_edges(axes, device)
     above = axes.get_xaxis_transform()
     for zone, name in zip(device.zones, names or [zone.name for zone in device.zones], strict=True):
-        axes.text(
-            500 * (zone.start_m + zone.stop_m), 0.98, name, ha="center", va="top", fontsize="small", transform=above
-        )
+        axes.text(1e3 * zone.middle_m.real, 0.98, name, ha="center", va="top", fontsize="small", transform=above)
 
 
 def draw_zone_edges(axes: "Axes", device: Device, ls: str = "-") -> None:
     """Draw a vertical line at every edge of a zone (mm)."""
     for zone in device.zones:
         for edge_m in (zone.start_m, zone.stop_m):
-            axes.axvline(1e3 * edge_m, color=GREY, lw=0.5, ls=ls)
+            axes.axvline(1e3 * edge_m.real, color=GREY, lw=0.5, ls=ls)
 
 
 def draw_actuators(axes: "Axes", device: Device) -> None:

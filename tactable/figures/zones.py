@@ -7,13 +7,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from base.arrays import Array
 from engine.device import Device
-from precompute.model.assembly import Plant, assemble
+from precompute.model.assembly import assemble
+from precompute.model.plant import Plant
 from precompute.model.response import peak_along
 from precompute.model.steady import SteadyState, compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures import style
-from tactable.figures.file import FigureError, Picture
+from tactable.figures.picture_file import FigureError, Picture
 
 _PLACES = 401  # less than a millimetre apart on 300 mm
 _HEADROOM = 1.3  # above the greatest value: names of the zones and legend
@@ -26,7 +28,7 @@ class _Shown:
     """A drive, its peak acceleration along the bar (place,), m/s^2, and its figures by zone."""
 
     drive: BarDrive
-    level: style.Array
+    level: Array
     state: SteadyState
 
 
@@ -85,7 +87,11 @@ def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], want
     place_mm = np.linspace(0.0, 1e3 * device.bar.length_m, _PLACES)
     for zone in wanted:
         axes.axvspan(
-            1e3 * device.zones[zone].start_m, 1e3 * device.zones[zone].stop_m, color=style.GREEN, alpha=0.12, lw=0
+            1e3 * device.zones[zone].start_m.real,
+            1e3 * device.zones[zone].stop_m.real,
+            color=style.GREEN,
+            alpha=0.12,
+            lw=0,
         )
     for each, (colour, ls) in zip(shown, style.CURVES, strict=False):
         axes.plot(place_mm, each.level, color=colour, ls=ls, lw=1.7, label=_label(device, each.drive))
@@ -134,9 +140,9 @@ def _factor_text(device: Device, shown: _Shown, wanted: Sequence[int]) -> str:
     return f"{_label(device, shown.drive)}: greatest in {first}, least in {last}"
 
 
-def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | style.Array]:
+def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[object] | Array]:
     """The zones of the first drive, of the second, and so on."""
-    columns: dict[str, Sequence[object] | style.Array] = {
+    columns: dict[str, Sequence[object] | Array] = {
         "drive": [_label(device, each.drive) for each in shown for _ in device.zones],
         "zone": [zone.name for _ in shown for zone in device.zones],
     }

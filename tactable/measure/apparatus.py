@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.loop import SystemClock
+from engine.loop.loop import SystemClock
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
@@ -88,7 +88,7 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
     is_own = is_board(options.sensor)
     if is_own and is_audio(options.port):
         raise SensorError("--sensor board: a sound card has no accelerometer of its own; name a converter for one")
-    is_fixed = is_own and fixed_position_m(options.sensor, device) is not None
+    is_fixed = fixed_position_m(options.sensor, device) is not None
     with ExitStack() as stack:
         bench = _simulated_bench(device, options) if options.is_simulated else None
         port: Port

@@ -8,10 +8,11 @@ import cmath
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
-from engine.render import Drive, LimitError, clamp
+from engine.render.limits import Drive, LimitError, clamp
+from precompute.model.assembly import assemble
 
 _ROUNDING = 1e-9
 
@@ -25,7 +26,7 @@ class AskedDrive:
     phases_rad: tuple[float, ...]
 
     @property
-    def phasors(self) -> NDArray[np.complex128]:
+    def phasors(self) -> Complex:
         """Shape (actuator,): amplitudes with their phases, fractions of full scale."""
         pairs = zip(self.amplitudes, self.phases_rad, strict=True)
         return np.array([cmath.rect(amplitude, phase_rad) for amplitude, phase_rad in pairs])
@@ -68,3 +69,18 @@ def check_drive(asked: AskedDrive, device: Device) -> Drive:
                 f"{device.name}; ask for 0 to {100 * limit:g} % of full scale"
             )
     return clamp(asked, device)
+
+
+def simulate_levels(device: Device, asked: AskedDrive, position_m: Array) -> tuple[Array, Array]:
+    """Peaks (point,) in m/s^2 and levels (point,) in dB above the threshold under a held drive, at places in metres.
+
+    The bar is untouched. Tones of one frequency add as phasors, and the peaks of others as magnitudes (paper eq. (8)).
+    The level is that of the summed powers over the threshold at each tone. SIMULATED.
+    """
+    from precompute.model.response import by_tone, solve_response  # compiled kernels, which only a simulation needs
+
+    tones_hz, weight = by_tone(np.array(asked.frequencies_hz), asked.phasors)
+    unit = solve_response(assemble(device), tones_hz).acceleration(position_m)
+    size = abs(np.einsum("fa,fap->fp", weight, unit))
+    power = ((size / device.threshold.peak_m_per_s2(tones_hz)[:, None]) ** 2).sum(axis=0)
+    return size.sum(axis=0), 10 * np.log10(np.maximum(power, 1e-30))

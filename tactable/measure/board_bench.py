@@ -1,14 +1,14 @@
 """A bench in virtual time whose sensor is the board's own accelerometer on the simulated bar. SIMULATED."""
 
 from engine.device import Device
-from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
-from firmware_link.protocol.messages import PM_PER_M
+from firmware_link.emulator.firmware import EmulatedFirmware
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from tactable.measure.sensor import SensorError
-from tactable.measure.simulated_bench import FINE_MODES, MOVING_NS, ConverterFlaws
+from tactable.measure.simulated_bench import BOOT_ID, FINE_MODES, MOVING_NS, ConverterFlaws
 from tactable.measure.virtual_line import VirtualLine
 from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
+from tactable.rig.emulate import configuration_of
 
 _OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "jitter"}
 
@@ -32,19 +32,9 @@ class BoardBench(VirtualLine):
         for name, flaw in _OF_CONVERTERS.items():
             if getattr(flaws, name):
                 raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
-        full_scales_pm = tuple(round(actuator.full_scale_m * PM_PER_M) for actuator in (board or true).actuators)
-        configuration = DeviceConfiguration(
-            0x5EED, len(true.actuators), LONGEST_LEASE_MS, full_scales_pm=full_scales_pm
-        )
-        self.firmware = EmulatedFirmware(with_accelerometer(configuration))
-        part = EmulatedAccelerometer(
-            0.5 * true.bar.length_m,
-            sensor_mass_kg,
-            flaws.drift,
-            flaws.gain,
-            flaws.offset_m_per_s2,
-            flaws.noise_m_per_s2,
-        )
+        self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID)))
+        kept = (flaws.drift, flaws.gain, flaws.offset_m_per_s2, flaws.noise_m_per_s2)
+        part = EmulatedAccelerometer(0.5 * true.bar.length_m, sensor_mass_kg, *kept)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
         super().__init__(self._sensed)

@@ -13,19 +13,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
-from engine.loop import Clock
+from engine.loop.loop import Clock
 from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
-
-Array = NDArray[np.float64]
 
 NAME = "board"
 PROBE_S = 0.5  # half of it is the least for a pace: 0.1 ms of jitter are then 400 ppm
@@ -42,9 +40,9 @@ def is_board(name: str) -> bool:
 
 
 def fixed_position_m(name: str, device: Device) -> float | None:
-    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for "board", which is moved. Raises SensorError."""
+    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for one that is moved. Raises SensorError."""
     _, _, text = name.partition(":")
-    if name == NAME:
+    if name == NAME or not is_board(name):
         return None
     length_m = device.bar.length_m
     try:
@@ -59,7 +57,7 @@ def fixed_position_m(name: str, device: Device) -> float | None:
 
 def fixed_places(device: Device, name: str, places_m: list[float]) -> list[float]:
     """The places of a walk in metres, or the one of a sensor that is fixed. Raises SensorError."""
-    fixed_m = fixed_position_m(name, device) if is_board(name) else None
+    fixed_m = fixed_position_m(name, device)
     return places_m if fixed_m is None else [fixed_m]
 
 

@@ -15,14 +15,14 @@ from threadpoolctl import threadpool_limits
 from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
-from precompute.measurements import Kind, MeasurementError
-from precompute.measurements.file import check_ending, write_measurements
+from precompute.measurements.measurement_file import check_ending, write_measurements
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, MeasurementError
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
 from tactable.measure.board_sensor import fixed_places
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions
-from tactable.measure.verify import Judgement, Verdict, plan_played, verify_table
+from tactable.measure.verification import Judgement, Verdict, plan_played, verify_table
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
 
 LEVEL_DB = 20.0  # DEFAULT_LEVEL_DB of engine.table.levels

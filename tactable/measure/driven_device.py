@@ -13,18 +13,16 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from engine.device import Device
-from engine.loop import Clock, connect
-from engine.render import Drive, link_configuration
+from engine.loop.loop import Clock, connect
 from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
-from engine.render.limits import encode_scaled
-from firmware_link.emulator import BOARD_EMULATED
+from engine.render.limits import Drive, encode_scaled, link_configuration
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import Event, FaultReceived, LinkConfiguration, LinkState
+from firmware_link.host.link_values import BOARD_EMULATED, Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.errors import LinkError
-from firmware_link.protocol.messages import Status
+from firmware_link.protocol.link_errors import LinkError
+from firmware_link.protocol.messages import Fault, Status
 
 
 class Listener(Protocol):
@@ -169,7 +167,7 @@ class DrivenDevice:
                 self.applied_device_us = event.applied_time_us
         self.session.send()
         if self.session.link.state is not LinkState.READY:
-            faults = "".join(f" ({event.fault.name})" for event in events if isinstance(event, FaultReceived))
+            faults = "".join(f" ({event.fault.name})" for event in events if isinstance(event, Fault))
             raise LinkError(f"the board stopped itself{faults}: see to the cause, then start again")
         return readable
 

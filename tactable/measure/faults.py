@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device.quantity import GRAVITY_M_PER_S2 as GRAVITY_M_PER_S2
 from tactable.measure.sensor import SensorForm
 from tactable.measure.tone_fit import ToneFit, is_beside_hum
-
-Array = NDArray[np.float64]
 
 
 class Fault(Enum):

@@ -1,12 +1,10 @@
 """Samples of a sensor in windows of a wanted length, the drive kept alive while they come."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import Sensor, SensorError
-
-Array = NDArray[np.float64]
 
 PATIENCE_NS = 3_000_000_000
 """A converter that says nothing for longer has stopped."""

@@ -14,14 +14,14 @@ import json
 import math
 import os
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from base.arrays import Array
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_quantity
+from engine.device.toml_table import TomlTable
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 
 _VERSION = 1
@@ -29,8 +29,6 @@ _MOST = 1e30
 _PATIENCE_NS = 10_000_000_000  # for the whole header
 _READ_SIZE = 1 << 16
 _LONGEST_HEADER = 1 << 16
-_HEADER_KEYS = {"tactable_samples", "sample_rate", "channels", "simulated"}
-_CHANNEL_KEYS = {"name", "scale", "clips_at"}
 
 
 class SampleStream:
@@ -111,54 +109,40 @@ def write_header(form: SensorForm) -> bytes:
     return json.dumps(header).encode() + b"\n"
 
 
-def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, np.ndarray[Any, np.dtype[np.float64]]]:
+class _Declaration(TomlTable):
+    """A part of a header; what is wrong with it is a SensorError."""
+
+    family = SensorError
+
+
+def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, Array]:
     """The form that a header declares, and the scale (channel,) of its samples. Raises SensorError."""
     try:
-        header = json.loads(line)
+        values = json.loads(line)
     except (ValueError, RecursionError):
-        header = None
-    version = header.get("tactable_samples") if isinstance(header, dict) else None
-    if not isinstance(header, dict) or type(version) is not int or version != _VERSION:
+        values = None
+    version = values.pop("tactable_samples", None) if isinstance(values, dict) else None
+    if type(version) is not int or version != _VERSION:
         raise SensorError(f'{source}: does not begin with {{"tactable_samples": {_VERSION}, ...}}; declare the samples')
-    _check_keys(header, _HEADER_KEYS, source)
-    rate_hz = _quantity(header, "sample_rate", "Hz", source)
-    channels = header.get("channels")
-    if not isinstance(channels, list) or not channels or not all(isinstance(channel, dict) for channel in channels):
-        raise SensorError(f"{source}: channels: expected a list of objects, each with name and scale")
+    header = _Declaration(source, "", values)
+    rate_hz = header.quantity("sample_rate", "Hz", exclusive=True)
+    channels, is_simulated = header.take_value("channels"), header.flag("simulated", False)
+    header.refuse_rest()
+    if not isinstance(channels, list) or not channels:
+        raise header.error("channels", channels, "expected a list of objects, each with name and scale")
     names, scales, clips_at = [], [], []
     known = (ACCELERATION, *(LOOPBACK + actuator.name for actuator in device.actuators))
-    for number, channel in enumerate(channels):
-        where = f"{source}: channels[{number}]"
-        _check_keys(channel, _CHANNEL_KEYS, where)
-        name = channel.get("name")
-        if name not in known or name in names:
-            raise SensorError(f"{where}: name: {name!r}: expected each once of {', '.join(known)}")
-        scale = _quantity(channel, "scale", "m/s^2" if name == ACCELERATION else "", where)
-        greatest = channel.get("clips_at", math.inf)
+    for number, each in enumerate(channels):
+        channel = _Declaration(source, f"channels[{number}]", each)
+        name = channel.word("name", tuple(each for each in known if each not in names))
+        scale = channel.quantity("scale", "m/s^2" if name == ACCELERATION else "", exclusive=True)
+        greatest = channel.take_value("clips_at", math.inf)
+        channel.refuse_rest()
         if type(greatest) not in (int, float) or not (0 < greatest <= _MOST or greatest == math.inf):
-            raise SensorError(f"{where}: clips_at: {greatest!r}: expected the greatest sample, more than 0")
+            raise channel.error("clips_at", greatest, "expected the greatest sample, more than 0")
         names.append(name)
         scales.append(scale)
         clips_at.append(greatest * scale)
     if ACCELERATION not in names:
         raise SensorError(f"{source}: channels: has no channel named 'acceleration'; declare which one it is")
-    is_simulated = header.get("simulated", False)
-    if not isinstance(is_simulated, bool):
-        raise SensorError(f"{source}: simulated: {is_simulated!r}: expected true or false")
     return SensorForm(rate_hz, tuple(names), tuple(clips_at), is_simulated), np.array(scales)
-
-
-def _check_keys(values: Mapping[str, Any], known: set[str], where: str) -> None:
-    for key in values:
-        if key not in known:
-            raise SensorError(f"{where}: {key}: is not known; known are {', '.join(sorted(known))}")
-
-
-def _quantity(values: Mapping[str, Any], key: str, unit: str, where: str) -> float:
-    try:
-        value = read_quantity(values.get(key), unit)
-    except QuantityError as error:
-        raise SensorError(f"{where}: {key}: {error}") from None
-    if not value > 0:
-        raise SensorError(f"{where}: {key}: {values[key]!r}: expected more than 0")
-    return value

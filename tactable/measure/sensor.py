@@ -9,12 +9,8 @@ the magnitude of a response is known and its phase is not.
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from base.arrays import Array
 from base.errors import TactableError
-
-Array = NDArray[np.float64]
 
 ACCELERATION = "acceleration"
 LOOPBACK = "loopback "

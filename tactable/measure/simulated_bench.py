@@ -10,22 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
-from engine.device.electrodes import board_bias
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
-from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware, Synthesis
-from firmware_link.protocol.messages import PM_PER_M
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 from tactable.measure.virtual_line import SENSOR, VirtualLine
+from tactable.rig.emulate import configuration_of
 
-Array = NDArray[np.float64]
-
+BOOT_ID = 0x5EED
 MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (docs/theory.md)
 _BLOCK_S = 0.05  # in which samples come; the bar is moved a block at a time
 _PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
@@ -141,16 +140,7 @@ class SimulatedBench(VirtualLine):
         self._device = true
         self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
         full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
-        full_scales_pm = tuple(round(each_m * PM_PER_M) for each_m in full_scales_m)
-        self.firmware = EmulatedFirmware(
-            DeviceConfiguration(
-                0x5EED,
-                len(true.actuators),
-                LONGEST_LEASE_MS,
-                full_scales_pm=full_scales_pm,
-                electrode_bias=board_bias(actuator.electrodes for actuator in true.actuators),
-            )
-        )
+        self.firmware = EmulatedFirmware(configuration_of(board or true, BOOT_ID))
         self.card = card
         super().__init__(card or self.firmware)
         self._of_card = (

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from firmware_link.protocol.basis import EncodedClick
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 from tactable.measure.asked_drive import AskedDrive, check_drive
@@ -38,7 +38,6 @@ from tactable.measure.recorder import LostWindowError, Recorder, known_samples
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 STEP_OF_LEVEL = 3.0  # 9.5 dB: from 5 % to full scale in three steps of the five attempts
@@ -118,7 +117,7 @@ class SteppedSine:
         options: SteppedSineOptions,
         decay_per_s: float | None = None,
     ) -> None:
-        self._device, self._driven, self._form, self._options = device, driven, sensor.form, options
+        self.device, self.driven, self.form, self.options = device, driven, sensor.form, options
         self._sensor = sensor
         self.recorder = Recorder(driven, sensor)
         """Takes the samples."""
@@ -130,7 +129,7 @@ class SteppedSine:
         """The sensor with the bar at rest, as `listen` found it."""
         self.drift = 0.0
         """The pace of the converter's clock over the board's, less 1, as found so far."""
-        self.channel = self._form.acceleration
+        self.channel = self.form.acceleration
         """Index of the channel of the acceleration."""
         self.lossy_windows = 0
         """Windows in which samples were missing, beside those that a reading was made of."""
@@ -144,11 +143,11 @@ class SteppedSine:
         return self.while_armed(self._listen_once)
 
     def _listen_once(self) -> AtRest:
-        self._driven.silence()
-        self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
+        self.driven.silence()
+        self.driven.wait(self.driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
         self.recorder.drop()
-        values = self.recorder.take_window(2 * self._options.window_s)
-        fit, channel = fit_tone(known_samples(values), self._form.sample_rate_hz, _REST_HZ), self._form.acceleration
+        values = self.recorder.take_window(2 * self.options.window_s)
+        fit, channel = fit_tone(known_samples(values), self.form.sample_rate_hz, _REST_HZ), self.form.acceleration
         self.drift = self._sensor.pace()
         self.rest = AtRest(float(fit.rest[channel]), float(fit.hum[channel]), float(fit.mean[channel]))
         return self.rest
@@ -158,17 +157,15 @@ class SteppedSine:
         return self.while_armed(self._measure_latency_once)
 
     def _measure_latency_once(self) -> float | None:
-        driven, actuators = self._driven, self._device.actuators
-        which = next(
-            (i for i, actuator in enumerate(actuators) if self._form.loopback(actuator.name) is not None), None
-        )
+        driven, actuators = self.driven, self.device.actuators
+        which = next((i for i, actuator in enumerate(actuators) if self.form.loopback(actuator.name) is not None), None)
         if which is None:
             return None
-        reference, least = self._form.loopback(actuators[which].name), self._options.least
-        asked = AskedDrive.of_one(self._device, which, sum(actuators[which].band_hz) / 2, least)
+        reference, least = self.form.loopback(actuators[which].name), self.options.least
+        asked = AskedDrive.of_one(self.device, which, sum(actuators[which].band_hz) / 2, least)
         self.recorder.drop()
-        driven.play(check_drive(asked, self._device))
-        values = self.recorder.take_window(LATE_S + self._options.window_s)
+        driven.play(check_drive(asked, self.device))
+        values = self.recorder.take_window(LATE_S + self.options.window_s)
         sounding = np.flatnonzero(abs(values[:, reference]) > _ONSET * least)
         applied_us = driven.applied_device_us
         driven.silence()
@@ -183,11 +180,11 @@ class SteppedSine:
 
         Raises SensorError where no samples come, LinkError where the board cannot be armed again.
         """
-        options, start_ns, attempts, is_done, windows = self._options, self._driven.clock.now_ns(), 0, False, 2
+        options, start_ns, attempts, is_done, windows = self.options, self.driven.clock.now_ns(), 0, False, 2
         earlier, lossy, lapsed = dict[Fault, None](), self.lossy_windows, self.lapsed
         while not is_done:
             attempts, amplitude = attempts + 1, self._amplitude
-            asked = AskedDrive.of_one(self._device, actuator, frequency_hz, amplitude)
+            asked = AskedDrive.of_one(self.device, actuator, frequency_hz, amplitude)
             fit, values, faults = self.hold(asked, windows)
             self._amplitude = self._next_amplitude(amplitude, faults)
             if Fault.NOISE in faults and self._amplitude == amplitude:
@@ -202,7 +199,7 @@ class SteppedSine:
             earlier[Fault.LOST_SAMPLES] = None
         if self.lapsed > lapsed:
             earlier[Fault.LAPSED] = None
-        channel, reference = self._form.acceleration, self.reference(actuator)
+        channel, reference = self.form.acceleration, self.reference(actuator)
         if reference is None:
             acceleration, coherence = complex(abs(fit.phasor[channel])), 1.0
         else:
@@ -215,7 +212,7 @@ class SteppedSine:
             error=fit.error(channel),
             coherence=coherence,
             drift=self.drift,
-            seconds=(self._driven.clock.now_ns() - start_ns) / _NS_PER_S,
+            seconds=(self.driven.clock.now_ns() - start_ns) / _NS_PER_S,
             attempts=attempts,
             faults=faults,
             earlier=tuple(earlier),
@@ -225,9 +222,9 @@ class SteppedSine:
     def _next_amplitude(self, amplitude: float, faults: tuple[Fault, ...]) -> float:
         """The level of the next drive after one with these faults."""
         if Fault.CLIPPING in faults:
-            return max(self._options.least, amplitude / STEP_OF_LEVEL)
+            return max(self.options.least, amplitude / STEP_OF_LEVEL)
         if any(fault in faults for fault in (Fault.NOISE, Fault.HUM, Fault.NO_SIGNAL)):
-            return min(self._options.most, amplitude * STEP_OF_LEVEL)
+            return min(self.options.most, amplitude * STEP_OF_LEVEL)
         return amplitude
 
     def hold(self, asked: AskedDrive, windows: int = 2) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
@@ -254,20 +251,20 @@ class SteppedSine:
                 self.rearmed += 1
                 if self.rearmed > _REARMED:
                     raise error
-                self._driven.arm_again()
+                self.driven.arm_again()
 
     def _hold_once(self, asked: AskedDrive, windows: int) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
         actuator = int(np.argmax(asked.amplitudes))
         hz = self.played_hz(asked.frequencies_hz[actuator])
-        self._driven.play(check_drive(asked, self._device))
-        end_ns = self._driven.clock.now_ns() + _LAPSING_NS
-        while self._driven.clock.now_ns() < end_ns:
+        self.driven.play(check_drive(asked, self.device))
+        end_ns = self.driven.clock.now_ns() + _LAPSING_NS
+        while self.driven.clock.now_ns() < end_ns:
             # From here on the samples are those of the drive.
-            self._driven.wait(self._driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
-            lapses = self._driven.confirm_lapses()
+            self.driven.wait(self.driven.clock.now_ns() + int(LATE_S * _NS_PER_S))
+            lapses = self.driven.confirm_lapses()
             self.recorder.drop()
             values, is_steady = self._settle(hz, actuator, lapses, windows)
-            if self._driven.confirm_lapses() == lapses:
+            if self.driven.confirm_lapses() == lapses:
                 return self._judge(values, hz, actuator, is_steady)
             self.lapsed += 1
         return self._fit(values, hz), values, (Fault.LAPSED,)
@@ -277,11 +274,11 @@ class SteppedSine:
 
         Ends early where the board tells of a lapse.
         """
-        options, taken, levels = self._options, list[Array](), list[complex]()
+        options, taken, levels = self.options, list[Array](), list[complex]()
         while len(levels) < 2 or (
             not (is_steady := self._is_steady(levels, len(taken[-1])))
             and len(levels) * options.window_s < options.longest_settling_s
-            and self._driven.lapses == lapses
+            and self.driven.lapses == lapses
         ):
             if len(levels) > 1:
                 self._look_for_losses(taken[-1], hz, actuator)
@@ -298,13 +295,13 @@ class SteppedSine:
         return self.while_armed(lambda: self._hit_once(click, length_s))
 
     def _hit_once(self, click: EncodedClick, length_s: float) -> tuple[Array, tuple[Fault, ...]]:
-        self._driven.silence()
-        self._driven.wait(self._driven.clock.now_ns() + int(self._options.longest_settling_s / 3 * _NS_PER_S))
+        self.driven.silence()
+        self.driven.wait(self.driven.clock.now_ns() + int(self.options.longest_settling_s / 3 * _NS_PER_S))
         self.recorder.drop()
-        self._driven.session.link.set_play(click)
+        self.driven.session.link.set_play(click)
         values = self.recorder.take_window(length_s + 2 * LATE_S)
-        acceleration = known_samples(values)[:, self._form.acceleration]
-        return acceleration - np.median(acceleration), find_click_faults(values, self._form)
+        acceleration = known_samples(values)[:, self.form.acceleration]
+        return acceleration - np.median(acceleration), find_click_faults(values, self.form)
 
     def _look_for_losses(self, window: Array, hz: float, actuator: int) -> None:
         """Count a window in which the phase of the loopback steps; the wait for a steady bar passes over it."""
@@ -322,7 +319,7 @@ class SteppedSine:
 
     def _level(self, fit: ToneFit, actuator: int) -> complex:
         """The tone with its phase to the loopback, in the units of the sensor; without loopback its magnitude."""
-        reference, channel = self.reference(actuator), self._form.acceleration
+        reference, channel = self.reference(actuator), self.form.acceleration
         if reference is None or not abs(fit.phasor[reference]) > 0:
             return complex(abs(fit.phasor[channel]))
         return fit.ratio(channel, reference) * float(abs(fit.phasor[reference]))
@@ -332,7 +329,7 @@ class SteppedSine:
     ) -> tuple[ToneFit, Array, tuple[Fault, ...]]:
         """Fit and faults of the windows that were steady; the clock's drift is followed from reading to reading."""
         fit, reference = self._fit(values, hz), self.reference(actuator)
-        faults = list(find_faults(fit, values, self._form, reference, self.rest.hum))
+        faults = list(find_faults(fit, values, self.form, reference, self.rest.hum))
         if not is_steady and Fault.LOST_SAMPLES not in faults:
             faults.append(Fault.NOT_STEADY)
         if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:
@@ -345,16 +342,16 @@ class SteppedSine:
 
     def _fit(self, values: Array, hz: float) -> ToneFit:
         """The fit of a tone of the board's, whose frequency a converter that runs fast sees lower."""
-        return fit_tone(known_samples(values), self._form.sample_rate_hz, hz / (1 + self.drift))
+        return fit_tone(known_samples(values), self.form.sample_rate_hz, hz / (1 + self.drift))
 
     def played_hz(self, frequency_hz: float) -> float:
         """The frequency that the wire carries, which counts in steps."""
-        resolution_hz = self._driven.capabilities.frequency_resolution_hz
+        resolution_hz = self.driven.capabilities.frequency_resolution_hz
         return round(frequency_hz / resolution_hz) * resolution_hz
 
     def reference(self, actuator: int) -> int | None:
         """Index of the channel that records the drive of an actuator; None without one."""
-        return self._form.loopback(self._device.actuators[actuator].name)
+        return self.form.loopback(self.device.actuators[actuator].name)
 
 
 def slowest_decay_per_s(device: Device) -> float:

@@ -17,10 +17,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from base.arrays import Array, Complex
 
 _FLOOR = 0.05
 """A frequency counts as not driven where the magnitude of x is below this fraction of the greatest."""

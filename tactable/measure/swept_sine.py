@@ -18,12 +18,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.device import Device
-from engine.render import Drive
+from base.arrays import Array
+from engine.render.limits import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
-from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import (
     MOST_DISTORTION,
     MOST_DRIFT,
@@ -36,12 +34,10 @@ from tactable.measure.faults import (
     is_stalled,
 )
 from tactable.measure.recorder import known_samples
-from tactable.measure.sensor import Sensor, SensorError
-from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine, SteppedSineOptions
+from tactable.measure.sensor import SensorError
+from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
-
-Array = NDArray[np.float64]
 
 STEP_NS = 10_000_000
 """Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""
@@ -72,21 +68,13 @@ class SweepOptions:
 
 
 class SweptSine:
-    """Takes the responses of the sensor at one place, beside a `SteppedSine` that has listened to the bar at rest."""
+    """Takes the responses of the sensor of a `SteppedSine`, which has listened to the bar at rest."""
 
-    def __init__(
-        self,
-        device: Device,
-        driven: DrivenDevice,
-        sensor: Sensor,
-        stepped: SteppedSine,
-        options: SteppedSineOptions,
-        sweep: SweepOptions,
-    ) -> None:
-        self._device, self._driven, self._form, self._stepped = device, driven, sensor.form, stepped
-        self._options, self._sweep = options, sweep
+    def __init__(self, stepped: SteppedSine, sweep: SweepOptions) -> None:
+        self._device, self._driven, self._form, self._stepped = stepped.device, stepped.driven, stepped.form, stepped
+        self._options, self._sweep = stepped.options, sweep
         self._gate_s = min(max(_LEFT_S / stepped.decay_per_s, _SHORTEST_GATE_S), _LONGEST_GATE_S)
-        self._amplitude = options.least
+        self._amplitude = stepped.options.least
         self._is_clock_known = False
 
     def read(self, actuator: int, frequencies_hz: Array) -> tuple[list[Reading], list[Array]]:

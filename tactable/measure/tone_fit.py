@@ -13,10 +13,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from base.arrays import Array, Complex
 
 PARTS = 8
 """Parts of a window, whose scatter is the error of the whole."""

@@ -2,7 +2,10 @@
 
 import select
 from collections.abc import Sequence
-from typing import Protocol
+
+from firmware_link.emulator.firmware import EmulatedFirmware
+from tactable.audio.simulated_card import SimulatedCard
+from tactable.rig.accelerometer import SensedBoard
 
 PORT, SENSOR = -1, -2
 """Stand-ins for descriptors."""
@@ -10,17 +13,8 @@ _LINE_NS = 300_000  # between USB of high and of full speed (0.15 and 1 ms)
 _NS_PER_S = 1_000_000_000
 
 
-class Board(Protocol):
-    """A board without a line; times are microseconds of its own."""
-
-    def receive(self, data: bytes, now_us: int) -> bytes:
-        """Take bytes; returns what it says until then."""
-
-    def run_until(self, now_us: int) -> bytes:
-        """Let time pass; returns what it says until then."""
-
-    def next_deadline_us(self) -> int | None:
-        """Time at which it acts by itself next; None while it waits."""
+Board = EmulatedFirmware | SensedBoard | SimulatedCard
+"""A board without a line; times are microseconds of its own."""
 
 
 class VirtualLine:

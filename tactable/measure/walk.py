@@ -16,18 +16,16 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.files import replace_file
 from engine.device import Device
-from precompute.calibration.plan import Accuracy, Criterion, plan_first
-from precompute.measurements import Kind, MeasurementError, Measurements
+from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tactable.measure.apparatus import Apparatus
-from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
-from tactable.measure.sensor import Sensor
 from tactable.measure.stepped_sine import (
     WINDOW_S,
     AtRest,
@@ -38,8 +36,6 @@ from tactable.measure.stepped_sine import (
 )
 from tactable.measure.swept_sine import SweepOptions, SweptSine
 from tactable.measure.tone_fit import is_beside_hum
-
-Array = NDArray[np.float64]
 
 FREQUENCIES = 12  # with 8 places and 2 actuators 192 readings: 15 min at 4.7 s each (docs/results.md)
 PLACES = 8
@@ -191,7 +187,7 @@ def measure_walk(
                 stepped = SteppedSine(device, driven, apparatus.sensor, method.stepped, decay_per_s)
                 rest, latency_s = stepped.listen(), stepped.measure_latency()
                 readings, samples = list[Reading](), list[Array]()
-                for reading, values in _read_stop(device, stop, driven, apparatus.sensor, stepped, method):
+                for reading, values in _read_stop(stop, stepped, method.sweep):
                     on_reading(stop, reading)
                     readings.append(reading)
                     samples += values
@@ -201,16 +197,14 @@ def measure_walk(
     return tuple(records)
 
 
-def _read_stop(
-    device: Device, stop: Stop, driven: DrivenDevice, sensor: Sensor, stepped: SteppedSine, method: Method
-) -> Iterator[tuple[Reading, list[Array]]]:
+def _read_stop(stop: Stop, stepped: SteppedSine, sweep: SweepOptions | None) -> Iterator[tuple[Reading, list[Array]]]:
     """Each reading with the records (sample, channel) that it adds; those of a sweep come with its first reading."""
-    if method.sweep is None:
+    if sweep is None:
         for actuator, hz in stop.tones:
             reading, values = stepped.read(actuator, hz)
             yield reading, [values]
         return
-    swept = SweptSine(device, driven, sensor, stepped, method.stepped, method.sweep)
+    swept = SweptSine(stepped, sweep)
     for actuator in sorted({actuator for actuator, _ in stop.tones}):
         wanted_hz = np.array([hz for which, hz in stop.tones if which == actuator])
         readings, records = swept.read(actuator, wanted_hz)

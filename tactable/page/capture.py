@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from engine.touch import Touch
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.commands import Command
+from tactable.page.judged_commands import Command
 from tactable.page.live_bar import RATE_HZ, LiveBar
-from tactable.page.messages import Drive, encode_motion, encode_sound
+from tactable.page.page_messages import Drive, encode_motion, encode_sound
 
 CLICK_MOTION_S = 0.09
 """Length of the slowed moment of a click: the click, and the ringing after it."""
@@ -49,7 +49,8 @@ class Capture:
         duration_s = CLICK_MOTION_S if is_click else STEADY_MOTION_S
         since_us = command.at_us if is_click else self._due_us - duration_s * US_PER_S
         every = RATE_HZ // _MOTION_RATE_HZ if is_click else RATE_HZ // _MOTION_RATE_HZ // 2
-        moments = [bar.motion(since_us, duration_s, every) for bar in bars]
+        finger_m = command.placement.position_m
+        moments = [bar.motion(since_us, duration_s, every, finger_m) for bar in bars]
         self._keep_sounds(command, bars[0], touches)
         self._due_us, self._is_captured = now_us + 1e6, True
         if newest is not None and newest is not command:
@@ -59,7 +60,8 @@ class Capture:
         motions = [moment for moment in moments if moment is not None]
         if len(motions) < len(bars) or not motions[0].any():
             return []
-        return [encode_motion(np.stack(motions), every / RATE_HZ, command.number, is_click=is_click)]
+        size = bars[0].moving.along, bars[0].moving.across
+        return [encode_motion(np.stack(motions), size, every / RATE_HZ, command.number, is_click=is_click)]
 
     def _keep_sounds(self, command: Command, bar: LiveBar, touches: Sequence[Touch]) -> None:
         full_scale_db = LOUDER_DB + (command.wanted_db if math.isfinite(command.wanted_db) else LOUDEST_LEVEL_DB)

@@ -8,9 +8,10 @@ from typing import Any
 
 from base.errors import TactableError
 from base.plain import to_plain
+from base.points import point_of_json
 from engine.device import Device
-from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger, read_effects
-from engine.effects.rules import FULL_SCALE_DB
+from engine.effects.rule_file import read_effects
+from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, Effects, Rule, Segment, Trigger
 from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.shipped import named_effects, shipped_names
 
@@ -62,25 +63,11 @@ class Choice:
     quiet_zones: tuple[str, ...] = ()
     is_loaded: bool = True
     """Whether the fingers load the simulated bar."""
-    actuators_m: tuple[float, ...] = ()
+    actuators_m: tuple[complex, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The switches as plain values; a level of None is full scale."""
         return to_plain(self)
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> "Choice":
-        """The choice that `as_json` wrote."""
-        level_db = FULL_SCALE_DB if values["level_db"] is None else values["level_db"]
-        return cls(
-            device=values["device"],
-            source=Source(values["source"]),
-            rules=Rules(values["rules"]),
-            level_db=level_db,
-            quiet_zones=tuple(values["quiet_zones"]),
-            is_loaded=values["is_loaded"],
-            actuators_m=tuple(values["actuators_m"]),
-        )
 
 
 @dataclass(frozen=True)
@@ -138,30 +125,43 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
             return replace(choice, quiet_zones=tuple(dict.fromkeys(_one_of(name, each, names) for each in value)))
         case "actuators_m":
             count = len(device.actuators)
-            if not isinstance(value, list) or len(value) not in (0, count) or not all(map(_is_length, value)):
+            kind = type(device.surface.corner_m)
+            places: list[Any] = [_point(each) for each in value] if isinstance(value, list) else [None]
+            if len(places) not in (0, count) or not all(isinstance(at_m, kind) for at_m in places):
                 raise ChoiceError(f"actuators_m is {value!r}; expected {count} positions in metres, or none")
-            return replace(choice, actuators_m=tuple(float(at_m) for at_m in value))
+            return replace(choice, actuators_m=tuple(places))
         case "is_loaded":
             return replace(choice, is_loaded=_one_of(name, value, (True, False)))
     raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(Choice('').as_json())}")
 
 
-def _is_length(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) < _FARTHEST_M
+def _point(value: Any) -> Any:
+    """The point of a JSON value; None where it is none, or unbelievably far away."""
+    try:
+        point = point_of_json(value)
+        return point if abs(point) < _FARTHEST_M else None
+    except (ValueError, OverflowError):
+        return None
 
 
 def moved(device: Device, choice: Choice) -> Device:
-    """The device with its actuators where the choice has them. Raises DeviceError where the bar has no such place."""
+    """The device with its actuators where the choice has them. Raises DeviceError for a place beside its surface."""
     if not choice.actuators_m:
         return device
     pairs = zip(choice.actuators_m, device.actuators, strict=True)
     return device.with_values(
         {
-            f"actuator[{number}].position": f"{1e3 * at_m:.2f} mm"
+            f"actuator[{number}].position": _words(at_m)
             for number, (at_m, actuator) in enumerate(pairs, 1)
             if abs(at_m - actuator.position_m) >= _FINEST_M
         }
     )
+
+
+def _words(at_m: complex) -> str | list[str]:
+    """A position as a device file has it."""
+    along, across = (f"{1e3 * side_m:.2f} mm" for side_m in (at_m.real, at_m.imag))
+    return [along, across] if isinstance(at_m, complex) else along
 
 
 def _one_of(name: str, value: Any, positions: tuple[Any, ...]) -> Any:

@@ -20,21 +20,20 @@ from typing import Any
 from base.child import ChildError, ending_text
 from base.plain import to_plain
 from engine.device import Device, DeviceError
-from engine.loop import RingError, RingReader
+from engine.loop.ring import RingError, RingReader
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
 from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import DroppedFile, encode_picture
+from tactable.page.page_messages import DroppedFile, encode_picture
+from tactable.page.page_server import PageBackend
+from tactable.page.page_tables import Builder, order_for
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
-from tactable.page.processes.build import BuildOrder
-from tactable.page.processes.engine import Order
-from tactable.page.processes.programs import ProgramsAt
-from tactable.page.scene import device_json
-from tactable.page.tables import Builder, order_for
-from tactable.page.view import View
+from tactable.page.processes.build_process import BuildOrder
+from tactable.page.processes.engine_process import Order, ProgramsAt
+from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
 from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
@@ -48,7 +47,7 @@ _LONGEST_NAME = 64  # of a file that was dropped; its end, which tells more
 def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
     """The view of a table; the bars of a view before it move on where they are of the same device.
 
-    A table without rows of a sweep, which is one of receptances alone or of a bar with one actuator, has no second bar.
+    A table without rows of a sweep, which is one of modes alone or of a bar with one actuator, has no second bar.
     """
     if before is None or before.table.fingerprint != table.fingerprint:
         bar, paper = LiveBar(table.device), PaperBar(table.device, table.best_rows)
@@ -65,7 +64,7 @@ def _is_same(one: Table, other: Table) -> bool:
     return (one.path, one.fingerprint, len(one.clicks)) == (other.path, other.fingerprint, len(other.clicks))
 
 
-class DemoBackend:
+class DemoBackend(PageBackend):
     """Plays one choice at a time. `cache` is the folder of tables, `work` that of the ring and of what goes with it.
 
     `programs` says where the control channel is; None: there is no channel. `say` prints a line.
@@ -81,7 +80,6 @@ class DemoBackend:
         programs: ProgramsAt | None = None,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.scene_number = 0
         self.restarts = 0
         """Number of restarts of processes that ended by themselves."""
         self._choice, self._offers = choice, offers
@@ -151,7 +149,7 @@ class DemoBackend:
         if self.view is None or not self.view.table.clicks or not is_first(self.view.table):
             return None
         placements = self.view.solved
-        return {"count": len(placements), "last_m": placements[-1].position_m if placements else ()}
+        return {"count": len(placements), "last_m": to_plain(placements[-1].position_m) if placements else ()}
 
     def _what_if(self) -> dict[str, Any] | None:
         """The actuators that were moved, where the file has them, and the device file with their places."""
@@ -160,7 +158,10 @@ class DemoBackend:
         pairs = zip(self._device.actuators, self._described.actuators, strict=True)
         places = [(now.name, now.position_m, was.position_m) for now, was in pairs if now.position_m != was.position_m]
         return {
-            "moved": [{"name": name, "position_m": at_m, "file_m": file_m} for name, at_m, file_m in places],
+            "moved": [
+                {"name": name, "position_m": to_plain(at_m), "file_m": to_plain(file_m)}
+                for name, at_m, file_m in places
+            ],
             "text": self._device.text,
         }
 
@@ -308,7 +309,7 @@ class DemoBackend:
         return table
 
     async def _first_table(self, device: Device, with_click: Path | None) -> Table:
-        """The table of a device that has no other: with a click once one is solved, until then of receptances alone.
+        """The table of a device that has no other: with a click once one is solved, until then of modes alone.
 
         with_click: where the builder puts the one with a click; None: it makes none, for actuators that were moved, and
         the click is solved here once kernels are compiled.

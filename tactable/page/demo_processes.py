@@ -8,11 +8,11 @@ from pathlib import Path
 from base.child import ChildError
 from base.plain import to_plain
 from engine.touch.sources.pointer import PointerFeed
-from firmware_link.emulator import DeviceConfiguration
+from firmware_link.emulator import emulator_process
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.emulator_process import Applied, decode_applied
 from tactable.page.processes.asynchronous import AsyncChild
-from tactable.page.processes.engine import Order
-from tactable.page.processes.firmware import Applied, decode_applied
-from tactable.page.processes.programs import ProgramsAt
+from tactable.page.processes.engine_process import Order, ProgramsAt
 
 
 class FirmwareProcess:
@@ -27,8 +27,8 @@ class FirmwareProcess:
     @classmethod
     async def start(cls, configuration: DeviceConfiguration) -> "FirmwareProcess":
         """Raises ChildError when it does not start."""
-        module = "tactable.page.processes.firmware"
-        child = await AsyncChild.start(module, to_plain(configuration), name="the emulated firmware")
+        arguments = {"configuration": to_plain(configuration), "link": ""}
+        child = await AsyncChild.start(emulator_process.MODULE, arguments, name="the emulated firmware")
         return cls(child, (await child.read())["port"], configuration)
 
     async def _read(self) -> None:
@@ -43,7 +43,7 @@ class FirmwareProcess:
         answers, self._answers = self._answers, []
         if not self._is_asked and self.child.is_running:
             self._is_asked = True
-            self.child.write({})
+            self.child.write({"do": "take"})
         return answers
 
     async def end(self) -> None:
@@ -64,8 +64,8 @@ class EngineProcess:
         reading, writing = os.pipe()
         os.set_blocking(writing, False)
         try:
-            arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": to_plain(programs)}
-            module = "tactable.page.processes.engine"
+            arguments = {"pointer_pipe": reading, "ring": str(ring), "programs": programs}
+            module = "tactable.page.processes.engine_process"
             child = await AsyncChild.start(module, arguments, name="the engine", descriptors=[reading])
         finally:
             os.close(reading)
@@ -73,7 +73,7 @@ class EngineProcess:
 
     async def play(self, order: Order) -> tuple[list[str], int]:
         """Play another order; once it is ready, what to print and its first record in the ring. Raises ChildError."""
-        self.child.write(order.as_json())
+        self.child.write({"order": order})
         answer = await self.child.read()
         return answer["lines"], answer["first_record"]
 

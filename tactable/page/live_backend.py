@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from engine.loop import RingReader
-from engine.render import RendererError
+from engine.loop.ring import RingReader
+from engine.render.link_commands import RendererError
 from engine.table import Table, TableError
-from engine.touch.sources.pointer import PointerEvent
 from tactable.page.live_bar import LiveBar
-from tactable.page.messages import DroppedFile, encode_picture
+from tactable.page.page_messages import encode_picture
+from tactable.page.page_server import PageBackend
 from tactable.page.ring_drive import RingDrive
-from tactable.page.scene import device_json
-from tactable.page.view import View
+from tactable.page.view import View, device_json
 from tactable.run.table_watch import LOOK_S, identity_of
 
 BEHIND_NS = 30_000_000
@@ -23,7 +22,7 @@ BEHIND_NS = 30_000_000
 _NS_PER_US = 1000
 
 
-class LiveBackend:
+class LiveBackend(PageBackend):
     """Shows one run; a new table at the same path is adopted, as the run adopts it."""
 
     def __init__(
@@ -33,7 +32,6 @@ class LiveBackend:
         frequency_resolution_hz: float,
         full_scales_m: Sequence[float],
     ) -> None:
-        self.scene_number = 0
         self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
         self._full_scales_m = tuple(full_scales_m)
         self._identity = identity_of(table_path)
@@ -67,18 +65,6 @@ class LiveBackend:
         messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
-
-    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
-        """Ignored: the fingers are those of a digitizer."""
-
-    def leave(self, browser: int) -> None:
-        """Nothing to release: browsers have no pointers here."""
-
-    def choose(self, switches: dict[str, Any]) -> None:
-        """Ignored: a run has no switches."""
-
-    def drop(self, file: DroppedFile) -> None:
-        """Ignored: a run has one device."""
 
     def sound(self, finger: int) -> bytes | None:
         """Vibration that a finger felt, as a SOUND message."""

@@ -1,7 +1,7 @@
-"""The moving bar of the page: drive events and finger positions to acceleration along the bar, live. SIMULATED.
+"""The moving surface of the page: drive events and finger positions to its acceleration, live. SIMULATED.
 
-What is simulated, filtered by the threshold and kept are the accelerations of the modes: 24 columns, whatever is looked
-at. The threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
+What is simulated, filtered by the threshold and kept are the accelerations of the modes, whatever is looked at. The
+threshold filter is linear, so a level at any place follows from the filtered modes and the mode shapes there.
 """
 
 import math
@@ -9,26 +9,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Points, even_points
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, Synthesis
-from firmware_link.emulator.synthesis import US_PER_S
+from engine.touch import Touch
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.synthesis import US_PER_S, Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
-from tactable.page.messages import LOWEST_DB
-from tactable.page.rolling_buffer import RollingBuffer
-
-Array = NDArray[np.float64]
+from tactable.page.page_messages import LOWEST_DB
+from tactable.rig.first_table import modes_of
 
 RATE_HZ = 12_000
 """40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
-MODES = 24
-"""Modes up to 9 kHz; more modes change the levels by less than 0.05 dB."""
 POINTS = 61  # 5 mm apart on 300 mm
+MOST_POINTS, MOST_MOVING = 1500, 420
+"""Points of a field of levels, and of a field that is shown slowed: 6 and 12 mm apart on a tablet."""
+_ROUNDING = 1e-9
+_WHOLE = 400
+"""Of a field of more points, every n-th sample is looked at. Under fingers all are."""
 KEPT_S = 1.0
 """Length of the past that can be seen slowed, and heard."""
 POWER_S = 0.1
@@ -38,14 +40,6 @@ LONGEST_STEP_S = KEPT_S
 STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
-
-
-@dataclass(frozen=True, slots=True)
-class BarFinger:
-    """A finger on the bar."""
-
-    number: int
-    position_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +54,7 @@ class _Heard:
 class Moved:
     """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
 
-    levels_db, power_levels_db (point,): at points evenly along the bar; the greatest, and the mean power of all tones.
+    levels_db, power_levels_db (point,): at the points of the field; the greatest, and the mean power of all tones.
     peak_db, power_db: the same two by finger.
     """
 
@@ -70,28 +64,87 @@ class Moved:
     power_db: Mapping[int, float]
 
 
+class _RollingBuffer:
+    """Keeps the last `kept` samples (time, column) in bounded memory; they are zeros at first."""
+
+    def __init__(self, kept: int, columns: int) -> None:
+        self.kept = kept
+        # Twice as long as kept: samples are moved to the front only when the end is reached, once in `kept` samples.
+        self._values = np.zeros((2 * kept, columns))
+        self._end = kept
+
+    def push(self, samples: Array) -> None:
+        """Append samples (time, column); the oldest are dropped."""
+        samples = samples[-self.kept :]
+        if self._end + len(samples) > len(self._values):
+            rest = self.kept - len(samples)
+            self._values[:rest] = self._values[self._end - rest : self._end].copy()
+            self._end = rest
+        self._values[self._end : self._end + len(samples)] = samples
+        self._end += len(samples)
+
+    def last(self, count: int) -> Array:
+        """A view of the newest `count` samples, at most `kept`, valid until the next push."""
+        return self._values[self._end - count : self._end]
+
+
 class _ModalPlant(TransientPlant):
     """The plant whose "points" are the modes of its basis."""
 
-    def look_at(self, position_m: Array) -> None:  # noqa: ARG002  # the points of the base class
+    def look_at(self, position_m: object) -> None:  # noqa: ARG002  # the points of the base class
         modes = len(self.basis.square_omega)
         self.position_m, self._shape = np.zeros(modes), np.eye(modes)
 
 
+@dataclass(frozen=True)
+class Field:
+    """Even points over a surface up to `corner_m`: `across` rows of `along` points."""
+
+    corner_m: complex
+    along: int
+    across: int
+
+    @classmethod
+    def of(cls, corner_m: complex, most: int) -> "Field":
+        """The finest of at most `most` points, and of at most POINTS each way."""
+        sides_m = corner_m.real, corner_m.imag
+        fields = (
+            cls(corner_m, *(1 + math.ceil(steps * side_m / max(sides_m) - _ROUNDING) for side_m in sides_m))
+            for steps in range(POINTS - 1, 0, -1)
+        )
+        return next(field for field in fields if field.count <= most)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return self.along * self.across
+
+    @property
+    def position_m(self) -> Points:
+        """Shape (point,): the points, row by row."""
+        found: Points = even_points(0 * self.corner_m, self.corner_m, self.along, self.across)
+        return found
+
+
 class LiveBar:
-    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`."""
+    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`.
+
+    field, moving: the points of levels, and of what is shown slowed.
+    """
 
     def __init__(self, device: Device) -> None:
         self.device = device
         self.now_us = 0.0
-        self.grid_m = np.linspace(0.0, device.bar.length_m, POINTS)
-        self._basis = compute_basis(assemble(device), MODES)
-        self._grid = self._basis.at(self.grid_m)
+        corner_m = device.surface.corner_m
+        self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
+        self._basis = compute_basis(assemble(device), modes_of(device))
+        self._grid, self._moving = (self._basis.at(each.position_m) for each in (self.field, self.moving))
+        self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._synthesis = self._silent_synthesis()
-        self._fingers: tuple[BarFinger, ...] = ()
+        self._fingers: tuple[Touch, ...] = ()
         self._is_loaded = True
         self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
         self._rest()
@@ -109,21 +162,21 @@ class LiveBar:
     def _rest(self) -> None:
         """Put the bar at rest and forget the past."""
         kept, modes = round(KEPT_S * RATE_HZ), self._grid.shape[1]
-        self._motion, self._weighted = RollingBuffer(kept, modes), RollingBuffer(kept, modes)
+        self._motion, self._weighted = _RollingBuffer(kept, modes), _RollingBuffer(kept, modes)
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
-        self._plant = _ModalPlant(self._basis, self.grid_m, RATE_HZ)
+        self._plant = _ModalPlant(self._basis, np.zeros(0), RATE_HZ)
         self._place()
 
     def take_events(self, events: Sequence[DriveEvent]) -> None:
         """Take drive events in the order of their times."""
         self._synthesis.take_events(events)
 
-    def touch(self, fingers: Sequence[BarFinger], *, is_loaded: bool) -> None:
+    def touch(self, fingers: Sequence[Touch], *, is_loaded: bool) -> None:
         """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
         is_still = is_loaded == self._is_loaded and len(fingers) == len(self._fingers)
         if is_still and all(
-            new.number == old.number and abs(new.position_m - old.position_m) < STILL_M
+            new.contact_id == old.contact_id and abs(new.position_m - old.position_m) < STILL_M
             for new, old in zip(fingers, self._fingers, strict=True)
         ):
             return
@@ -133,9 +186,9 @@ class LiveBar:
     def _place(self) -> None:
         places_m = [finger.position_m for finger in self._fingers]
         self._rows = np.concatenate([self._grid, self._basis.at(np.array(places_m))])
-        for finger, row in zip(self._fingers, self._rows[POINTS:], strict=True):
-            before = self._heard.pop(finger.number, None)
-            self._heard[finger.number] = _Heard(self.now_us if before is None else before.since_us, row)
+        for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
+            before = self._heard.pop(finger.contact_id, None)
+            self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
         while len(self._heard) > MOST_TOUCHES:
             del self._heard[next(iter(self._heard))]
         self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
@@ -163,18 +216,20 @@ class LiveBar:
         past = self._weighted.last(round(POWER_S * RATE_HZ))
         # The mean of a square under a shape is a quadratic form of the modes' covariance.
         power = np.sqrt(np.maximum(2 * np.einsum("pm,pm->p", self._rows @ (past.T @ past / len(past)), self._rows), 0))
-        numbers, levels_db, powers_db = [finger.number for finger in self._fingers], decibels(newest), decibels(power)
+        numbers = [finger.contact_id for finger in self._fingers]
+        levels_db, powers_db = decibels(newest), decibels(power)
         return Moved(
-            levels_db=levels_db[:POINTS],
-            power_levels_db=powers_db[:POINTS],
-            peak_db=dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True)),
-            power_db=dict(zip(numbers, powers_db[POINTS:].tolist(), strict=True)),
+            levels_db=levels_db[: self.field.count],
+            power_levels_db=powers_db[: self.field.count],
+            peak_db=dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True)),
+            power_db=dict(zip(numbers, powers_db[self.field.count :].tolist(), strict=True)),
         )
 
     def _greatest(self, count: int) -> Array:
-        """Greatest acceleration over threshold in the newest samples: along the bar, then under its fingers."""
-        greatest: Array = abs(self._rows @ self._weighted.last(count).T).max(axis=1, initial=0.0)
-        return greatest
+        """Greatest acceleration over threshold in the newest samples: in the field, then under the fingers."""
+        newest, field = self._weighted.last(count).T, self.field.count
+        parts = self._rows[:field] @ newest[:, :: self._every], self._rows[field:] @ newest
+        return np.concatenate([abs(part).max(axis=1, initial=0.0) for part in parts])
 
     def _weigh(self, acceleration: Array) -> Array:
         """Filter by the detection threshold (time, mode); the past of the filter is carried over."""
@@ -187,21 +242,22 @@ class LiveBar:
         return weighted
 
     def greatest_since(self, since_us: float) -> tuple[Array, dict[int, float]]:
-        """The greatest levels since a past moment, dB above threshold: (point,) along the bar, and by finger.
+        """The greatest levels since a past moment, dB above threshold: (point,) in the field, and by finger.
 
         Those of the fingers are at their present positions.
         """
         passed = min(max(_sample_at(self.now_us) - _sample_at(since_us), 0), self._weighted.kept)
         levels_db = decibels(self._greatest(passed))
-        numbers = [finger.number for finger in self._fingers]
-        return levels_db[:POINTS], dict(zip(numbers, levels_db[POINTS:].tolist(), strict=True))
+        numbers = [finger.contact_id for finger in self._fingers]
+        return levels_db[: self.field.count], dict(zip(numbers, levels_db[self.field.count :].tolist(), strict=True))
 
-    def motion(self, since_us: float, duration_s: float, every: int) -> Array | None:
-        """Acceleration (step, point) of a moment, each `every`-th sample; None where it is not over, or too old."""
+    def motion(self, since_us: float, duration_s: float, every: int, finger_m: Sequence[complex]) -> Array | None:
+        """Acceleration (step, point and finger) of a moment, each `every`-th sample; None before its end, or late."""
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None
-        acceleration: Array = self._motion.last(passed)[:count:every] @ self._grid.T
+        rows = np.concatenate([self._moving, self._basis.at(np.array(finger_m))])
+        acceleration: Array = self._motion.last(passed)[:count:every] @ rows.T
         return acceleration
 
     def felt(self, number: int) -> Array | None:

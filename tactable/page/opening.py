@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import io
 import ipaddress
 import os
 import re
@@ -19,12 +20,12 @@ from base.files import replace_file
 from base.trust import open_to_others
 from base.work_folder import work_folder
 from engine.device import Device
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from tactable.control.security import LOOPBACK, AccessPolicy, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend
-from tactable.page.processes.programs import ProgramsAt
-from tactable.page.server import PageBackend, listen_at, serve
+from tactable.page.page_server import PageBackend, listen_at, serve
+from tactable.page.processes.engine_process import ProgramsAt
 from tactable.shipped import cache_folder
 
 _ELSEWHERE = ("192.0.2.1", "2001:db8::1")
@@ -32,7 +33,6 @@ _ELSEWHERE = ("192.0.2.1", "2001:db8::1")
 _IP = re.compile(r"[0-9.]+|.*:.*")
 _QUIET = 2
 """Light modules around a QR code."""
-_BLOCKS = {(False, False): " ", (True, False): "▀", (False, True): "▄", (True, True): "█"}
 _TOKEN = r"[A-Za-z0-9_-]{32,}"
 Say = Callable[[str], None]
 
@@ -144,7 +144,6 @@ def qr_code(text: str) -> list[str]:
     """Lines of a QR code in half blocks, light on the dark ground of most terminals."""
     import segno  # only an address for others needs it
 
-    rows = [tuple(not module for module in row) for row in segno.make(text, micro=False).matrix_iter(border=_QUIET)]
-    rows += [(False,) * len(rows[0])] * (len(rows) % 2)
-    pairs = zip(rows[::2], rows[1::2], strict=True)
-    return ["".join(_BLOCKS[upper, lower] for upper, lower in zip(*pair, strict=True)) for pair in pairs]
+    lines = io.StringIO()
+    segno.make(text, micro=False).terminal(lines, border=_QUIET, compact=True)
+    return lines.getvalue().splitlines()

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 from engine.device import Device
 from engine.table.best_rows import BestRows, combination_of
-from engine.touch import Placement, Touch, ZoneState
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
+from engine.touch import Touch, ZoneState
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.bar_levels import BarLevels
-from tactable.page.commands import Command
-from tactable.page.live_bar import BarFinger, LiveBar
+from tactable.page.judged_commands import Command
+from tactable.page.live_bar import LiveBar
+from tactable.page.moving_levels import BarLevels
 
 STEP_US = 30_000
 """The second bar takes every second step of the first, which halves what it costs."""
@@ -41,7 +41,9 @@ class PaperBar:
         """Play the row for the zones of a command's felt fingers, for as long as that lasts."""
         self._end_by(command.at_us)
         self.levels.begin_command()
-        row = self.rows.at(self._combination(command.placement), command.wanted_db)
+        states = enumerate(command.placement.zone_states(self._device))
+        felt = combination_of(zone for zone, state in states if state is ZoneState.FELT)
+        row = self.rows.at(felt, command.wanted_db)
         if row is None:
             self.fall_silent(command.at_us)
             return
@@ -49,10 +51,6 @@ class PaperBar:
         self._take(command.at_us, tuple(ChannelTarget(*channel) for channel in drive))
         fall_s = max(row.amplitudes) / self._slew_per_s
         self._ends_us = self._last_us + max(command.length_s - fall_s, 0.0) * US_PER_S
-
-    def _combination(self, placement: Placement) -> int:
-        states = enumerate(placement.zone_states(self._device))
-        return combination_of(zone for zone, state in states if state is ZoneState.FELT)
 
     def fall_silent(self, at_us: float) -> None:
         """End what plays."""
@@ -66,8 +64,7 @@ class PaperBar:
         if 0 <= until_us - self.levels.bar.now_us < STEP_US:
             return
         self._end_by(until_us)
-        bar = self.levels.bar
-        bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in touches], is_loaded=is_loaded)
+        self.levels.bar.touch(touches, is_loaded=is_loaded)
         self.levels.move_until(until_us, touches, command)
 
     def _end_by(self, until_us: float) -> None:

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Iterable, Sequence
 
-from engine.loop import Record, Stage
+from engine.loop.command_latency import Stage
+from engine.loop.ring import Record
 from engine.render.board_fit import scales_for
 from engine.table import Table
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.messages import decode_drive
 from tactable.rig.solved_click import SolvedClick
 

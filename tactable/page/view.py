@@ -3,21 +3,25 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
-from engine.loop import Stage
+from base.plain import to_plain
+from base.points import is_within
+from engine.device import Device
+from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Placement, Touch
-from engine.touch.finger_tracker import ZoneEdges
-from firmware_link.emulator import DriveEvent
+from engine.touch.finger_tracker import zone_finder
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
-from tactable.page.bar_levels import BarLevels
 from tactable.page.capture import Capture
-from tactable.page.commands import Command, CommandReader, time_of
-from tactable.page.live_bar import LONGEST_STEP_S, BarFinger, LiveBar
-from tactable.page.messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
+from tactable.page.judged_commands import Command, CommandReader, time_of
+from tactable.page.live_bar import LONGEST_STEP_S, LiveBar
+from tactable.page.moving_levels import BarLevels
+from tactable.page.page_messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
 
 LATENCIES = 64  # of the newest commands, whose median is shown
@@ -26,6 +30,23 @@ LOST_S = 0.3
 _STAGES = len(Stage) - 1
 _NO_COUNTERS = RingCounters(0, 0, 0, 0, 0, 0)
 Stages = tuple[int, int, int, int, int]
+
+
+def device_json(device: Device) -> dict[str, Any]:
+    """The values of a device that the page draws, for JSON."""
+    return {
+        "name": device.name,
+        "description": device.description,
+        "corner_m": to_plain(device.surface.corner_m),
+        "zones": to_plain(device.zones),
+        "actuators": [
+            {"name": each.name, "position_m": to_plain(each.position_m), "band_hz": list(each.band_hz)}
+            for each in device.actuators
+        ],
+        "most": device.limits.amplitude,
+        "estimates": len(device.estimated_values),
+        "threshold": device.threshold.title,
+    }
 
 
 class View:
@@ -47,7 +68,7 @@ class View:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
-        self._edges = ZoneEdges(table.device)
+        self._edges = zone_finder(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
@@ -80,7 +101,7 @@ class View:
     def read(self, records: Iterable[Record]) -> None:
         """Take records of the ring."""
         for record in records:
-            if _is_beyond(record, self.table.device.bar.length_m):
+            if _is_beyond(record, self.table.device.surface.corner_m):
                 continue  # the run played another table then
             self._touches, self._counters = record.touches, record.counters
             if record.drive_sequence is None:
@@ -113,7 +134,7 @@ class View:
     def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
         """Advance the bars; returns MOTION messages of moments to be shown slowed."""
         self._is_loaded, command, start_us = is_loaded, self._command, self.bar.now_us
-        self.bar.touch([BarFinger(touch.contact_id, touch.position_m) for touch in self._touches], is_loaded=is_loaded)
+        self.bar.touch(self._touches, is_loaded=is_loaded)
         if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
             command.is_stalled |= start_us < command.ended_us
         self.ours.move_until(until_us, self._touches, command)
@@ -151,6 +172,7 @@ class View:
             channels=() if command is None else command.channels,
             levels_db=self.ours.along_db,
             counted_db=self.ours.counted_db,
+            rows=self.bar.field.across,
             paper=None if self.paper is None else self._paper(self.paper.levels),
         )
 
@@ -193,10 +215,10 @@ class View:
         )
 
 
-def _is_beyond(record: Record, length_m: float) -> bool:
-    """Whether a finger of a record is beyond the end of a bar of this length."""
+def _is_beyond(record: Record, corner_m: complex) -> bool:
+    """Whether a finger of a record is beyond the edges of a surface up to `corner_m`."""
     placed_m = () if record.placement is None else record.placement.position_m
-    return any(at_m > length_m for at_m in (*placed_m, *(touch.position_m for touch in record.touches)))
+    return not all(is_within(at_m, corner_m) for at_m in (*placed_m, *(touch.position_m for touch in record.touches)))
 
 
 def _levels_of(levels: BarLevels, number: int) -> tuple[float, float]:

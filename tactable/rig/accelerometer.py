@@ -11,23 +11,22 @@ the interrupt of a board would have done. While nobody asks for samples the bar 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
-from firmware_link.emulator import DeviceConfiguration, DeviceCounters, DriveEvent, EmulatedFirmware, Synthesis
+from firmware_link.emulator.device_state import DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import Synthesis
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.framing import FramingCounters
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
-
-Array = NDArray[np.float64]
 
 RATE_HZ = 3_200.0  # its fastest, see above
 SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
@@ -183,15 +182,12 @@ class SensedBoard:
         while self._made_us + _BLOCK_US <= now_us and self.core.senses:
             stop_us = self._made_us + _BLOCK_US
             said += self.core.run_until(stop_us)
-            self._take_events(self.core.drive_log)
+            self._synthesis.take_events(self.core.drive_log[self._taken :])
+            self._taken = len(self.core.drive_log)
             self._sense(self._made_us, stop_us)
             self._synthesis.forget(stop_us)
             self._made_us = stop_us
         return said
-
-    def _take_events(self, log: Sequence[DriveEvent]) -> None:
-        self._synthesis.take_events(log[self._taken :])
-        self._taken = len(log)
 
     def _sense(self, start_us: int, stop_us: int) -> None:
         """Hand the samples of a block to the core."""
@@ -207,10 +203,10 @@ class SensedBoard:
         for count, row, instant in zip(counts.tolist(), displacements.tolist(), instants.tolist(), strict=True):
             self.core.sense(count, row, int(instant))
 
-    def _counts(self, acceleration: Array) -> NDArray[np.int64]:
+    def _counts(self, acceleration: Array) -> Integers:
         """Counts of the part for accelerations (sample,) in m/s^2."""
         part = self._part
         noise = math.hypot(NOISE_M_PER_S2, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
         read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
-        counts: NDArray[np.int64] = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
+        counts: Integers = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
         return np.clip(counts, -GREATEST, GREATEST)

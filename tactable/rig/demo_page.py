@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from engine.device import Device
-from engine.loop import Stage
+from engine.loop.command_latency import Stage
 from engine.table.best_rows import BestRow
 from tactable.explain.words import finger_names, placement_text
-from tactable.rig.demo import DemoReport
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.demo_run import DemoReport
 from tactable.rig.rig import Wanted
 
 

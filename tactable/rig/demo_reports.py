@@ -1,7 +1,7 @@
 """One rendered command of the demo: what its fingers were promised, and what the simulated bar did under them.
 
 Promises are for the positions that the fingers really have, with standard fingers on the bar as it is described. That
-of a steady drive was solved from receptances in frequency, that of a click comes from the waveform of its table row;
+of a steady drive was solved from modes in frequency, that of a click comes from the waveform of its table row;
 the simulation takes the bytes that the firmware got to a bar in time. So they check each other and the whole chain
 between them. Neither is a measurement.
 """
@@ -10,16 +10,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry
 from engine.table.best_rows import BestRow
 from engine.touch import Placement
-from tactable.rig.bar import SimulatedClick, SimulatedDrive
 from tactable.rig.promises import Promise
-
-Array = NDArray[np.float64]
+from tactable.rig.simulated_bar import SimulatedClick, SimulatedDrive
 
 AGREEMENT = 0.02
 """The fraction by which promise and simulation may differ."""

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.device.electrodes import board_bias
-from firmware_link.emulator import LONGEST_LEASE_MS, DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_server import DeviceServer
+from firmware_link.emulator.device_state import LONGEST_LEASE_MS, DeviceConfiguration
+from firmware_link.emulator.emulator_process import termination_descriptor
 from firmware_link.emulator.fault_plan import FaultPlan
 from firmware_link.emulator.faulty_device import FaultyDevice
-from firmware_link.emulator.process import termination_descriptor
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.pty import PseudoTerminal, serve
 from firmware_link.host.emulator_registry import Announcement, own_link
 from firmware_link.protocol.messages import PM_PER_M
@@ -33,13 +34,13 @@ class Emulated:
     seed: int
 
 
-def configuration_of(device: Device | None) -> DeviceConfiguration:
+def configuration_of(device: Device | None, boot_id: int = 0) -> DeviceConfiguration:
     """Configuration of the board of a device; without a device, two actuators of 0.52 um full scale."""
     if device is None:
-        return DeviceConfiguration(boot_id=0)
+        return DeviceConfiguration(boot_id)
     full_scales_pm = tuple(round(actuator.full_scale_m * PM_PER_M) for actuator in device.actuators)
     return DeviceConfiguration(
-        0,
+        boot_id,
         len(device.actuators),
         LONGEST_LEASE_MS,
         full_scales_pm=full_scales_pm,

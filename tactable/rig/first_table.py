@@ -1,9 +1,9 @@
-"""The first table of a device, made in a moment: receptances alone, of which steady drives are solved at once.
+"""The first table of a device, made in a moment: modes alone, of which steady drives are solved at once.
 
 A build needs compiled kernels, which take a minute of processor time on a machine that never ran one. The bar's modes
-need none. Their sums give the receptances between places, as many modes as the moving bar of the page has, so that the
-page plays one's own device while the kernels are compiled and the table is built. Such a table has no sweeps, and goes
-with its run. Once kernels are compiled it has the best rows of a sweep that is not kept.
+need none. As many are taken as the page's moving bar has, so that the page plays one's own device while kernels are
+compiled and the table is built. Such a table has no sweeps, and goes with its run. Once kernels are compiled it has
+the best rows of a sweep that is not kept.
 
 It has no clicks either until kernels are compiled. Then one click is solved, which brings the basis that a device must
 hold, and a run that plays the table solves the clicks of the placements that are touched, as it does those of three
@@ -19,23 +19,28 @@ from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
 from engine.table import Table
-from engine.table.best_rows import BestRows, write_best_rows
+from engine.table.best_rows import write_best_rows
 from engine.table.click_columns import write_clicks
-from engine.table.clicks import Clicks
-from engine.table.file import TableWriter
-from engine.table.receptance_columns import write_receptances
-from engine.touch.places import Places
+from engine.table.click_grid import Clicks
+from engine.table.mode_columns import write_modes
+from engine.table.netcdf_file import TableWriter
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.places import modal_receptances
+from precompute.sampling.steady_modes import steady_modes
 
 if TYPE_CHECKING:
     from precompute.clicks import ClickOptions
 
 IS_FIRST = "is_first"
-"""Attribute of a table of receptances alone."""
-MODES = 24
-"""Modes of the page's moving bar; more of them change its levels by less than 0.05 dB."""
+"""Attribute of a table of modes alone."""
+MODES, MOST_MODES = 24, 60
+"""Modes of the page's moving bar, up to 9 kHz: more of them change its levels by less than 0.05 dB. Those of a plate:
+3 kHz on a tablet, and more of them change the levels under fingers by less than 0.01 dB."""
+
+
+def modes_of(device: Device) -> int:
+    """Number of modes of the page's moving surface."""
+    return MOST_MODES if device.surface.corner_m.imag else MODES
 
 
 def early_options() -> "ClickOptions":
@@ -58,13 +63,13 @@ def solve_first_click(device: Device) -> Clicks:
     """The click of one finger in the middle; where its kernels are not compiled yet, they are."""
     from precompute.clicks import ClickSolver
 
-    places = Places.every(device.bar.length_m, early_options().pitch_m)
+    places = early_options().places(device.surface.corner_m)
     middle = places.placement((2 * (places.count // 2) + 1,))
     return Clicks.of(places, [ClickSolver(device, early_options().at(places)).solve_entry(middle)])
 
 
 def is_first(table: Table) -> bool:
-    """Whether a table has receptances alone, and goes with its run."""
+    """Whether a table has modes alone, and goes with its run."""
     return IS_FIRST in table.attributes
 
 
@@ -74,8 +79,8 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
     With `has_rows` it has the best rows of the sweep, which takes compiled kernels. Raises TableError where it cannot
     be written.
     """
-    basis = compute_basis(assemble(device), MODES)
-    receptances = modal_receptances(basis)
+    basis = compute_basis(assemble(device), modes_of(device))
+    modes = steady_modes(basis)
     with TableWriter(path, completes=True) as writer:
         writer.describe(
             {
@@ -89,21 +94,18 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),
                 IS_FIRST: 1,
-                "modes": MODES,
-                **_click_attributes(clicks, receptances.pitch_m),
+                "modes": modes_of(device),
+                **_click_attributes(clicks, modes.places.pitch_m),
             }
         )
-        write_receptances(writer, receptances, device)
-        if has_rows and (rows := _best_rows(device)):
-            write_best_rows(writer, rows, device)
+        write_modes(writer, modes, device)
+        if has_rows:
+            from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
+
+            if rows := find_best_rows(device):
+                write_best_rows(writer, rows, device)
         if clicks is not None:
             write_clicks(writer, clicks, device)
-
-
-def _best_rows(device: Device) -> BestRows:
-    from precompute.sweep.tabulate import find_best_rows  # it loads compiled kernels
-
-    return find_best_rows(device)
 
 
 def _click_attributes(clicks: Clicks | None, pitch_m: float) -> dict[str, Any]:

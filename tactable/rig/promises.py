@@ -1,6 +1,6 @@
 """Promises for the positions that fingers really have: what standard fingers there get of a drive or a click.
 
-A steady drive is solved for the positions from receptances between places, or looked up for zones; its promise is
+A steady drive is solved for the positions from modes, or looked up for zones; its promise is
 computed apart from that, by finite elements at the drive's own frequencies. A click is the table's for the nearest
 places; what it gives at the positions follows from its waveform, in the nominal plant. Where no kernel is compiled, the
 promise of a drive is what a sum of modes makes of it.
@@ -13,24 +13,26 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
+from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
-from engine.table.click import played_at
-from engine.touch import Placement, ZoneState
+from engine.table.click_entry import played_at
+from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
-from tactable.rig.modal_bar import ModalBar
+from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.model.transfers import transfers_at
+from tactable.explain.words import zone_names
+from tactable.rig.first_table import modes_of
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
-    from engine.steady.solver import SteadySolver
+    from engine.steady.steady_solver import SteadySolver
     from tactable.explain.click_source import ClickSource
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 _SILENT = 1e-15  # -300 dB: silence has a logarithm
 
 
@@ -41,6 +43,25 @@ class Promise:
     placement: Placement
     acceleration_m_per_s2: Array
     level_db: Array
+
+
+class _ModalBar:
+    """The surface in some modes, on which standard fingers lie: its steady motion takes no compiled kernel."""
+
+    def __init__(self, device: Device) -> None:
+        self._device, self._basis = device, compute_basis(assemble(device), modes_of(device))
+        self._force = compute_modal_model(self._basis).push
+
+    def acceleration(self, frequency_hz: float, position_m: tuple[complex, ...]) -> Complex:
+        """Acceleration (finger, actuator) in m/s^2 under fingers at these positions, at full scale of each actuator."""
+        s, basis, finger = 2j * np.pi * frequency_hz, self._basis, self._device.finger
+        rows = basis.at(np.array(position_m))
+        touch = finger.stiffness_n_per_m + s * finger.damping_n_s_per_m + s**2 * finger.mass_kg
+        dynamic = np.diag(basis.square_omega + s**2) + s * basis.damping + touch * (rows.T @ rows)
+        force = self._force[:, 0] + s * self._force[:, 1]
+        transfers = transfers_at(self._device.actuators, np.array(s))
+        per_base = s**2 * rows @ np.linalg.solve(dynamic, force)
+        return np.asarray(per_base if transfers is None else per_base * transfers, dtype=np.complex128)
 
 
 class Promises:
@@ -58,13 +79,13 @@ class Promises:
 
     @cached_property
     def _solver(self) -> "SteadySolver":
-        from engine.steady.solver import SteadySolver
+        from engine.steady.steady_solver import SteadySolver
 
-        return SteadySolver(self._table.device, self._table.receptances)
+        return SteadySolver(self._table.device, self._table.modes)
 
     @cached_property
-    def _bar(self) -> ModalBar:
-        return ModalBar(self._table.device)
+    def _bar(self) -> _ModalBar:
+        return _ModalBar(self._table.device)
 
     def prepare(self) -> None:
         """Load what promises of clicks take, up to a second."""
@@ -87,9 +108,7 @@ class Promises:
         The row was found on the bar without fingers; the promise is what fingers at these positions get of it. Raises
         TableError for zones without a row.
         """
-        device = self._table.device
-        states = zip(device.zones, placement.zone_states(device), strict=True)
-        row = self._table.best_row([zone.name for zone, state in states if state is ZoneState.FELT], level_db)
+        row = self._table.best_row(zone_names(self._table.device, placement), level_db)
         return row, self._of_drive(placement, row)
 
     def _of_drive(self, placement: Placement, drive: SteadyDrive | BestRow) -> Promise:

@@ -1,20 +1,19 @@
 """Tables that travel with the program, so that a page plays at once: made, unpacked, and compared with one built here.
 
-A shipped table holds the best rows of a shipped device and clicks at few places, compressed. Responses, receptances and
-sweeps are left out, since they are large; the receptances that steady drives are solved from are summed from the bar's
-modes when such a table is unpacked. The page builds the table on the user's machine meanwhile, compares the clicks with
+A shipped table holds the best rows of a shipped device and clicks at few places, compressed. Responses and
+sweeps are left out, since they are large; modes, which steady drives are solved from, are computed when such a table is
+unpacked. The page builds the table on the user's machine meanwhile, compares the clicks with
 the shipped ones one by one, and changes over.
 
 It is played only where its device fingerprint is that of the device. The fingerprint of its code may be an older one:
 every promise on the page is computed anew from the waveform, by this code, and so is the motion of the bar, and limits
 are those of the device. The page then says that the table is older. A test fails where older code made a shipped table.
 
-`python -m tactable.rig.ready` makes the shipped tables again.
+`python -m tests.tools.ready_tables` makes the shipped tables again.
 """
 
 import contextlib
 import lzma
-import sys
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,19 +22,18 @@ from typing import Any
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.diff import compare_tables
-from engine.table.file import TableWriter
-from engine.table.receptance_columns import write_receptances
-from engine.table.schema import IS_SHIPPED
+from engine.table.mode_columns import write_modes
+from engine.table.netcdf_file import TableWriter
+from engine.table.table_diff import compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.sampling.places import modal_receptances
-from tactable.rig.first_table import MODES, early_options
-from tactable.shipped import find_device, ready_folder, shipped_names
+from precompute.sampling.steady_modes import steady_modes
+from tactable.rig.first_table import modes_of
+from tactable.shipped import ready_folder
 
-_GROUPS = ("best_rows", "clicks")
-REMAKE = "python -m tactable.rig.ready"
+GROUPS = ("best_rows", "clicks")
+"""Groups of a shipped table."""
 
 
 def cached_table(device: Device, folder: Path) -> Path:
@@ -77,17 +75,18 @@ def open_shipped(device: Device, path: Path) -> Table | None:
 
 
 def _unpack(packed: bytes, device: Device, path: Path) -> None:
-    """Write a shipped table with receptances at `path`; raises TableError where it is of another device or format."""
+    """Write a shipped table with modes at `path`; raises TableError where it is of another device or format."""
     with work_folder("unpack") as folder:
         small = folder / "small.nc"
         small.write_bytes(packed)
         with Table.open(small, device=device) as table, TableWriter(path, completes=True) as writer:
-            writer.describe(_plain_attributes(table))
-            table.copy_groups(writer, _GROUPS)
-            write_receptances(writer, modal_receptances(compute_basis(assemble(device), MODES)), device)
+            writer.describe(plain_attributes(table))
+            table.copy_groups(writer, GROUPS)
+            write_modes(writer, steady_modes(compute_basis(assemble(device), modes_of(device))), device)
 
 
-def _plain_attributes(table: Table) -> dict[str, Any]:
+def plain_attributes(table: Table) -> dict[str, Any]:
+    """Attributes of a table that one made of it keeps."""
     kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
     return {key: value.item() if hasattr(value, "item") else value for key, value in kept.items()}
 
@@ -133,34 +132,3 @@ def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
     alone = len(found.vanished) + len(found.appeared)
     sizes_db = [figure.size for click in found.changed for figure in click.figures if figure.unit == "dB"]
     return Comparison(found.compared, len(found.changed) + alone, None if alone else max(sizes_db, default=0.0))
-
-
-def pack(built: Table, path: Path) -> None:
-    """Write the table to ship of a built one."""
-    with work_folder("pack") as folder:
-        small = folder / "small.nc"
-        with TableWriter(small) as writer:
-            writer.describe({**_plain_attributes(built), IS_SHIPPED: 1})
-            built.copy_groups(writer, _GROUPS)
-        path.write_bytes(lzma.compress(small.read_bytes(), preset=9 | lzma.PRESET_EXTREME))
-
-
-def main(names: list[str]) -> None:
-    """Make the shipped tables of these devices again, by default of all."""
-    from precompute.builder.build import build_table
-    from precompute.parallel.pool import available_cores
-
-    ready_folder().mkdir(exist_ok=True)
-    for name in names or shipped_names():
-        device = find_device(name)
-        with work_folder("pack") as folder:
-            path = folder / "built.nc"
-            build_table(device, path, click_options=early_options(), workers=available_cores())
-            with Table.open(path, device=device) as built:
-                pack(built, packed_path(name))
-        sys.stdout.write(f"{packed_path(name)}: {packed_path(name).stat().st_size / 1e6:.2f} MB\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -6,31 +6,24 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from engine.effects import DEFAULT_EFFECTS, Effects
-from engine.loop import (
-    ClickSolving,
-    Clock,
-    CommandRecord,
-    LatencyRecorder,
-    LoopCounters,
-    Observers,
-    SystemClock,
-    Trace,
-)
-from engine.loop.observer import Fate
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.command_latency import LatencyRecorder
+from engine.loop.loop import Clock, SystemClock
+from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observers, Trace
 from engine.loop.reconnect import Reopening
 from engine.table import Table
 from engine.touch import Placement, Touch
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator import Cause, DriveEvent, Outcome, ReceivedFrame
-from firmware_link.emulator.process import EmulatorLog, run_emulator
+from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
+from firmware_link.emulator.emulator_process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
 from tactable.run.click_process import ClickProcess
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 
 PTY_BIT_RATE_HZ = 2_000_000  # as tactable/bench/latency/conditions.py
 _SEQUENCES = 256

@@ -1,15 +1,16 @@
 """Records the reports of a run from its ring, in a child process that the loop never waits for."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from base.child import START_TIMEOUT_S, Child, Parent
 from base.files import check_folder_of
+from base.printable import write_note
 from base.work_folder import work_folder
-from engine.loop import RingReader, RingWriter
+from engine.loop.ring import RingReader, RingWriter
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report, write_recording
 
@@ -35,16 +36,8 @@ def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | Non
 @contextmanager
 def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[None]:
     """Record the reports in the ring while the context lasts, then write `output`. Raises ChildError at its end."""
-    head = {
-        "ring": str(ring),
-        "output": str(output),
-        "name": source.name,
-        "bus": bus,
-        "vendor_id": source.vendor_id,
-        "product_id": source.product_id,
-        "descriptor": source.descriptor.hex(),
-    }
-    child = Child("tactable.run.ring_recorder", head, name="the recorder")
+    head = Recording(source.name, bus, source.vendor_id, source.product_id, source.descriptor, ())
+    child = Child("tactable.run.ring_recorder", {"ring": ring, "output": output, "head": head}, name="the recorder")
     try:
         child.read(START_TIMEOUT_S)
         yield
@@ -54,19 +47,17 @@ def recorder_of(ring: Path, output: Path, source: Source, bus: int) -> Iterator[
         child.end(timeout_s=None)
 
 
-def main(parent: Parent, head: dict[str, Any]) -> None:
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Say that the ring is open, read it until the run ends, and write the recording."""
-    check_folder_of(Path(head["output"]))  # now, not when hours of touches are to be written
-    with RingReader(Path(head["ring"])) as reader:
+    check_folder_of(arguments["output"])  # now, not when hours of touches are to be written
+    with RingReader(arguments["ring"]) as reader:
         parent.say({})
         reports = _collect(reader, parent)
         lost = reader.lost
-    numbers = (head["bus"], head["vendor_id"], head["product_id"])
-    recording = Recording(head["name"], *numbers, bytes.fromhex(head["descriptor"]), tuple(reports))
-    write_recording(recording, Path(head["output"]))
+    write_recording(replace(arguments["head"], reports=tuple(reports)), arguments["output"])
     parent.say({})
     if lost:
-        sys.stderr.write(f"note: {lost} records of the run were overwritten before they were recorded\n")
+        write_note(f"{lost} records of the run were overwritten before they were recorded")
 
 
 def _collect(reader: RingReader, parent: Parent) -> list[Report]:

@@ -7,23 +7,25 @@ A rendered table is some megabytes of arrays. They travel behind the pickle that
 will stay, so that taking the table over copies nothing and holds the loop for a tenth of a millisecond.
 """
 
-import base64
 import os
 import pickle
 import struct
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from base.child import Child, Parent
-from base.printable import printable
+from base.child import Parent
+from base.printable import write_note
 from engine.device import DeviceError
-from engine.effects import Effects
-from engine.loop.fast.table import FastRendering, with_fast_table
-from engine.render import LimitError, RendererError, Rendering, WhenNotAchieved, render_table
+from engine.effects.rules import Effects
+from engine.loop.fast.fast_table import FastRendering, with_fast_table
+from engine.render.limits import LimitError
+from engine.render.link_commands import RendererError
+from engine.render.prepared import Rendering, render_table
+from engine.render.renderer import WhenNotAchieved
 from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
+from tactable.run.beside_loop import BesideLoop
 
 LOOK_S = 0.3
 """Time between two looks at the file."""
@@ -90,41 +92,23 @@ class Messages:
         self._expected, self._received = memoryview(bytearray(size)), 0
 
 
-class TableWatch:
+class TableWatch(BesideLoop):
     """The child process, and the end of its pipe that the loop reads."""
 
     def __init__(self, watched: Watched) -> None:
-        arguments = {"watched": base64.b64encode(pickle.dumps(watched)).decode()}
-        self._child = Child("tactable.run.table_watch", arguments, name="the watch for new tables")
-        self._pipe = self._child.fileno()
-        self._messages = Messages(self._pipe)
-
-    def __enter__(self) -> "TableWatch":
-        return self
-
-    def __exit__(self, *unused: object) -> None:
-        self._child.kill()
-
-    def fileno(self) -> int:
-        """The descriptor that is readable when a part of a table has come."""
-        return self._pipe
+        super().__init__("tactable.run.table_watch", {"watched": watched}, "the watch for new tables")
+        self._messages = Messages(self._descriptor)
 
     def poll(self) -> Rendering | None:
         """Read at most 64 KiB; returns a table once its last part has come."""
         try:
             message = self._messages.read()
         except EOFError:
-            self._end()
+            self._fall_silent(
+                "new tables are no longer watched for: the watching process has ended; start the run again to adopt one"
+            )
             return None
         return None if message is None else _unpacked(message)
-
-    def _end(self) -> None:
-        """Replace the pipe of a child that died by a silent one, so that the run goes on."""
-        _say("new tables are no longer watched for: the watching process has ended; start the run again to adopt one")
-        silent, self._kept_open = os.pipe()
-        os.dup2(silent, self._pipe)
-        os.close(silent)
-        os.set_blocking(self._pipe, False)
 
 
 class TableLook:
@@ -145,7 +129,7 @@ class TableLook:
         try:
             return _rendered(self._watched)
         except (TableError, DeviceError, RendererError, LimitError, OSError) as error:
-            _say(f"the new table is refused, the one before plays on: {error}")
+            write_note(f"the new table is refused, the one before plays on: {error}")
             return None
 
 
@@ -156,7 +140,7 @@ def serve(watched: Watched, parent: Parent) -> None:
         if (rendering := look.take_new()) is not None:
             parent.say_bytes(_packed(rendering))
             for text in (f"a new table is verified and handed over: {watched.path}", *rendering.fit.notes):
-                _say(text)
+                write_note(text)
 
 
 def _rendered(watched: Watched) -> FastRendering:
@@ -198,14 +182,7 @@ def _unpacked(packed: memoryview) -> Rendering:
     return rendering
 
 
-def _say(text: str) -> None:
-    sys.stderr.write(f"note: {printable(text)}\n")
-    sys.stderr.flush()
-
-
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """The process behind a `TableWatch`."""
     os.nice(10)
-    watched = pickle.loads(base64.b64decode(arguments["watched"]))  # from our own process
-    assert isinstance(watched, Watched)
-    serve(watched, parent)
+    serve(arguments["watched"], parent)

@@ -67,7 +67,11 @@ def test_numbers_of_arrays_are_numbers(value: object, plain: object) -> None:
     assert type(found) is type(plain)
 
 
-@pytest.mark.parametrize("value", [1j, b"bytes", object(), Inner, np.array([1j])])
+@pytest.mark.parametrize("value", [b"bytes", object(), Inner, np.array([b"bytes"])])
 def test_what_json_cannot_say_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match="no plain form"):
         to_plain(value)
+
+
+def test_a_complex_number_is_its_two_parts() -> None:
+    assert to_plain({"at": 1 + 2j, "all": np.array([3j])}) == {"at": [1.0, 2.0], "all": [[0.0, 3.0]]}

@@ -8,11 +8,10 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import ClickEntry, Clicks
-from engine.table.click import ClickFinger, LevelSpread
+from engine.table.click_entry import ClickFinger, LevelSpread
 from engine.touch import Placement
 from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.made_states import states_of
 
 PITCH_M, TOLERANCE_M = 28e-3, 15e-3
 """On the published bar the middle of every zone is one of these places."""
@@ -38,7 +37,8 @@ def places_of(device: Device) -> Places:
 def in_zones(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) -> Placement:
     """A finger in the middle of each of these zones, at the nearest of the places."""
     places = places_of(device)
-    return places.placement(places.key(Placement.in_zones(device, states_of(device, felt, quiet))))
+    names = ([device.zones[zone].name for zone in each] for each in (felt, quiet))
+    return places.placement(places.key(Placement.named(device, *names)))
 
 
 def number_of(device: Device, placement: Placement) -> int:

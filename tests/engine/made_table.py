@@ -1,4 +1,4 @@
-"""A table file made by hand: clicks and rows as they are given, responses and receptances of one number."""
+"""A table file made by hand: clicks and rows as they are given, responses of one number, and two modes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,32 +6,33 @@ from pathlib import Path
 import numpy as np
 
 from engine.device import Device
-from engine.steady.receptances import Receptances
+from engine.steady.modes import Modes
 from engine.table import ClickEntry, Clicks
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.click_columns import write_clicks
-from engine.table.file import TableWriter, Variable
-from engine.table.receptance_columns import write_receptances
+from engine.table.mode_columns import write_modes
+from engine.table.netcdf_file import TableWriter, Variable
+from engine.touch.places import Places
 from tests.engine.made_clicks import TOLERANCE_M, made_clicks
 
 PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1"}
 
 
-def receptances_of(device: Device, response: float = 1.0) -> Receptances:
-    """Receptances at the frequencies and places of a stiff bar on springs: every place moves alike."""
-    frequency_hz, place_m = np.linspace(60.0, 300.0, 25), np.linspace(0.0, device.bar.length_m, 9)
-    shape = (len(place_m), len(device.actuators), len(frequency_hz))
-    # Each actuator moves its own end most, so that fingers can be told apart.
-    at = np.linspace(0.2, 1.0, len(place_m))
-    reach = np.stack([at[::-1] if actuator % 2 == 0 else at for actuator in range(shape[1])], axis=1)
-    turned = np.exp(-0.5j * np.arange(shape[1]))[None, :, None]
-    pairs = len(place_m) * (len(place_m) + 1) // 2
-    return Receptances(
+def modes_of(device: Device, response: float = 1.0) -> Modes:
+    """Two stiff functions, one greatest at each end, that all actuators move, so that fingers can be told apart."""
+    frequency_hz, at = np.linspace(60.0, 300.0, 25), np.linspace(0.2, 1.0, 9)
+    actuators = np.arange(len(device.actuators))
+    drive = np.where(actuators % 2 == np.array([[1], [0]]), 1e-6 * response, 0.0) * np.exp(-0.5j * actuators)
+    return Modes(
         frequency_hz=frequency_hz,
         threshold_m_per_s2=np.full(len(frequency_hz), 0.15),
-        place_m=place_m,
-        drive=(1e-6 * response * reach[:, :, None] * turned * np.ones(shape)).astype(np.complex64),
-        point=np.full((pairs, len(frequency_hz)), 1e-6 * (1 - 0.1j), dtype=np.complex64),
+        places=Places(device.surface.corner_m, len(at)),
+        shape=np.stack([at, at[::-1]], axis=1).astype(np.float32),
+        drive=(drive[:, :, None] * np.ones(len(frequency_hz))).astype(np.complex64),
+        natural_frequency_hz=np.array([2000.0]),
+        damping_per_s=np.zeros(1),
+        at_actuator=np.ones((1, len(actuators))),
+        damper_n_s_per_m=np.zeros(len(actuators)),
     )
 
 
@@ -59,7 +60,7 @@ def write_table(
         ):
             writer.write("responses", Variable(name, dimensions, "1", "made by hand"), values)
         writer.write("responses", Variable.names("actuator"), [actuator.name for actuator in device.actuators])
-        write_receptances(writer, receptances_of(device, response), device)
+        write_modes(writer, modes_of(device, response), device)
         if rows is not None:
             write_best_rows(writer, rows, device)
         for group, number in (others or {}).items():

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
 from firmware_link.protocol.layout import Layout, Message, Word
 from firmware_link.protocol.messages import MESSAGES, ChannelDrive, Hello

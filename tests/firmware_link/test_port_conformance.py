@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import synthesise
-from firmware_link.emulator.process import RunningEmulator, run_emulator
+from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
+from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.serial_port import SerialPort
 from tests.firmware_link import conformance
 

@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Session

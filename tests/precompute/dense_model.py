@@ -18,7 +18,7 @@ from engine.device import Device, Finger
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Fingers = Sequence[tuple[float, Finger]]
+Fingers = Sequence[tuple[complex, Finger]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class DenseModel:
         sigma, eta = (bar.mass_damping_per_s, bar.stiffness_damping_s) if bar.damping_of == "assembly" else (0.0, 0.0)
         self.spring, self.damper = (np.zeros((size, len(device.actuators))) for _ in range(2))
         for i, actuator in enumerate(device.actuators):
-            row = self.rows([actuator.position_m])[0]
+            row = self.rows([actuator.position_m.real])[0]
             m, c, k = actuator.mass_kg, actuator.damping_n_s_per_m, actuator.stiffness_n_per_m
             self._ground(row, m, c + sigma * m + eta * k, k)
             self.spring[:, i] = row * actuator.stiffness_n_per_m * actuator.full_scale_m
@@ -71,7 +71,7 @@ class DenseModel:
 
     def _touch(self, fingers: Fingers) -> None:
         for position_m, finger in fingers:
-            row = self.rows([position_m])[0]
+            row = self.rows([position_m.real])[0]
             self._ground(row, finger.mass_kg, finger.damping_n_s_per_m, finger.stiffness_n_per_m)
 
     def _ground(self, row: Array, mass_kg: float, damping_n_s_per_m: float, stiffness_n_per_m: float) -> None:
@@ -116,7 +116,7 @@ class DenseModel:
             return float(simpson((level**2 / squared).sum(axis=0), x=place_m)), level.sum(axis=0)
 
         total, _ = look(0.0, self.device.bar.length_m, 8001)
-        zones = [look(zone.start_m, zone.stop_m, points) for zone in self.device.zones]
+        zones = [look(zone.start_m.real, zone.stop_m.real, points) for zone in self.device.zones]
         return Figures(
             share=np.array([energy for energy, _ in zones]) / total,
             peak=np.array([level.max() for _, level in zones]),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from engine.device import Actuator, Device, Zone
+from engine.device.parts import Plate
 from tests.quick import first_quick
 
 SHIPPED = Path(__file__).parents[2] / "tables" / "devices"
@@ -84,7 +85,7 @@ def random_device(seed: int, actuators: int = 3) -> Device:
     return replace(
         base,
         name=f"random-{seed}",
-        bar=bar,
+        surface=bar,
         actuators=tuple(_random_actuator(random, f"actuator {i}", place) for i, place in enumerate(places.tolist())),
         zones=tuple(Zone(f"zone {i}", *pair) for i, pair in enumerate(edges.reshape(4, 2).tolist())),
     )
@@ -104,7 +105,7 @@ def _random_actuator(random: np.random.Generator, name: str, position_m: float) 
 
 def with_bar(device: Device, **changes: Any) -> Device:
     """The device with other values of its bar."""
-    return replace(device, bar=replace(device.bar, **changes))
+    return replace(device, surface=replace(device.bar, **changes))
 
 
 def with_actuators(device: Device, **changes: Any) -> Device:
@@ -123,6 +124,23 @@ def mirrored(device: Device) -> Device:
     actuators = tuple(replace(actuator, position_m=length_m - actuator.position_m) for actuator in device.actuators)
     zones = tuple(Zone(zone.name, length_m - zone.stop_m, length_m - zone.start_m) for zone in reversed(device.zones))
     return replace(device, actuators=actuators, zones=zones)
+
+
+def tablet() -> Device:
+    """A plate of glass on three actuators, with two zones that leave a gap."""
+    bar, actuator = shipped("reference-a"), shipped("reference-a").actuators[0]
+    plate = Plate(0.3, 0.18, 1.1e-3, 70e9, 2500.0, 0.23, bar.bar.mass_damping_per_s, bar.bar.stiffness_damping_s)
+    places_m = 0.03 + 0.025j, 0.27 + 0.035j, 0.15 + 0.15j
+    return replace(
+        bar,
+        name="tablet",
+        surface=plate,
+        actuators=tuple(
+            replace(actuator, name=name, position_m=at, full_scale_m=4e-6)
+            for name, at in zip("abc", places_m, strict=True)
+        ),
+        zones=(Zone("I", 0j, 0.14 + 0.18j), Zone("II", 0.16 + 0j, 0.3 + 0.18j)),
+    )
 
 
 def coarsely_swept(device: Device) -> Device:

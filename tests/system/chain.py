@@ -6,27 +6,20 @@ from itertools import groupby
 from pathlib import Path
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.loop import (
-    CommandRecord,
-    Dispatcher,
-    Loop,
-    LoopCounters,
-    StopRequest,
-    SystemClock,
-    Trace,
-    connect,
-    open_pipeline,
-)
-from engine.render import link_configuration
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.loop import Loop, StopRequest, SystemClock, connect
+from engine.loop.observer import CommandRecord, LoopCounters, Trace
+from engine.loop.pipeline import open_pipeline
+from engine.render.limits import link_configuration
 from engine.touch.sources import Source
-from firmware_link.emulator import DriveEvent
-from firmware_link.emulator.process import EmulatorLog
+from firmware_link.emulator.drive_log import DriveEvent
+from firmware_link.emulator.emulator_process import EmulatorLog
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkCounters
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from tests.engine.made_states import LEVEL_DB, state_index
 from tests.engine.render.made_steady import made_renderer
 

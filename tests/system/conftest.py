@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from tactable.rig.ready import cached_table
 from tactable.shipped import find_device
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.system.page import CHROMIUM, Demo
 from tests.tactable.click_table import build_click_table
 

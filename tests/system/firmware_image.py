@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_link.host.serial_port import SerialPort
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 from tests.system.debugger import Debugger
 

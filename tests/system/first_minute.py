@@ -20,7 +20,7 @@ import websockets
 from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
-from tactable.page.messages import Drive, Kind
+from tactable.page.page_messages import Drive, Kind
 from tests.system.page import TACTABLE
 from tests.tactable.page.browser import encode_touches
 from tests.tools.stalls import descendants

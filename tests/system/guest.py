@@ -14,7 +14,7 @@ from pathlib import Path
 
 from engine.touch.sources.hid_discovery import load_hid_system
 from engine.touch.sources.hidraw import HidrawCounters, HidrawSource, open_hidraw
-from firmware_link.emulator.process import EmulatorLog
+from firmware_link.emulator.emulator_process import EmulatorLog
 from firmware_link.host.serial_port import SerialPort, path_of
 from tests.system.chain import BIT_RATE_HZ, PATIENCE_S, ChainRun, run_chain
 from tests.system.serial_gadget import SERIAL_NUMBER, build_gadget, plug_gadget, unplug_gadget

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page
 
-from tactable.page.server import listen_at
+from tactable.page.page_server import listen_at
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 IN_CHROMIUM = [
@@ -133,7 +133,7 @@ class Visit:
     def _points(self, fingers: dict[int, float]) -> list[dict[str, float]]:
         left, top, width = self.ask(
             """(() => { const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
-            return [box.left + p.left, box.top + 0.76 * p.height, p.width]; })()"""
+            return [box.left + p.left, box.top + 0.76 * box.height, p.width]; })()"""
         )
         return [{"x": left + width * place, "y": top, "id": number} for number, place in fingers.items()]
 
@@ -204,13 +204,21 @@ def kept(visit: Visit, roles: str) -> dict[str, Any]:
     )
 
 
+def settled(visit: Visit, count: int, touch: Callable[[], None]) -> dict[str, Any]:
+    """Touch, with `count` fingers then: the picture 0.6 s after its command, or 2 s later where a stall left none."""
+    before, start_ms = visit.ask("[tactable.wire.picture.command, performance.now()]")
+    touch()
+    is_new = f"p.command > 0 && p.command !== {before}"
+    return visit.until(
+        f"p.fingerCount === {count} && ({is_new} ? p.age_s > 0.6 : performance.now() > {start_ms + 2000})"
+    )
+
+
 def clicked(visit: Visit) -> dict[str, Any]:
     """A finger rests in III, another taps I and feels a click; again where the machine stalled, which lifts fingers."""
     for _ in range(20):
-        visit.touch(f1=THIRD)
-        visit.until("p.fingerCount === 1 && p.age_s > 2")
-        visit.touch(f2=FIRST)
-        shown = visit.until("p.fingerCount === 2 && p.age_s > 0.6")
+        settled(visit, 1, lambda: visit.touch(f1=THIRD))
+        shown = settled(visit, 2, lambda: visit.touch(f2=FIRST))
         if [(finger["zone"], finger["role"]) for finger in shown["made"]] == [(0, FELT), (2, QUIET)]:
             return shown
         lift(visit)

@@ -9,8 +9,9 @@ from dataclasses import asdict
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
-from firmware_link.emulator.process import EmulatorLog
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.emulator_process import EmulatorLog
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.descriptor_port import READ_SIZE
 
 SERIAL_NUMBER = "TACTABLE-SYSTEM-TEST"

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
-from firmware_link.emulator import DeviceConfiguration
-from firmware_link.emulator.process import EmulatorLog
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.emulator_process import EmulatorLog
 from tests.system.chain import PATIENCE_S
 from tests.system.serial_gadget import serve_firmware
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.loop.fast.layout import c_header
+from engine.loop.fast.fast_layout import c_header
 from engine.loop.fast.library import SOURCE
 from tests.firmware_link.firmware.compiled_core import need, under_sanitizers
 

@@ -10,7 +10,7 @@ from tests.system.page import IN_CHROMIUM, Demo, Visit, choose, opened
 
 pytestmark = IN_CHROMIUM
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "buttons.html"
-HITS = 6
+HITS = 4
 PATIENCE_MS = 120_000
 """Only against a page that hangs."""
 FINGERS = "document.querySelectorAll('.finger').length"

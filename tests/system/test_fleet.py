@@ -12,10 +12,10 @@ import pytest
 
 from precompute.fleet.work import OUTCOME
 from tests.precompute.fleet.small_fleet import small_text, write_unit
-from tests.precompute.fleet.test_run import BROKEN, assert_complete, write_broken
+from tests.precompute.fleet.test_fleet_run import BROKEN, assert_complete, write_broken
 from tests.tactable.cli.in_process import run_here
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.machine(stall_s=None)
 
 BIN = Path(sys.executable).parent
 GOOD = 6
@@ -96,7 +96,7 @@ def test_a_scheduler_that_is_not_there_is_named_and_a_killed_worker_or_command_c
     crew: Crew, bars: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr("precompute.fleet.run._PATIENCE_S", 1.0)
+        patched.setattr("precompute.fleet.fleet_run._PATIENCE_S", 1.0)
         words = ("fleet", str(bars), "-o", str(bars.parent / "none"), "--clicks-up-to", "0")
         done = run_here(bars, *words, "--scheduler", "tcp://127.0.0.1:9")
     assert done.returncode == 1

@@ -13,11 +13,11 @@ from typing import TypeVar
 
 import pytest
 
-from engine.loop import CommandRecord
+from engine.loop.observer import CommandRecord
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.playback import Playback
-from firmware_link.emulator import Cause, DriveEvent, Outcome
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
+from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tests.engine.made_states import state_index, states_of
 from tests.engine.render.made_steady import MadeSteady

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click import played_at
+from engine.table.click_entry import played_at
 from engine.touch import Placement
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
 from tactable.explain.click_source import ClickSource
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 
 CHEAP = ClickOptions(pitch_m=46.6e-3, pool=90, judged=20)
 FINGERS = 2

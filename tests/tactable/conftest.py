@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from engine.table import Table
-from firmware_link.emulator.process import RunningEmulator, run_emulator
+from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import build_click_table
 from tests.tools.once import once_a_run

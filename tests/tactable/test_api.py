@@ -88,7 +88,7 @@ def test_a_device_changed_in_memory_is_built_with_a_text_that_states_it(folder: 
     changed = replace(
         device,
         name="other",
-        bar=replace(device.bar, thickness_m=0.7e-3),
+        surface=replace(device.bar, thickness_m=0.7e-3),
         actuators=(heavier, *device.actuators[1:]),
         finger=replace(device.finger, spread=2.0),
         spread=replace(device.spread, stiffness=0.002),
@@ -104,7 +104,7 @@ def test_a_device_whose_text_cannot_state_a_change_is_refused_before_anything_is
     folder: Path, tmp_path: Path
 ) -> None:
     device = Device.read(folder / "my-bar.toml")
-    longer = replace(device, bar=replace(device.bar, length_m=0.3))
+    longer = replace(device, surface=replace(device.bar, length_m=0.3))
     with pytest.raises(DeviceError, match=r"my-bar: .*zone\[1\]\.stop_m.* changed after it was read; write"):
         build_table(longer, tmp_path / "longer.nc")
     assert not list(tmp_path.iterdir())

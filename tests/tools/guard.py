@@ -3,9 +3,9 @@
 A law that starts a process, opens a port or a pseudo-terminal, sets a timer, or waits for a time on the real clock
 fails where the machine stands still, whatever it tests. Python tells of processes, sockets and signals by audit events;
 calls that have none are wrapped. A C library that is compiled because the cache has none is no use, as numba's kernels
-are none: any test can be the first that needs it. What a fixture of a module or a session uses counts for every test
-that asks for it, so that the order of the tests decides nothing. `--list-unquiet FILE` lists what was used, in place of
-failing.
+are none, nor is what a library does while it is imported: any test can be the first that needs it. What a fixture of a
+module or a session uses counts for every test that asks for it, so that the order of the tests decides nothing.
+`--list-unquiet FILE` lists what was used, in place of failing.
 """
 
 import functools
@@ -34,6 +34,7 @@ KIND_OF_EVENT = {
     **dict.fromkeys(("os.kill", "signal.pthread_kill"), "signal"),
 }
 COMPILES = f"{ROOT}base/c_library.py"
+IMPORTS = "<frozen importlib._bootstrap>"
 _is_allowed = ContextVar("_is_allowed", default=False)
 _uses: set[str] = set()
 """What the running phase of a test or fixture used: "process at base/files.py:12"."""
@@ -58,7 +59,7 @@ def _note(kind: str) -> None:
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         file = frame.f_code.co_filename
-        if file == COMPILES:
+        if file in (COMPILES, IMPORTS):
             return
         if file.startswith(ROOT) and not file.startswith(LIBRARIES) and file != __file__:
             _uses.add(f"{kind} at {file.removeprefix(ROOT)}:{frame.f_lineno}")

@@ -4,6 +4,7 @@ import pytest
 
 USES = """
 import os, pty, select, signal, socket, subprocess, sys, threading, time
+from pathlib import Path
 import pytest
 from tests.tools.guard import allowed
 
@@ -36,6 +37,10 @@ def test_allowed(use):
 @pytest.mark.parametrize("number", [1, 2])
 def test_of_a_fixture(slept, number): pass
 
+def test_imports():
+    Path("uses_a_process.py").write_text("import subprocess, sys; subprocess.run([sys.executable, '-c', ''])")
+    import uses_a_process
+
 def test_quiet(): time.sleep(0), threading.Lock().acquire(), select.select([], [], [], 0)
 """
 
@@ -45,5 +50,5 @@ def test_what_a_test_or_its_fixture_uses_fails_it_unless_it_is_marked_or_allowed
     pytester.makepyfile(USES)
     words = ("-p", "tests.tools.guard", "-p", "tests.tools.verdict", "-p", "no:cacheprovider")
     done = pytester.runpytest_inprocess(*words)
-    done.assert_outcomes(failed=7 + 2, passed=7 + 7 + 1)
+    done.assert_outcomes(failed=7 + 2, passed=7 + 7 + 2)
     done.stdout.fnmatch_lines(["*test_unmarked?starts_a_process? uses the machine: process at *"])

@@ -15,11 +15,13 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from firmware_link.emulator import DeviceConfiguration, DriveEvent, EmulatedFirmware
 from firmware_link.emulator.device_server import DeviceServer
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import Boot, FaultyDevice
-from firmware_link.protocol.errors import LinkError, LinkLostError
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 MS = 1_000_000
 PORT = -1

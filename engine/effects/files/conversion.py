@@ -24,6 +24,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array, Mask
 from engine.effects.files.pattern import MOST_EVENT_S, Event, Kind, Pattern
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 
@@ -34,7 +35,6 @@ SHORT_S, MOST_SHIFT_S = 0.040, 0.010  # of a click of 30 ms: a third longer is o
 SAME_DB, JUMP_DB = 1.5, 3.0  # a finger tells about 1.5 dB; a jump is twice that
 MOST_SEGMENTS = 1024  # 20 s of steps that all differ; bounds the memory of an effect
 _NS_PER_S = 1_000_000_000
-Levels = NDArray[np.float64]
 
 
 class Fate(StrEnum):
@@ -170,7 +170,7 @@ def _clicks(reports: tuple[EventReport, ...], full_level_db: float) -> list[_Cli
     return clicks
 
 
-def _drives(reports: tuple[EventReport, ...], clicks: list[_Click], full_level_db: float) -> Levels:
+def _drives(reports: tuple[EventReport, ...], clicks: list[_Click], full_level_db: float) -> Array:
     """The level of the steady drive in each millisecond, NaN where it is quiet or a click is played."""
     long = [
         report
@@ -179,7 +179,7 @@ def _drives(reports: tuple[EventReport, ...], clicks: list[_Click], full_level_d
     ]
     length = max([round(1e3 * report.event.stop_s) for report in long], default=0)
     strongest, owner = np.zeros(length), np.full(length, -1)
-    own: list[tuple[slice, Levels]] = []
+    own: list[tuple[slice, Array]] = []
     for number, report in enumerate(long):
         event = report.event
         span = slice(round(1e3 * event.start_s), round(1e3 * event.stop_s))
@@ -198,7 +198,7 @@ def _drives(reports: tuple[EventReport, ...], clicks: list[_Click], full_level_d
     return levels_db
 
 
-def _steps(strongest: Levels, is_click: NDArray[np.bool_], full_level_db: float) -> Levels:
+def _steps(strongest: Array, is_click: Mask, full_level_db: float) -> Array:
     """The course of intensities (millisecond,) as steps of level."""
     levels_db = np.full(len(strongest), math.nan)
     exact_db = full_level_db + 20 * np.log10(np.maximum(strongest, 1e-12))
@@ -227,10 +227,10 @@ def _steps(strongest: Levels, is_click: NDArray[np.bool_], full_level_db: float)
 def _report_drive(
     report: EventReport,
     number: int,
-    is_felt: NDArray[np.bool_],
+    is_felt: Mask,
     owner: NDArray[np.int_],
-    is_click: NDArray[np.bool_],
-    levels_db: Levels,
+    is_click: Mask,
+    levels_db: Array,
 ) -> None:
     """Say what became of one continuous event; all arrays (millisecond,) cover its time."""
     felt_ms, is_own = int(is_felt.sum()), owner == number
@@ -254,7 +254,7 @@ def _report_drive(
         report.change(f"{left_out} ms are too short for a step or end below the threshold", fate)
 
 
-def _segments(clicks: list[_Click], levels_db: Levels) -> tuple[Segment, ...]:
+def _segments(clicks: list[_Click], levels_db: Array) -> tuple[Segment, ...]:
     """Clicks, steps of level, and pauses between them, without one at the end."""
     marks: list[tuple[int, int, float, bool]] = [
         (click.start_ms, click.start_ms + CLICK_MS, click.level_db, True) for click in clicks

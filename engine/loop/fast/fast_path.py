@@ -26,14 +26,14 @@ import weakref
 from collections.abc import Container, Sequence
 from typing import Protocol, runtime_checkable
 
-from engine.effects import Effects
+from engine.effects.rules import Effects
+from engine.loop.command_latency import Stage, Stamps
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.layout import NONE, Fast
+from engine.loop.fast.fast_layout import NONE, Fast
+from engine.loop.fast.fast_session import Answer, FastSession
+from engine.loop.fast.fast_table import FastRendering
 from engine.loop.fast.library import FastPathError
 from engine.loop.fast.moment import Moment
-from engine.loop.fast.session import Answer, FastSession
-from engine.loop.fast.table import FastRendering
-from engine.loop.latency import Stage, Stamps
 from engine.loop.loop import Clock
 from engine.loop.observer import CommandRecord, LoopCounters, Observer
 from engine.loop.pipeline import Pipeline
@@ -149,8 +149,7 @@ class FastPath:
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
         now_ns = self.now_ns()
         axis_ns = self._packets.source_time_ns(now_ns) - now_ns
-        ahead = None if self._dispatcher.is_pending else self._session.fast_link.ahead(now_ns)
-        self._moment.write(pipeline, self._dispatcher, ahead, axis_ns, descriptors)
+        self._moment.write(pipeline, self._dispatcher, self._session.fast_link, now_ns, axis_ns, descriptors)
         self._run(NONE if until_ns is None else until_ns)
         fast = self._moment.fast
         if fast.packet_size:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from base.c_library import CompileError, LibrarySource, compile_library
 from base.errors import TactableError
-from engine.loop.fast.layout import c_header
+from engine.loop.fast.fast_layout import c_header
 
 SOURCE = Path(__file__).with_name("step.c")
 # Without contraction: a product and a sum in one step would round otherwise than Python does.

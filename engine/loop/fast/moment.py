@@ -1,25 +1,24 @@
 """What the compiled step must know: what stays during a run once, and the moment before each wait.
 
-Both are written into one structure of `engine.loop.fast.layout`, field by field.
+Both are written into one structure of `engine.loop.fast.fast_layout`, field by field.
 """
 
 import ctypes
 from collections.abc import Sequence
 from typing import Any
 
-from engine.effects import Effects, Rule, Segment, Trigger
-from engine.effects.player import FOLLOW_M
-from engine.effects.rules import changed_level
+from engine.effects.effect_player import FOLLOW_M
+from engine.effects.rules import Effects, Rule, Segment, Trigger, changed_level
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.layout import CONSTANTS, NONE, Fast
+from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
+from engine.loop.fast.fast_session import FastLink
+from engine.loop.fast.fast_table import FastTable
 from engine.loop.fast.library import FastPathError
-from engine.loop.fast.session import Ahead
-from engine.loop.fast.table import FastTable
 from engine.loop.pipeline import Pipeline
-from engine.render import DriveCommand
+from engine.render.link_commands import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.digitizer import AGAIN
-from engine.touch.finger_tracker import REACH_M
+from engine.touch.finger_tracker import REACH_M, TouchPosition
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
@@ -50,6 +49,7 @@ class Moment:
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._table: FastTable | None = None
+        self._column = 0  # of a contact, along the bar
         self._held: DriveCommand | None = None
         self._levels: dict[float | None, int] = {}
         if len(_rules_of(effects)) > CONSTANTS["MOST_RULES"]:
@@ -73,8 +73,12 @@ class Moment:
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
         if any(_first_level(rule) not in self._levels for rule in rules):
             return
+        position = pipeline.tracker.position
+        if not isinstance(position, TouchPosition):  # a plate, whose touches the Python loop answers
+            return
+        self._column = position.column
+        _set_bar(self.fast, pipeline, position)
         self._table, fast = table, self.fast
-        _set_bar(fast, pipeline)
         fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
         for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
@@ -86,22 +90,29 @@ class Moment:
         place.trigger, place.is_click = _TRIGGERS[rule.on], _first_segment(rule).is_click
         place.level = self._levels[_first_level(rule)]
         place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
-        place.start_m, place.stop_m = (1.0, 0.0) if rule.zones is not None or rule.region_m is None else rule.region_m
+        place.start_m, place.stop_m = _stretch_of(rule)
 
     def write(
-        self, pipeline: Pipeline, dispatcher: Dispatcher, ahead: Ahead | None, axis_ns: int, descriptors: Sequence[int]
+        self,
+        pipeline: Pipeline,
+        dispatcher: Dispatcher,
+        link: FastLink,
+        now_ns: int,
+        axis_ns: int,
+        descriptors: Sequence[int],
     ) -> None:
         """Write the moment before a wait for the descriptors, the first of which is that of the packets.
 
-        `ahead` is what a command would be encoded with; None: the step may not answer. `axis_ns` is the source's time
-        axis less the clock.
+        `axis_ns` is the source's time axis less the clock.
         """
         fast, table = self.fast, self._table
         fast.touch, fast.waited, fast.can_answer = descriptors[0], len(descriptors), 0
         fast.descriptor[: len(descriptors)] = descriptors
         if pipeline.player.settings.level_change_db:
             return  # the step knows the levels of the rules alone
-        if table is None or ahead is None or (ahead.lease_ms, ahead.drive_size) != (table.lease_ms, table.drive_size):
+        if table is None or dispatcher.is_pending:
+            return
+        if not link.write_ahead(fast, table.lease_ms, table.drive_size, now_ns):
             return
         if not self._write_contacts(pipeline):
             return
@@ -115,10 +126,6 @@ class Moment:
         fast.level = self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
         self._write_held(dispatcher.held, table)
-        fast.line_free_ns, fast.sequence = ahead.line_free_ns, ahead.sequence
-        fast.set_from_ns, fast.play_from_ns = ahead.drive_from_ns, ahead.click_from_ns
-        fast.clock_at_ns, fast.clock_middle_ns = ahead.clock_at_ns, ahead.clock_middle_ns
-        fast.clock_drift = ahead.clock_drift
         fast.link, fast.can_answer = dispatcher.session.port.fileno(), 1
 
     def _write_held(self, held: DriveCommand, table: FastTable) -> None:
@@ -139,7 +146,7 @@ class Moment:
             return False
         if pipeline.digitizer.debounce is not None:
             return False
-        column = pipeline.tracker.position.column
+        column = self._column
         for active, contact in zip(self._active, frame.active.values(), strict=False):
             if contact.contact_id >= AGAIN:
                 return False  # the step knows fingers by the device's ids
@@ -152,7 +159,7 @@ class Moment:
             if finger.is_kept_quiet or level_db not in levels:
                 return False
             place.contact_id, place.level = touch.contact_id, levels[level_db]
-            place.position_m, place.held_m = touch.position_m, finger.held_m
+            place.position_m, place.held_m = touch.position_m.real, finger.held_m.real
             place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
         fast.actives, fast.fingers, fast.lifted = len(frame.active), len(player.fingers), len(player.lifted)
@@ -170,6 +177,13 @@ def _first_segment(rule: Rule) -> Segment:
 def _first_level(rule: Rule) -> float | None:
     """The level that a finger feels first by a rule."""
     return changed_level(_first_segment(rule).level_db, rule.level_change_db)
+
+
+def _stretch_of(rule: Rule) -> tuple[float, float]:
+    """Start and stop of the rule's region along the bar; an empty stretch where it has none."""
+    if rule.zones is not None or rule.region_m is None:
+        return 1.0, 0.0
+    return rule.region_m[0].real, rule.region_m[1].real
 
 
 def _rules_of(effects: Effects) -> list[Rule]:
@@ -194,11 +208,12 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
     fast.plans = len(plans)
 
 
-def _set_bar(fast: Any, pipeline: Pipeline) -> None:
-    position, edges = pipeline.tracker.position, pipeline.tracker.edges
-    fast.zones = len(edges.starts_m)
+def _set_bar(fast: Any, pipeline: Pipeline, position: TouchPosition) -> None:
+    zones = pipeline.device.zones
+    fast.zones = len(zones)
     fast.follow_m, fast.closest_m, fast.reach_m = FOLLOW_M, CLOSEST_M, REACH_M
-    fast.zone_start_m[: fast.zones], fast.zone_stop_m[: fast.zones] = edges.starts_m, edges.stops_m
+    fast.zone_start_m[: fast.zones] = [zone.start_m.real for zone in zones]
+    fast.zone_stop_m[: fast.zones] = [zone.stop_m.real for zone in zones]
     fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
     fast.zero = position.zero
     # Only the coordinate along the bar is read, so the plans follow from the bar, too.

@@ -139,7 +139,7 @@ static int64_t zone_of(const Fast *fast, double position_m) {
     return zone != NONE && position_m <= fast->zone_stop_m[zone] ? zone : NONE;
 }
 
-/* ---- fingers to what is felt, as engine/effects/player.py ---- */
+/* ---- fingers to what is felt, as engine/effects/effect_player.py ---- */
 
 typedef struct { double held_m; int64_t level, click_ns, is_lifted; } Present;
 
@@ -214,7 +214,7 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
     return changed;
 }
 
-/* ---- placement to click, as engine/table/clicks.py ---- */
+/* ---- placement to click, as engine/table/click_grid.py ---- */
 
 static int64_t place_of(const Fast *fast, double position_m) {
     const int64_t place = (int64_t)(position_m / fast->pitch_m + 0.5), last = fast->places - 1;

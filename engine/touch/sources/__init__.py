@@ -69,6 +69,8 @@ class OnClock:
     """The time axis of a source that has none of its own: the clock's. It has one touch surface."""
 
     report_id: int | None = None
+    vendor_id = product_id = report_time_ns = 0
+    report_index = -1
 
     def source_time_ns(self, now_ns: int) -> int:
         """The clock's time."""

@@ -3,8 +3,6 @@
 The package `evdev` finds and opens; it is an optional extra and handed in.
 """
 
-from __future__ import annotations
-
 import fcntl
 import importlib
 import struct
@@ -182,16 +180,11 @@ class EvdevSource(OnClock):
     A release the kernel owes (100 ms) is trusted. Raises `DigitizerError` for a node without slots.
     """
 
-    vendor_id = 0
-    product_id = 0
-
     def __init__(self, node: InputNode, read_slots: ReadSlots = read_slots) -> None:
         if not _has_slots(node):
             raise DigitizerError(f"{node.path} ({node.name}) has no multitouch slots: choose its hidraw node")
         slots = node.absinfo(SLOT).max + 1
         self.name = node.name
-        self.report_index = -1
-        self.report_time_ns = 0
         self._node = node
         self._is_open = True
         self._read_slots = read_slots

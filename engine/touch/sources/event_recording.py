@@ -4,8 +4,6 @@ Their events go through `EvdevSource`, as those of a live node do. Where `libinp
 reports of a touch surface, these are read instead: they are what the device sent.
 """
 
-from __future__ import annotations
-
 import re
 from collections import deque
 from collections.abc import Iterator

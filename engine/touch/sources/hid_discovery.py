@@ -1,7 +1,5 @@
 """Finds the digitizers among the HID interfaces of this machine, chooses one by name, and explains missing rights."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Reads the reports of a HID digitizer of this machine, across unplugs and overflows."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -69,8 +67,6 @@ class HidrawSource(OnClock):
         """Why the device is not there; None while it is."""
         self.name, self.report_id = device.name, device.report_id
         self.vendor_id, self.product_id = device.vendor_id, device.product_id
-        self.report_index = -1
-        self.report_time_ns = 0
         self._finder = _Finder(system, device)
         self._reconnects = reconnect
         self._poll = select.epoll() if system.has_nodes else None
@@ -166,7 +162,7 @@ class HidrawSource(OnClock):
             self._poll.close()
             self._poll = None
 
-    def _attach(self, channel: _Channel) -> None:
+    def _attach(self, channel: "_Channel") -> None:
         descriptor = channel.fileno()
         if self._poll is not None and descriptor is not None:
             self._poll.register(descriptor, select.EPOLLIN)
@@ -182,7 +178,7 @@ class HidrawSource(OnClock):
         self.problem = refusal(self._finder.system, self.device, error)
         self._finder.wait(now_ns, _FIRST_RETRY_NS)
 
-    def _look_for_device(self, now_ns: int) -> _Channel | None:
+    def _look_for_device(self, now_ns: int) -> "_Channel | None":
         """Open the device under its present path; each attempt waits twice as long as the one before."""
         if not self._reconnects or now_ns < self._finder.retry_ns:
             return None
@@ -210,7 +206,7 @@ class _Finder:
         """Look again after a pause."""
         self.pause_ns, self.retry_ns = pause_ns, now_ns + pause_ns
 
-    def reopen(self, descriptor: bytes, counters: HidrawCounters) -> _Channel:
+    def reopen(self, descriptor: bytes, counters: HidrawCounters) -> "_Channel":
         """Open the device again. Raises DigitizerError while it is away, or where its descriptor is another one."""
         mine = self.device
 

@@ -3,8 +3,6 @@
 So every source speaks reports: one digitizer assembles them all, and any source can be recorded and replayed.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Turns pointer events of a page into reports, through a pipe on which the engine's one wait can wait."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass
@@ -74,14 +72,10 @@ class PointerSource(OnClock):
     """The engine's end of the pipe, as a Source: a serial touch screen of ten fingers without a physical size."""
 
     name = "pointer events of a page"
-    vendor_id = 0
-    product_id = 0
 
     def __init__(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
         self.descriptor = _REPORTS.descriptor
-        self.report_index = -1
-        self.report_time_ns = 0
         self.ended = False
         """The page is gone and all is released."""
         self._pipe = descriptor

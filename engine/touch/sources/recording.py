@@ -1,7 +1,5 @@
 """Reads recordings of touch surfaces, and writes those of reports in the text format of hid-recorder."""
 
-from __future__ import annotations
-
 import re
 import stat
 from dataclasses import dataclass

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* As in DeviceConfiguration in firmware_link/emulator/state.py. */
+/* As in DeviceConfiguration in firmware_link/emulator/device_state.py. */
 enum host_option {
     HOST_BOOT_ID,
     HOST_NUMBER_OF_ACTUATORS,

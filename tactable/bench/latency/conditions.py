@@ -94,11 +94,6 @@ class Plan:
                 first = number % len(conditions)
                 yield number, load, (*conditions[first:], *conditions[:first])
 
-    @property
-    def segments_a_round(self) -> int:
-        """Number of segments that a round measures."""
-        return sum(len(self.conditions(load)) for load in self.loads)
-
     def floor_of(self, condition: Condition) -> Condition | None:
         """The C echo engine beside the same load, at the same rate and with the same steps; None without one."""
         if condition.engine != TACTABLE:

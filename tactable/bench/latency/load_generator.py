@@ -15,11 +15,10 @@ import socket
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Protocol
 
-from engine.loop import Clock, SystemClock
+from engine.loop.loop import Clock, SystemClock
 from tactable.bench.latency.sockets import STAMPS
-from tactable.bench.light_device import Arrivals
+from tactable.bench.light_device import Arrivals, LightDevice
 
 LEAD_NS = 20_000_000
 """From the start of a schedule to its first report: the engine has finished the handshake and waits."""
@@ -29,21 +28,6 @@ _NS_PER_S = 1_000_000_000
 _READ_SIZE = 65_536  # read until it is empty: bounds one call
 _LONGEST_WAIT_NS = 20_000_000  # where nothing is due: `is_over` is asked 50 times a second
 SYSTEM_CLOCK = SystemClock()
-
-
-class FarEnd(Protocol):
-    """The other end of the link: `LightDevice`, or `EchoReceiver`."""
-
-    arrivals: Arrivals
-
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take bytes in; the answer."""
-
-    def run_until(self, now_ns: int) -> bytes:
-        """Let time pass; the bytes that it sends by itself until now, such as a STATUS."""
-
-    def next_deadline_ns(self) -> int | None:
-        """Time at which it sends by itself next; None while it waits."""
 
 
 class EchoReceiver:
@@ -59,7 +43,7 @@ class EchoReceiver:
             self.arrivals.sequence.append(0)
         return b""
 
-    def run_until(self, now_ns: int) -> bytes:  # noqa: ARG002  # a FarEnd
+    def run_until(self, now_ns: int) -> bytes:  # noqa: ARG002  # as LightDevice
         """The echo engine gets no bytes."""
         return b""
 
@@ -133,7 +117,7 @@ class LoadGenerator:
         schedule: Schedule,
         touch: socket.socket,
         link: socket.socket | None,
-        far_end: FarEnd | None,
+        far_end: LightDevice | EchoReceiver | None,
         *,
         stall: Stall | None = None,
         engine_process_id: int = 0,
@@ -227,7 +211,7 @@ class LoadGenerator:
             with contextlib.suppress(OSError):  # the engine has ended
                 self._touch.shutdown(socket.SHUT_WR)
 
-    def _serve_link(self, link: socket.socket, far_end: FarEnd, is_readable: bool) -> None:
+    def _serve_link(self, link: socket.socket, far_end: LightDevice | EchoReceiver, is_readable: bool) -> None:
         data = b""
         try:
             if is_readable:

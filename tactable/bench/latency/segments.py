@@ -14,20 +14,17 @@ from typing import Any
 import numpy as np
 
 from base.child import Child
-from base.plain import to_plain
 from engine.device import Device
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.table import Table
-from firmware_link.emulator.process import RunningEmulator, run_emulator
-from firmware_link.protocol.errors import LinkError
+from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, Condition, Transport
-from tactable.bench.latency.engine import Segment
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
-from tactable.bench.latency.programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
     Times,
@@ -37,6 +34,8 @@ from tactable.bench.latency.stamps import (
     stamps_of_echoes,
     stamps_of_replaced,
 )
+from tactable.bench.latency.timed_engine import Segment
+from tactable.bench.latency.timed_programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.light_device import Arrivals, LightDevice
 
 # Small, so that a line that stands still is noticed: a real one has one frame in flight.
@@ -81,7 +80,7 @@ class Bench:
     def __enter__(self) -> "Bench":
         arguments = {"table": str(self._table_path)}
         self._engine = self._stack.enter_context(
-            Child("tactable.bench.latency.engine", arguments, name="the engine under measurement")
+            Child("tactable.bench.latency.timed_engine", arguments, name="the engine under measurement")
         )
         self._engine.read()
         # What measures must not be what waits; the sleep of processors is part of what is measured.
@@ -118,7 +117,7 @@ class Bench:
                 far_end = LightDevice(len(self._device.actuators), time.monotonic_ns())
             segment = self._segment(condition, stream, count, path, emulator)
             theirs = [each for each in (their_touch, their_link) if each is not None]
-            engine.write(to_plain(segment), [each.fileno() for each in theirs])
+            engine.write({"segment": segment}, [each.fileno() for each in theirs])
             _close(theirs)
             # The engine greets and arms the device, whose far end must be served meanwhile.
             LoadGenerator(Schedule.none(), touch, link, far_end, keeps_open=True).run(engine.fileno())
@@ -143,14 +142,14 @@ class Bench:
         self, condition: Condition, stream: Stream, count: int, path: Path, emulator: RunningEmulator | None
     ) -> Segment:
         return Segment(
-            descriptor=stream.descriptor.hex(),
+            descriptor=stream.descriptor,
             vendor_id=stream.vendor_id,
             product_id=stream.product_id,
             count=count,
-            steps=tuple(map(str, condition.steps)),
+            steps=condition.steps,
             processor=self._engine_processor,
             has_busy_thread=condition.load is BackgroundLoad.THREAD,
-            samples=str(path),
+            samples=path,
             port=emulator.port if emulator else None if self._transport.is_sockets else self._transport.name,
             bit_rate_hz=self._transport.bit_rate_hz,
             has_fast_path=condition.engine != WITHOUT_FAST_PATH,

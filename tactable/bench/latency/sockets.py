@@ -30,8 +30,6 @@ class SocketSource(OnClock):
         self.name, self.descriptor = "bench", descriptor
         self.vendor_id, self.product_id = numbers
         self.ended = False
-        self.report_index = -1
-        self.report_time_ns = 0
         self.sent_ns = array("q", bytes(8 * capacity))
         self.read_ns = array("q", bytes(8 * capacity))
         self._socket, self._monotonic_ns = descriptor_of_socket, monotonic_ns

@@ -7,13 +7,13 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.loop.latency import Percentiles
+from base.arrays import Array
+from engine.loop.command_latency import Percentiles
 
-Stamps = NDArray[np.float64]
+Stamps = Array
 """Shape (sample, point): ns after the report was due, NaN where a point was not measured."""
-Values = NDArray[np.float64]
+Values = Array
 
 MISSES_MS = (1, 5, 10, 20, 50)  # a frame of the fastest digitizers, to what is felt as late (50 ms, Kaaresoja 2014)
 _LEAST_BEYOND = 10  # docs/latency.md: of fewer, a percentile is chance

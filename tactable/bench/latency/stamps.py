@@ -1,15 +1,15 @@
 """Raw times of a segment - of reports, commands, arrivals, the firmware - to one row of stamps a command."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from engine.loop import Stage
-from firmware_link.emulator.process import RunningEmulator
+from base.arrays import Array, Integers
+from engine.loop.command_latency import Stage
+from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.bench.latency.load_generator import Schedule
 from tactable.bench.latency.stages import Point, Stamps
 from tactable.bench.light_device import Arrivals
 
-Times = NDArray[np.int64]
+Times = Integers
 
 # A command comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
 _LONGEST_WAY_NS = 200_000_000
@@ -77,7 +77,7 @@ def stamps_of_replaced(samples: dict[str, Times], schedule: Schedule) -> tuple[S
 
 def first_with_sequence(
     times_ns: Times, sequences: Times, since_ns: Times, wanted: Times, longest_ns: int = _LONGEST_WAY_NS
-) -> NDArray[np.float64]:
+) -> Array:
     """For each wanted sequence the first time, at or after its own `since_ns`, that has it; NaN within `longest_ns`.
 
     `times_ns` rise. Shapes (arrival,) twice, (sample,) twice; the result (sample,).
@@ -93,7 +93,7 @@ def first_with_sequence(
     return found
 
 
-def _applied(samples: dict[str, Times], since_ns: Times) -> NDArray[np.float64]:
+def _applied(samples: dict[str, Times], since_ns: Times) -> Array:
     """When the firmware says it applied a command, on the host's clock by the middle of its bounds, ns."""
     times_ns, sequences = samples["applied_ns"], samples["applied_sequence"]
     order = np.argsort(times_ns, kind="stable")

@@ -1,11 +1,12 @@
-// Connects the parts of the page: the wire, the bar, the panel, fingers and sound.
+// Connects the parts of the page: the wire, the surface, the panel, fingers and sound.
 
-import { Bar } from "./bar.js";
 import { DeviceHand } from "./device.js";
 import { Fingers } from "./fingers.js";
 import { Courses, outcomeOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { linkOf, readLink } from "./permalink.js";
+import { drawingFor } from "./plate.js";
+import { middleOf, pointAt, shareOf } from "./points.js";
 import { snapshotOf } from "./snapshot.js";
 import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
@@ -13,40 +14,56 @@ import { Wire } from "./wire.js";
 const PANEL_MS = 125;
 const HEARD_AFTER_MS = 550; // The server captures the sound 0.4 s after a command.
 
-let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false, link = null;
+let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false, link = null, bar = null, second = null;
 const sound = new Sound();
 const wire = new Wire({
   scene(found) {
     scene = found;
-    panel.scene = found;
-    if (JSON.stringify(bar.shownDevice) !== JSON.stringify(found.device)) {
-      bar.device = second.device = found.device;
+    if (JSON.stringify(bar?.shownDevice) !== JSON.stringify(found.device)) {
+      draw(found.device);
       courses.clear();
       byId("courses").removeAttribute("data-has");
     }
+    panel.scene = found;
     deviceHand.update(found);
-    fingers.zones = found.device.zones.map((zone) => (zone.start_m + zone.stop_m) / 2 / found.device.length_m);
+    fingers.zones = found.device.zones.map((zone) => shareOf(middleOf(zone), found.device.corner_m));
   },
   picture() {
-    bar.dirty = second.dirty = true;
+    if (bar) bar.dirty = second.dirty = true;
     for (const id of ["paper", "courses-paper"]) byId(id).hidden = !wire.picture.hasPaper;
     // They are those of a click.
     byId("courses").hidden = wire.picture.drive === 1 || (scene?.plays && scene.plays.source !== "click");
   },
   motions([ours, papers]) {
-    bar.show(ours);
-    if (papers) second.show(papers);
-    byId("courses").toggleAttribute("data-has", courses.take(ours, papers, scene.device.length_m));
+    bar?.show(ours);
+    if (papers) second?.show(papers);
+    byId("courses").toggleAttribute("data-has", courses.take(ours, papers));
   },
   sound(found) { sound.play(found); },
   state(...connection) { panel.state(...connection); },
 });
 const panel = new Panel(wire);
 const courses = new Courses(byId("course"), wire.picture);
-const bar = new Bar(byId("bar"), wire.picture), second = new Bar(byId("paper-bar"), wire.paper, true);
-const deviceHand = new DeviceHand(wire, [bar, second]);
+const deviceHand = new DeviceHand(wire);
 deviceHand.onTrouble = (text) => panel.trouble(text);
 const fingers = new Fingers(byId("bar"), wire, () => bar.place(), deviceHand);
+
+// Draw a device, by other drawings where its surface is another.
+function draw(device) {
+  const Drawing = drawingFor(device);
+  if (bar?.constructor !== Drawing) {
+    fingers.surface = document.body.dataset.surface = Drawing.name.toLowerCase();
+    for (const word of document.querySelectorAll(".surface")) word.textContent = fingers.surface;
+    for (const before of deviceHand.drawings) before.close();
+    bar = new Drawing(byId("bar"), wire.picture);
+    second = new Drawing(byId("paper-bar"), wire.paper, true);
+    deviceHand.drawings = [bar, second];
+    slow();
+  }
+  document.body.style.setProperty("--sides", device.corner_m.x / device.corner_m.y);
+  bar.device = second.device = device;
+}
+
 
 const ear = byId("ear");
 for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${number - 1}`));
@@ -54,10 +71,8 @@ for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${
 byId("keep").addEventListener("change", (event) => { fingers.keeps = event.target.checked; });
 byId("lift").addEventListener("click", () => fingers.liftAll());
 function startTour() {
-  const zones = scene?.device.zones, length_m = scene?.device.length_m;
-  if (!zones) return;
-  const middle = (zone) => (zone.start_m + zone.stop_m) / 2 / length_m;
-  fingers.startTour(middle(zones[Math.max(zones.length - 2, 0)]), middle(zones[0]));
+  if (!fingers.zones) return;
+  fingers.startTour(fingers.zones[Math.max(fingers.zones.length - 2, 0)], fingers.zones[0]);
 }
 
 // Once something plays, the fingers of the link come; without a link the tour, unless somebody touched first. A link to
@@ -72,21 +87,21 @@ function welcome() {
   if (link.switches.device !== undefined && scene.plays.device !== link.switches.device) return;
   isWelcomed = true;
   if (fingers.down.size) return;
-  if (link.fingers.length) fingers.place(link.fingers.map((at_m) => Math.min(at_m / scene.device.length_m, 1)));
+  if (link.fingers.length) fingers.place(link.fingers.map((at) => shareOf(at, scene.device.corner_m)));
   else if (!location.hash) startTour();
 }
 
 // The address says what is chosen and which fingers stay, so that it can be passed on.
 function linkScene() {
   if (!isWelcomed || !scene || fingers.isTouring) return;
-  const found = linkOf(scene.choice, fingers.staying.map((x) => x * scene.device.length_m));
+  const found = linkOf(scene.choice, fingers.staying.map((share) => pointAt(share, scene.device.corner_m)));
   if (found !== location.hash && location.hash !== "#no-tour") history.replaceState(null, "", found);
 }
 
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
-  const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : "Touch the bar.");
+  const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : `Touch the ${fingers.surface}.`);
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);
@@ -104,11 +119,11 @@ function fit(box) {
 new ResizeObserver(() => fit(byId("outcome"))).observe(byId("outcome"));
 new ResizeObserver(() => courses.draw()).observe(byId("course"));
 byId("show-me").addEventListener("click", startTour);
-byId("slowed").addEventListener("input", (event) => {
-  bar.slowed = second.slowed = Math.round(5 * 40 ** (event.target.value / 100)); // 5 to 200 times, even in ratio.
+function slow() {
+  bar.slowed = second.slowed = Math.round(5 * 40 ** (byId("slowed").value / 100)); // 5 to 200 times, even in ratio.
   byId("slowed-text").textContent = `${bar.slowed}×`;
-});
-byId("slowed").dispatchEvent(new Event("input"));
+}
+byId("slowed").addEventListener("input", () => bar && slow());
 // The page as a picture that can stand alone: it says what is simulated, and above which threshold levels are.
 function pictureUrl() {
   const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -126,7 +141,7 @@ function pictureUrl() {
 byId("save").addEventListener("click", () => {
   const link = document.createElement("a");
   link.href = pictureUrl();
-  link.download = `tactable-${scene?.device.name ?? "bar"}.png`;
+  link.download = `tactable-${scene?.device.name ?? "surface"}.png`;
   link.click();
 });
 byId("hear").addEventListener("click", () => { sound.wake(); wire.listen(Number(ear.value)); });
@@ -141,8 +156,8 @@ function listen() {
 }
 
 function frame(now_ms) {
-  bar.draw(now_ms);
-  if (wire.picture.hasPaper) second.draw(now_ms);
+  bar?.draw(now_ms);
+  if (wire.picture.hasPaper) second?.draw(now_ms);
   if (scene && !isDrawn) {
     isDrawn = true;
     performance.mark("first-drawing");
@@ -159,6 +174,6 @@ function frame(now_ms) {
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, bar, second, courses, fingers, deviceHand, panel, sound, get scene() { return scene; } };
+window.tactable = { wire, get bar() { return bar; }, get second() { return second; }, courses, fingers, deviceHand, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

@@ -1,19 +1,17 @@
-// The bar that plays: device files that are dropped or chosen, and actuators that are dragged to see what if.
+// The device that plays: device files that are dropped or chosen, and actuators that are dragged to see what if.
 
 import { byId } from "./panel.js";
+import { plainOf, pointAt, pointText } from "./points.js";
 
 const GRAB_PX = 22;
 const STEP_M = 0.0005;
 
-function millimetres(at_m) { return `${(1000 * at_m).toFixed(1).replace(/\.0$/, "")} mm`; }
-
 export class DeviceHand {
-  // `bars` draw the actuators; the pointer takes them from the first.
-  constructor(wire, bars) {
+  constructor(wire) {
     this.scene = null;
     this.isDragging = false;
     this._wire = wire;
-    this._bars = bars;
+    this.drawings = []; // They draw the actuators; the pointer takes them from the first.
     this._places = null; // of the actuators while one is dragged, and until they play
     this._dragged = -1;
     this._sent = "";
@@ -43,8 +41,7 @@ export class DeviceHand {
 
   // The actuator under a place of the canvas in CSS pixels; -1 for none.
   at(x, y) {
-    if (!this._canDrop || !this._bars[0].actuatorAt) return -1;
-    return this._bars[0].actuatorAt(x, y, GRAB_PX);
+    return this._canDrop ? this.drawings[0]?.actuatorAt(x, y, GRAB_PX) ?? -1 : -1;
   }
 
   grab(index) {
@@ -54,10 +51,10 @@ export class DeviceHand {
     this.isDragging = true;
   }
 
-  // Move the grabbed actuator to a fraction of the bar; the others stay.
+  // Move the grabbed actuator to a point as fractions of the surface; the others stay.
   move(share) {
-    const { length_m } = this.scene.device;
-    this._places[this._dragged] = Math.round((share * length_m) / STEP_M) * STEP_M;
+    const { x, y } = pointAt(share, this.scene.device.corner_m), rounded = (at) => Math.round(at / STEP_M) * STEP_M;
+    this._places[this._dragged] = { x: rounded(x), y: rounded(y) };
     this._show();
     this._send();
   }
@@ -75,7 +72,7 @@ export class DeviceHand {
     const isIdle = trouble || JSON.stringify(plays?.actuators_m) === JSON.stringify(choice.actuators_m);
     if (asked === this._sent || (this.isDragging && !isIdle)) return;
     this._sent = asked;
-    this._wire.choose({ actuators_m: this._places });
+    this._wire.choose({ actuators_m: this._places.map(plainOf) });
   }
 
   // What the server says of the device has come.
@@ -92,7 +89,7 @@ export class DeviceHand {
   }
 
   _show() {
-    for (const bar of this._bars) bar.places = this._places;
+    for (const drawing of this.drawings) drawing.places = this._places;
   }
 
   _say({ what_if, clicks }) {
@@ -100,7 +97,7 @@ export class DeviceHand {
     if (!what_if) return;
     const plays = clicks ? "Clicks are solved for these places as fingers ask for them."
       : "Steady drives play; clicks follow once their kernels are compiled.";
-    const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${millimetres(position_m)} (device file: ${millimetres(file_m)})`);
+    const moved = what_if.moved.map(({ name, position_m, file_m }) => `${name} at ${pointText(position_m, 1)} (device file: ${pointText(file_m, 1)})`);
     byId("what-if-text").textContent = `What if: actuator ${moved.join(", ")}. ${plays}`;
   }
 

@@ -1,23 +1,24 @@
-// Turns mouse, pen, touch and keys into fingers on the bar; keeps fingers that stay; plays a short tour.
+// Turns mouse, pen, touch and keys into fingers on the surface; keeps fingers that stay; plays a short tour.
 
+import { distanceOf } from "./points.js";
 import { Phase } from "./wire.js";
 
 const REPEAT_MS = 40; // The server releases a finger that is silent for 120 ms.
 const GRAB_PX = 26;
 const STILL_PX = 4;
-const MIDDLE = 0.5;
 const TOLD_S = 0.3; // A click has rung down by then.
 const PATIENCE_MS = 5000;
 
 const passing = (time_ms) => new Promise((done) => setTimeout(done, time_ms));
 
 export class Fingers {
-  // `place` gives {left, width, height} of the bar in the canvas, in CSS pixels; `hand` takes actuators.
+  // `place` gives {left, top, width, height} of the surface in the canvas, in CSS pixels; `hand` takes actuators.
   constructor(canvas, wire, place, hand) {
     this._hand = hand;
     this._handPointer = null;
-    this.down = new Map(); // by our number: {x, y, kept, moved}
+    this.down = new Map(); // by our number: {x, y, kept, moved}; x and y are fractions of the surface
     this.keeps = false;
+    this.surface = "bar"; // what it is called
     this.onUse = () => {};
     this._canvas = canvas;
     this._wire = wire;
@@ -40,11 +41,9 @@ export class Fingers {
   }
 
   _at(event) {
-    const { left, width, height } = this._place(), box = this._canvas.getBoundingClientRect();
-    return [
-      Math.min(Math.max((event.clientX - box.left - left) / width, 0), 1),
-      Math.min(Math.max((event.clientY - box.top) / height, 0), 1),
-    ];
+    const { left, top, width, height } = this._place(), box = this._canvas.getBoundingClientRect();
+    const x = (event.clientX - box.left - left) / width, y = 1 - (event.clientY - box.top - top) / height;
+    return { x: Math.min(Math.max(x, 0), 1), y: Math.min(Math.max(y, 0), 1) };
   }
 
   _pointerdown(event) {
@@ -58,9 +57,8 @@ export class Fingers {
       this._hand.grab(actuator);
       return;
     }
-    const [x, y] = this._at(event);
-    const near = this._keptNear(x);
-    this._pointers.set(event.pointerId, near ?? this._press(x, y, this.keeps || event.shiftKey));
+    const at = this._at(event);
+    this._pointers.set(event.pointerId, this._keptNear(at) ?? this._press(at, this.keeps || event.shiftKey));
     this._soon.port2.postMessage(null);
   }
 
@@ -69,11 +67,16 @@ export class Fingers {
     this.onUse();
   }
 
-  _keptNear(x) {
-    const reach = GRAB_PX / this._place().width;
+  // How far apart two points are on the screen.
+  _apart(one, other) {
+    const { width, height } = this._place();
+    return distanceOf({ x: one.x * width, y: one.y * height }, { x: other.x * width, y: other.y * height });
+  }
+
+  _keptNear(at) {
     for (const [number, finger] of this.down) {
-      if (finger.kept && Math.abs(finger.x - x) < reach) {
-        finger.grabbed = finger.x;
+      if (finger.kept && this._apart(finger, at) < GRAB_PX) {
+        finger.grabbed = { x: finger.x, y: finger.y };
         finger.moved = false;
         return number;
       }
@@ -83,21 +86,21 @@ export class Fingers {
 
   _pointermove(event) {
     if (event.pointerId === this._handPointer) {
-      this._hand.move(this._at(event)[0]);
+      this._hand.move(this._at(event));
       return;
     }
     if (!this._pointers.size && event.pointerType === "mouse") this._pointAt(event);
     const number = this._pointers.get(event.pointerId);
     if (number === undefined) return;
     const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [];
-    for (const each of events.length ? events : [event]) this._move(number, ...this._at(each));
+    for (const each of events.length ? events : [event]) this._move(number, this._at(each));
     this._wire.flush();
   }
 
   // An actuator under the mouse says that it can be taken.
   _pointAt(event) {
     const box = this._canvas.getBoundingClientRect();
-    this._canvas.style.cursor = this._hand.at(event.clientX - box.left, event.clientY - box.top) >= 0 ? "ew-resize" : "";
+    this._canvas.style.cursor = this._hand.at(event.clientX - box.left, event.clientY - box.top) >= 0 ? "move" : "";
   }
 
   _letGo(event) {
@@ -113,7 +116,7 @@ export class Fingers {
     if (!finger) return;
     // A kept finger is lifted by a tap on it.
     const stays = finger.kept && (finger.grabbed === undefined || finger.moved);
-    if (stays) finger.grabbed = finger.x;
+    if (stays) finger.grabbed = { x: finger.x, y: finger.y };
     else this._release(number, Phase.UP);
     this._sent();
   }
@@ -130,31 +133,37 @@ export class Fingers {
     return number;
   }
 
-  _press(x, y, kept) {
+  _press({ x, y }, kept) {
     const number = this._next++;
     this.down.set(number, { x, y, kept, moved: false, grabbed: undefined });
-    this._wire.touch(number, Phase.DOWN, x, y);
+    this._tell(number, Phase.DOWN);
     return number;
   }
 
-  _move(number, x, y) {
+  _move(number, { x, y }) {
     const finger = this.down.get(number);
     if (!finger) return;
-    if (finger.grabbed !== undefined && Math.abs(x - finger.grabbed) * this._place().width > STILL_PX) finger.moved = true;
+    if (finger.grabbed !== undefined && this._apart({ x, y }, finger.grabbed) > STILL_PX) finger.moved = true;
     finger.x = x;
     finger.y = y;
-    this._wire.touch(number, Phase.MOVE, x, y);
+    this._tell(number, Phase.MOVE);
+  }
+
+  // On a bar, where y is NaN, the middle is as good as any.
+  _tell(number, phase) {
+    const { x, y } = this.down.get(number);
+    this._wire.touch(number, phase, x, Number.isNaN(y) ? 0.5 : y);
   }
 
   _release(number, phase) {
     const finger = this.down.get(number);
     if (!finger) return;
+    this._tell(number, phase);
     this.down.delete(number);
-    this._wire.touch(number, phase, finger.x, finger.y);
   }
 
   _repeat() {
-    for (const [number, finger] of this.down) this._wire.touch(number, Phase.MOVE, finger.x, finger.y);
+    for (const number of this.down.keys()) this._tell(number, Phase.MOVE);
     this._wire.flush();
   }
 
@@ -169,16 +178,18 @@ export class Fingers {
   get anyKept() { return [...this.down.values()].some((finger) => finger.kept); }
 
   // Where the fingers that stay are, in the order in which they came down.
-  get staying() { return [...this.down.values()].filter((finger) => finger.kept).map((finger) => finger.x); }
+  get staying() { return [...this.down.values()].filter((finger) => finger.kept).map(({ x, y }) => ({ x, y })); }
 
   // Put fingers down that stay, one after another, so that each is a touch beside those before it.
   place(places) {
     this.stopTour();
-    this._lead(places.map((x, i) => [i ? 1400 : 0, () => this._press(x, MIDDLE, true)]));
+    this._lead(places.map((at, i) => [i ? 1400 : 0, () => this._press(at, true)]));
   }
 
   // Keys 1 to 9 put a finger on the middle of that zone while the key is down.
   set zones(middles) { this._middles = middles; }
+
+  get zones() { return this._middles; }
 
   _keydown(event) {
     if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || !/^Digit[1-9]$/.test(event.code)) return;
@@ -186,7 +197,7 @@ export class Fingers {
     const middle = this._middles?.[Number(event.code.at(-1)) - 1];
     if (middle === undefined || this._keys.has(event.code)) return;
     this.stopTour();
-    this._keys.set(event.code, this._press(middle, MIDDLE, false));
+    this._keys.set(event.code, this._press(middle, false));
     this._sent();
   }
 
@@ -206,16 +217,16 @@ export class Fingers {
   startTour(resting, tapping, taps = 4) {
     this.liftAll();
     let rests, tapped;
-    const tap = () => { tapped = this._press(tapping, MIDDLE, false); };
+    const tap = () => { tapped = this._press(tapping, false); };
     const lift = () => this._release(tapped, Phase.UP);
     this._lead([
-      [0, () => { this.says = "Finger 1 comes first, and rests."; rests = this._press(resting, MIDDLE, false); }],
+      [0, () => { this.says = "Finger 1 comes first, and rests."; rests = this._press(resting, false); }],
       [1300, () => { this.says = "Finger 2 taps: only finger 2 is to feel it."; }],
       [100, tap],
       [600, () => { this.says = null; }],
       [500, lift],
       ...Array.from({ length: taps - 1 }, () => [[1500, tap], [1100, lift]]).flat(),
-      [1900, () => { this._release(rests, Phase.UP); this.says = "Your turn: touch the bar."; }],
+      [1900, () => { this._release(rests, Phase.UP); this.says = `Your turn: touch the ${this.surface}.`; }],
     ]);
   }
 

@@ -1,90 +1,24 @@
 // Draws levels along the bar above the threshold: the scale, the present ones as an area, what counts as a line.
 
-export const Role = { NONE: 0, QUIET: 1, FELT: 2 };
-const LOWEST_DB = -20, HIGHEST_DB = 40;
-const FALL_DB_PER_S = 30; // A click of 30 ms stays in sight.
-const FRESH_S = 3;
-export const FINGERTIP_M = 0.016;
+import { FINGERTIP_M, HIGHEST_DB, LOWEST_DB, Role, SurfaceView, isFresh, line } from "./surface.js";
 
-// How much the last command still counts: 1 while it plays, 0 after FRESH_S.
-export function freshness(picture) {
-  if (!picture.command) return 0;
-  return picture.isPlaying ? 1 : Math.max(0, 1 - picture.age_s / FRESH_S);
-}
-
-export function isFresh(picture) { return freshness(picture) > 0; }
-
-export function line(c, x0, y0, x1, y1) { c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); }
-
-export class LevelPlot {
-  // `isSecond`: it stands below another one, which has the words.
-  constructor(canvas, picture, isSecond = false) {
-    this.canvas = canvas;
-    this.picture = picture;
-    this.dirty = true;
-    this._isSecond = isSecond;
-    this._context = canvas.getContext("2d");
-    this._device = null;
-    this._shown = new Float32Array(256).fill(LOWEST_DB);
-    this._counted = new Float32Array(256).fill(LOWEST_DB);
-    this._countedOf = 0;
-    this._dark = matchMedia("(prefers-color-scheme: dark)");
-    this._dark.addEventListener("change", () => this._readColours());
-    this._readColours();
-    new ResizeObserver(() => this._resize()).observe(canvas);
-    this._resize();
-  }
-
-  _readColours() {
-    const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-    this._colour = { edge: colour("--metal-edge"), font: getComputedStyle(document.body).fontFamily };
-    for (const name of ["ink", "muted", "line", "felt", "quiet", "level", "metal", "paper"]) this._colour[name] = colour(`--${name}`);
-    this.dirty = true;
-  }
-
-  _resize() {
-    const box = this.canvas.getBoundingClientRect(), ratio = window.devicePixelRatio || 1;
-    if (!box.width) return;
-    this._width = box.width;
-    this._height = box.height;
-    this.canvas.width = Math.round(box.width * ratio);
-    this.canvas.height = Math.round(box.height * ratio);
-    this._ratio = ratio;
-    const narrow = box.width < 560;
+export class LevelPlot extends SurfaceView {
+  _layOut() {
+    const narrow = this._narrow;
     this._left = narrow ? 40 : 58;
-    this._right = box.width - (narrow ? 14 : 24);
+    this._right = this._width - (narrow ? 14 : 24);
     this._top = this._isSecond ? 10 : 26;
-    this._floor = Math.round(box.height * (this._isSecond ? 0.62 : 0.6));
-    this._middle = Math.round(box.height * (this._isSecond ? 0.83 : 0.765));
-    this._bottom = box.height - (this._isSecond ? 4 : 34);
+    this._floor = Math.round(this._height * (this._isSecond ? 0.62 : 0.6));
+    this._middle = Math.round(this._height * (this._isSecond ? 0.83 : 0.765));
+    this._bottom = this._height - (this._isSecond ? 4 : 34);
     this._thick = narrow ? 9 : 11;
-    this._narrow = narrow;
-    this.dirty = true;
   }
 
-  _x(position_m) { return this._left + (this._right - this._left) * (position_m / this._device.length_m); }
+  _x(position_m) { return this._left + (this._right - this._left) * (position_m.x / this._device.corner_m.x); }
 
   _y(db) {
     const share = (Math.min(Math.max(db, LOWEST_DB), HIGHEST_DB) - LOWEST_DB) / (HIGHEST_DB - LOWEST_DB);
     return this._floor - share * (this._floor - this._top);
-  }
-
-  _fall(passed_s) {
-    const { levels, counted, levelCount, command } = this.picture;
-    let falls = false;
-    if (command !== this._countedOf) {
-      this._countedOf = command;
-      this._counted.fill(LOWEST_DB);
-    }
-    for (let i = 0; i < levelCount; i++) {
-      const before = this._shown[i], fallen = Math.max(before - FALL_DB_PER_S * passed_s, LOWEST_DB);
-      // What counts has risen since the last picture: it was so loud in between, in pictures that never came here.
-      const risen = counted[i] > this._counted[i] ? counted[i] : LOWEST_DB;
-      this._counted[i] = counted[i];
-      this._shown[i] = Math.max(levels[i], risen, fallen);
-      falls ||= this._shown[i] > LOWEST_DB || before > LOWEST_DB;
-    }
-    return falls;
   }
 
   _drawScale(c) {
@@ -188,7 +122,7 @@ export class LevelPlot {
 
   // Stretches of the canvas, from and to, without a finger of the last command.
   _gaps() {
-    const { made, madeCount } = this.picture, half = (FINGERTIP_M / 2 / this._device.length_m) * (this._right - this._left);
+    const { made, madeCount } = this.picture, half = (FINGERTIP_M / 2 / this._device.corner_m.x) * (this._right - this._left);
     const at = made.slice(0, madeCount).map((finger) => this._x(finger.position_m)).sort((a, b) => a - b), gaps = [];
     let from = this._left;
     for (const x of at) {
@@ -202,16 +136,16 @@ export class LevelPlot {
   // The line of what counts, through the level of every finger too: where one rests the bar may be still between points.
   _countedPath(c) {
     const { counted, levelCount, fingers, fingerCount, drive } = this.picture, fresh = isFresh(this.picture);
-    const step_m = this._device.length_m / (levelCount - 1);
+    const step_m = this._device.corner_m.x / (levelCount - 1);
     c.beginPath();
     c.moveTo(this._left, this._y(counted[0]));
     for (let i = 1; i < levelCount; i++) {
       for (let k = 0; fresh && k < fingerCount; k++) {
         const { position_m, role, level_db, felt_db } = fingers[k];
-        if (role === Role.NONE || position_m <= (i - 1) * step_m || position_m >= i * step_m) continue;
+        if (role === Role.NONE || position_m.x <= (i - 1) * step_m || position_m.x >= i * step_m) continue;
         c.lineTo(this._x(position_m), this._y(drive === 1 ? level_db : felt_db));
       }
-      c.lineTo(this._x(i * step_m), this._y(counted[i]));
+      c.lineTo(this._x({ x: i * step_m }), this._y(counted[i]));
     }
   }
 }

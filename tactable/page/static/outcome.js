@@ -1,15 +1,15 @@
 // Puts the outcome of the last command into one sentence, and draws what each finger got of a click over time.
 
 import { NO_NUMBER, NOTHING } from "./wire.js";
-import { levelText } from "./bar.js";
-import { Role } from "./levels.js";
+import { pointText } from "./points.js";
+import { Role, levelText } from "./surface.js";
 
 const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the levels say what was felt.
 const COURSE_S = 0.06;
 const MOST_NAMED = 3;
 
 function nameOf(finger) {
-  return finger.called === NO_NUMBER ? `the finger at ${(1000 * finger.position_m).toFixed(0)}\u00a0mm` : `finger\u00a0${finger.called + 1}`;
+  return finger.called === NO_NUMBER ? `the finger at ${pointText(finger.position_m)}`.replaceAll(" mm", "\u00a0mm") : `finger\u00a0${finger.called + 1}`;
 }
 
 // Names as they are said; of many fingers only the number.
@@ -67,20 +67,15 @@ export class Courses {
   }
 
   // Take the motion of the last click, and what the paper's drive did meanwhile; whether there is a course to show.
-  take(motion, papers, length_m) {
+  take(motion, papers) {
     if (!motion.isClick || motion.command !== this._picture.command) return this._courses.length > 0;
     const steps = Math.min(motion.steps, Math.round(COURSE_S / motion.step_s)), { made, madeCount } = this._picture;
     this._step_s = motion.step_s;
-    const courseAt = ({ points, scale, words }, position_m) => {
-      const at = (position_m / length_m) * (points - 1), left = Math.min(Math.floor(at), points - 2);
-      return Float32Array.from({ length: steps }, (_, i) => {
-        const here = words[i * points + left], next = words[i * points + left + 1];
-        return ((here + (next - here) * (at - left)) * scale) / 32767;
-      });
-    };
-    this._courses = made.slice(0, madeCount).map((finger) => ({
-      name: sentence(nameOf(finger)), role: finger.role, values: courseAt(motion, finger.position_m),
-      beside: papers ? courseAt(papers, finger.position_m) : new Float32Array(0),
+    const courseOf = ({ along, rows, columns, scale, words }, index) =>
+      Float32Array.from({ length: steps }, (_, i) => (words[i * columns + along * rows + index] * scale) / 32767);
+    this._courses = made.slice(0, madeCount).map((finger, index) => ({
+      name: sentence(nameOf(finger)), role: finger.role, values: courseOf(motion, index),
+      beside: papers ? courseOf(papers, index) : new Float32Array(0),
     }));
     this.draw();
     return this._courses.length > 0;
@@ -88,7 +83,7 @@ export class Courses {
 
   get isDrawn() { return this._courses.length > 0; }
 
-  // Forget the courses: they are another bar's.
+  // Forget the courses: they are another device's.
   clear() {
     this._courses = [];
     this.canvas.getContext("2d").clearRect(0, 0, this.canvas.width, this.canvas.height);

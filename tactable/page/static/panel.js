@@ -1,8 +1,8 @@
 // The panel below the bar: switches, promised and simulated levels, the command, latencies, counters.
 
 import { NOTHING, NO_NUMBER } from "./wire.js";
-import { ORDERS } from "./bar.js";
-import { Role } from "./levels.js";
+import { pointText } from "./points.js";
+import { ORDERS, Role } from "./surface.js";
 
 const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)" };
 // What the second bar is, by the kind of drive that plays on the first.
@@ -93,11 +93,11 @@ export class Panel {
 
   set scene(scene) {
     this._scene = scene;
-    const { device, choice } = scene, isDemo = scene.mode === "demo", wire = this._wire;
+    const { device, choice } = scene, isDemo = scene.mode === "demo", wire = this._wire, { surface } = document.body.dataset;
     say(byId("device-name"), device.name);
     const badge = byId("badge");
     badge.hidden = false;
-    say(badge, isDemo ? "SIMULATED: digitizer, firmware and bar" : "SIMULATED: the bar's motion");
+    say(badge, isDemo ? `SIMULATED: digitizer, firmware and ${surface}` : `SIMULATED: the ${surface}'s motion`);
     byId("switches").hidden = !isDemo;
     byId("actions").hidden = !isDemo;
     for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo;
@@ -164,10 +164,10 @@ export class Panel {
         parts.push(`The shipped table plays${older}; this machine builds the same one now: ${what}`);
       } else if (scene.what_if) parts.push(`For the actuators that were moved: ${what}`);
       else if (scene.solved) {
-        const { count, last_m } = scene.solved, last = last_m.map((at_m) => (1000 * at_m).toFixed(0)).join(" and ");
-        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last} mm` : "touch the bar";
+        const { count, last_m } = scene.solved, last = last_m.map((at) => pointText(at)).join(" and ");
+        const so = count ? `${count} so far, the last for ${last_m.length > 1 ? "fingers" : "a finger"} at ${last}` : "touch";
         parts.push(`Clicks are solved as fingers ask for them: ${so}; the table of ${nameOf(building.device)}: ${what}`);
-      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the bar's modes; clicks follow once their kernels are compiled: ${what}`);
+      } else if (!scene.clicks) parts.push(`Steady drives play, solved from the modes; clicks follow once their kernels are compiled: ${what}`);
       else if (scene.is_early) parts.push(`Building clicks at more places: ${what}; until they are there, those of few places play`);
       else if (scene.clicks) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
@@ -196,7 +196,7 @@ export class Panel {
     for (let i = 0; i < picture.madeCount; i++) {
       const cells = found[i].cells, { number, zone, role, position_m, promised, simulated } = picture.made[i];
       const name = zone < zones.length ? `, ${zones[zone].name}` : "";
-      say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${(1000 * position_m).toFixed(0)} mm${name}`);
+      say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${pointText(position_m)}${name}`);
       say(cells[1], ORDERS[role] ?? "none");
       cells[1].className = CLASSES[role];
       say(cells[2], decibels(promised));

@@ -1,6 +1,8 @@
-// The browser's side of tactable/page/messages.py: decodes pictures, encodes touches and switches, and reconnects.
+// The browser's side of tactable/page/page_messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-export const VERSION = 6;
+import { parseScene } from "./points.js";
+
+export const VERSION = 7;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
@@ -9,6 +11,7 @@ export const NO_NUMBER = 0xffffffff;
 const MOST_TOUCHES = 64;
 const MOST_BYTES = 65536;
 const MOST_FINGERS = 16;
+const MOST_LEVELS = 4096;
 const STAGES = 5;
 const FIRST_BACK_OFF_MS = 250;
 const LONGEST_BACK_OFF_MS = 4000;
@@ -22,20 +25,25 @@ export function makePicture() {
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
     isLoaded: true, isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: 0, zone: NO_ZONE, role: 0, position_m: 0, level_db: -60, felt_db: -60 })),
+      ({ number: 0, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, level_db: -60, felt_db: -60 })),
     // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
     madeCount: 0,
     made: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: 0, promised: NOTHING, simulated: NOTHING })),
+      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, promised: NOTHING, simulated: NOTHING })),
     channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
-    levelCount: 0, levels: new Float32Array(256), counted: new Float32Array(256),
+    levelCount: 0, rows: 1, levels: new Float32Array(MOST_LEVELS), counted: new Float32Array(MOST_LEVELS),
   };
 }
 
-// What of a picture is another for the second bar, which the paper's drives move; all else is the picture's own.
+// What of a picture is another for the second surface, which the paper's drives move; all else is the picture's own.
 export function makePaper(picture) {
   const { fingers, made } = makePicture();
-  return Object.assign(Object.create(picture), { fingers, made, levels: new Float32Array(256), counted: new Float32Array(256) });
+  return Object.assign(Object.create(picture), { fingers, made, levels: new Float32Array(MOST_LEVELS), counted: new Float32Array(MOST_LEVELS) });
+}
+
+function readPoint(view, at, point) {
+  point.x = view.getFloat32(at, true);
+  point.y = view.getFloat32(at + 4, true);
 }
 
 export function decodePicture(view, picture, paper) {
@@ -59,25 +67,27 @@ export function decodePicture(view, picture, paper) {
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
-  picture.levelCount = view.getUint8(at++);
-  for (let i = 0; i < picture.fingerCount; i++, at += 18) {
+  const along = view.getUint8(at++);
+  picture.rows = view.getUint8(at++);
+  picture.levelCount = along * picture.rows;
+  for (let i = 0; i < picture.fingerCount; i++, at += 22) {
     const finger = picture.fingers[i];
     finger.number = view.getUint32(at, true);
     finger.zone = view.getUint8(at + 4);
     finger.role = view.getUint8(at + 5);
-    finger.position_m = view.getFloat32(at + 6, true);
-    finger.level_db = view.getFloat32(at + 10, true);
-    finger.felt_db = view.getFloat32(at + 14, true);
+    readPoint(view, at + 6, finger.position_m);
+    finger.level_db = view.getFloat32(at + 14, true);
+    finger.felt_db = view.getFloat32(at + 18, true);
   }
-  for (let i = 0; i < picture.madeCount; i++, at += 14) {
+  for (let i = 0; i < picture.madeCount; i++, at += 18) {
     const finger = picture.made[i];
     finger.number = view.getUint32(at, true);
     if (finger.number !== NO_NUMBER || picture.command !== before) finger.called = finger.number;
     finger.zone = view.getUint8(at + 4);
     finger.role = view.getUint8(at + 5);
-    finger.position_m = view.getFloat32(at + 6, true);
-    finger.promised = view.getInt16(at + 10, true);
-    finger.simulated = view.getInt16(at + 12, true);
+    readPoint(view, at + 6, finger.position_m);
+    finger.promised = view.getInt16(at + 14, true);
+    finger.simulated = view.getInt16(at + 16, true);
   }
   for (let i = 0; i < picture.channelCount; i++, at += 12) {
     picture.frequency_hz[i] = view.getFloat32(at, true);
@@ -104,15 +114,17 @@ function decodePaper(view, at, picture, paper) {
   }
 }
 
-// The same moment of every bar, ours first, in one scale.
+// The same moment of every surface, ours first, in one scale. A step has the points, row by row, then the fingers that
+// the command was made for.
 export function decodeMotions(view) {
-  const points = view.getUint8(2), steps = view.getUint16(4, true), motions = [];
-  for (let at = 18; at < view.byteLength; ) {
-    const words = new Int16Array(points * steps);
+  const along = view.getUint8(2), rows = view.getUint8(3), columns = along * rows + view.getUint8(4);
+  const steps = view.getUint16(6, true), motions = [];
+  for (let at = 20; at < view.byteLength; ) {
+    const words = new Int16Array(columns * steps);
     for (let i = 0; i < words.length; i++, at += 2) words[i] = view.getInt16(at, true);
     motions.push({
-      points, steps, words, isClick: Boolean(view.getUint8(3)), command: view.getUint32(6, true),
-      step_s: view.getFloat32(10, true), scale: view.getFloat32(14, true),
+      along, rows, columns, steps, words, isClick: Boolean(view.getUint8(5)), command: view.getUint32(8, true),
+      step_s: view.getFloat32(12, true), scale: view.getFloat32(16, true),
     });
   }
   return motions;
@@ -178,7 +190,7 @@ export class Wire {
     this.received++;
     switch (view.getUint8(1)) {
       case Kind.SCENE:
-        this._on.scene(JSON.parse(new TextDecoder().decode(new Uint8Array(data, 2))));
+        this._on.scene(parseScene(new TextDecoder().decode(new Uint8Array(data, 2))));
         break;
       case Kind.PICTURE:
         decodePicture(view, this.picture, this.paper);
@@ -210,7 +222,7 @@ export class Wire {
 
   choose(switches) { this._sendObject(Kind.CHOICE, switches); }
 
-  // Hand over a device file, so that its bar plays; whether it is short enough to be one.
+  // Hand over a device file, so that it plays; whether it is short enough to be one.
   drop(name, text) { return this._sendObject(Kind.DEVICE, { name, text }); }
 
   _sendObject(kind, object) {

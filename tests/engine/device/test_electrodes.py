@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device, DeviceError, Electrodes
-from tests.engine.device.test_file import TEXT
+from tests.engine.device.test_description import TEXT
 
 TURNS = 2 * np.pi * np.arange(4096) / 4096
 

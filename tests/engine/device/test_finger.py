@@ -13,7 +13,7 @@ from engine.device import Device, DeviceError, Finger
 from engine.device.finger import impedance_of
 from engine.device.named_files import IMPEDANCE_HEADER
 from tactable.shipped import find_device
-from tests.engine.device.test_file import TEXT
+from tests.engine.device.test_description import TEXT
 
 BARE = TEXT[: TEXT.index("[finger]")] + TEXT[TEXT.index("[spread]") :]
 HZ = np.arange(40.0, 401.0, 20.0)

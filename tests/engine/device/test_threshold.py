@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from engine.device import Device, DeviceError, Threshold
 from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
 from tactable.shipped import device_folder, find_device
-from tests.engine.device.test_file import TEXT
+from tests.engine.device.test_description import TEXT
 from tests.precompute.sampled import threshold
 
 OWN, ANDROID = shipped_threshold(DEFAULT), shipped_threshold("android")

@@ -3,7 +3,7 @@
 import pytest
 
 from engine.device import Device, DeviceError
-from tests.engine.device.test_file import TEXT
+from tests.engine.device.test_description import TEXT
 
 DAMPING = 'name = "bar.mass_damping"\nlow = "0 1/s"\nhigh = "100 1/s"\nknee = "0.3 1/s"'
 TABLE = f"""

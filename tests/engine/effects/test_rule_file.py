@@ -8,9 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger, read_effects
-from engine.effects.rule_file import parse_effects, read_vocabulary
-from engine.effects.rules import FULL_SCALE_DB
+from engine.effects.rule_file import parse_effects, read_effects, read_vocabulary
+from engine.effects.rules import (
+    DEFAULT_EFFECTS,
+    FULL_SCALE_DB,
+    Drives,
+    Effect,
+    EffectError,
+    Effects,
+    Rule,
+    Segment,
+    Trigger,
+)
 
 TABLES = Path(__file__).parents[3] / "tables"
 DEVICE = Device.read(TABLES / "devices" / "reference-a.toml")

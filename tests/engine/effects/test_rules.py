@@ -1,7 +1,6 @@
 """Laws of the rules of a run."""
 
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import FULL_SCALE_DB, burst
+from engine.effects.rules import DEFAULT_EFFECTS, FULL_SCALE_DB, Effect, Effects, Rule, Segment, Trigger, burst
 from engine.touch import Touch
 
 MS = 1_000_000

@@ -1,6 +1,6 @@
 """Records of a ring, written as a loop writes them."""
 
-from engine.loop import CommandRecord, Fate, LoopCounters
+from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.loop.ring import Record, RingWriter
 
 

@@ -9,36 +9,30 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from engine.device import Device
-from engine.effects import Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.effects.player import DEFAULT_CLICK_NS
-from engine.effects.rules import burst
-from engine.loop import (
-    ClickSolving,
-    Clock,
-    ControlSlot,
-    Dispatcher,
-    Loop,
-    Observer,
-    Observers,
-    RingWriter,
-    Timing,
-    Trace,
-    connect,
-    open_pipeline,
-)
-from engine.loop.fast.session import FastLink, FastSession
-from engine.loop.fast.table import with_fast_table
+from engine.effects.effect_player import DEFAULT_CLICK_NS
+from engine.effects.rules import Drives, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.fast_session import FastLink, FastSession
+from engine.loop.fast.fast_table import with_fast_table
+from engine.loop.loop import Clock, Loop, connect
+from engine.loop.observer import Observer, Observers, Timing, Trace
+from engine.loop.pipeline import open_pipeline
+from engine.loop.program_steps import ControlSlot
+from engine.loop.ring import RingWriter
 from engine.loop.table_swap import Updates
-from engine.render import Renderer, Rendering, WhenNotAchieved, link_configuration
 from engine.render.board_fit import BoardFit
 from engine.render.chosen_basis import choose_basis
-from engine.render.clicks import RenderedClicks
+from engine.render.click_renderer import RenderedClicks
+from engine.render.limits import link_configuration
+from engine.render.prepared import Rendering
+from engine.render.renderer import Renderer, WhenNotAchieved
 from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
 from engine.touch.sources import Source
 from engine.touch.sources.recording import Recording, Report
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.reopening import ReopeningPort
 from tests.engine.loop.fast.virtual_fast_path import Packets, VirtualFastPath

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field, replace
 import pytest
 
 from engine.device import Device
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import click
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, click
 from engine.loop.answerer import LATEST_NS
 from engine.table import ClickEntry, Clicks
 from engine.touch import Placement
-from firmware_link.emulator import Cause
+from firmware_link.emulator.drive_log import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, rendering_of, report
 from tests.engine.loop.test_table_swap import Later
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of

@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
-from engine.effects import ControlStep, Effect, Effects, Outcome, Role, Rule, Segment, Trigger, TriggeredEffect
-from engine.effects.rules import burst, click
-from engine.loop import Pipeline, open_pipeline
-from engine.render import SILENCE, Rendering
+from engine.effects.control_step import ControlStep, Outcome, Role, TriggeredEffect
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
+from engine.loop.pipeline import Pipeline, open_pipeline
+from engine.render.link_commands import SILENCE
+from engine.render.prepared import Rendering
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
@@ -44,7 +45,7 @@ def bar(length: float = 1.0, zones: int = 5, *, flip: bool = False) -> Device:
     edges_m = np.linspace(0.0, length_m, zones + 1).tolist()
     made = tuple(Zone(str(i), *edges_m[i : i + 2]) for i in range(zones))
     axis = TouchAxis("x", flip, -share if flip else 0.0, 0.0 if flip else -share, LENGTH_M)
-    return replace(DEVICE, bar=replace(DEVICE.bar, length_m=length_m), zones=made, touch_axis=axis)
+    return replace(DEVICE, surface=replace(DEVICE.bar, length_m=length_m), zones=made, touch_axis=axis)
 
 
 def rendering_for(rig: Rig, device: Device, *, has_clicks: bool = False) -> Rendering:
@@ -123,8 +124,8 @@ class Story:
         pipeline, length_m = self.pipeline, self.pipeline.device.bar.length_m
         placement = pipeline.wanted.placement
         assert pipeline.wanted == (pipeline.player.placement, pipeline.player.level_db, pipeline.player.click_ns)
-        assert placement is None or all(0 <= at_m <= length_m for at_m in placement.position_m)
-        assert all(0 <= finger.held_m <= length_m for finger in pipeline.player.lifted)
+        assert placement is None or all(0 <= at_m.real <= length_m for at_m in placement.position_m)
+        assert all(0 <= finger.held_m.real <= length_m for finger in pipeline.player.lifted)
         assert (pipeline.command() == SILENCE) == (placement is None)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from engine.loop import CommandRecord, Dispatcher, Fate, LoopCounters, Observers, Timing, Trace
-from engine.render import SILENCE, Command, DriveCommand
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observers, Timing, Trace
+from engine.render.link_commands import SILENCE, Command, DriveCommand
 from tests.engine.loop.rig import Rig, recording_of, report
 from tests.tools.virtual import MS
 

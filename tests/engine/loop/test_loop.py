@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import burst
-from engine.loop import Stage
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
+from engine.loop.command_latency import Stage
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import Cause
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.messages import DeviceState
 from tests.engine.loop.rig import BURSTS, DEVICE, Rig, Watch, held, index_of, recording_of, report

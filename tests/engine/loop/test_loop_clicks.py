@@ -1,8 +1,8 @@
 """Clicks through the loop, to an emulated firmware in virtual time."""
 
-from engine.effects import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import click
-from firmware_link.emulator import Cause, DeviceConfiguration, DriveEvent
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger, click
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause, DriveEvent
 from tests.engine.loop.rig import DEVICE, Rig, held, index_of, recording_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks, number_of
 from tests.engine.made_states import LEVEL_DB

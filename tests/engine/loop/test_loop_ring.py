@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
-from engine.effects import Effects
-from engine.loop import Record, RingReader, RingWriter
+from engine.effects.rules import Effects
+from engine.loop.ring import Record, RingReader, RingWriter
 from tests.engine.loop.rig import BIT_RATE_HZ, BURSTS, HELD, Rig, held, recording_of, report
 
 RUNS_BOTH_WAYS = True

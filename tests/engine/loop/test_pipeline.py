@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from engine.effects import Effect, Effects, Rule, Segment, Trigger
-from engine.effects.rules import burst
-from engine.loop import Pipeline, open_pipeline
-from engine.render import SILENCE, Command
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
+from engine.loop.pipeline import Pipeline, open_pipeline
+from engine.render.link_commands import SILENCE, Command
 from engine.touch import Placement
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.recording import Recording, read_recording

@@ -6,12 +6,12 @@ from math import inf
 import numpy as np
 import pytest
 
-from engine.effects import Effects, Rule, Trigger
-from engine.effects.rules import click
-from engine.render import Rendering
+from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.render.prepared import Rendering
 from engine.table import Clicks
 from engine.touch.sources.recording import Recording
-from firmware_link.emulator import Cause, DeviceConfiguration, Outcome
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause, Outcome
 from tests.engine.loop.rig import DEVICE, HELD, NO_CLICKS, Rig, held, recording_of, rendering_of, report
 from tests.engine.made_clicks import click_of, in_zones, made_clicks
 from tests.engine.made_states import LEVEL_DB

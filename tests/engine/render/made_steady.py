@@ -4,10 +4,11 @@ from collections.abc import Collection, Sequence
 from types import SimpleNamespace
 
 from engine.device import Device
-from engine.render import SILENCE, DriveCommand, Renderer, clamp
 from engine.render.chosen_basis import NO_BASIS
-from engine.render.clicks import RenderedClicks
-from engine.render.commands import Rendered
+from engine.render.click_renderer import RenderedClicks
+from engine.render.limits import clamp
+from engine.render.link_commands import SILENCE, DriveCommand, Rendered
+from engine.render.renderer import Renderer
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
@@ -44,7 +45,7 @@ class MadeSteady:
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
-        assert all(0 <= at_m <= self.device.bar.length_m for at_m in placement.position_m)
+        assert all(0 <= at_m.real <= self.device.bar.length_m for at_m in placement.position_m)
         self.solved.append((placement, level_db))
         self.held_hz.append(held_hz)
         states = placement.zone_states(self.device)

@@ -8,10 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device, Electrodes
-from engine.effects import DEFAULT_EFFECTS
-from engine.loop.fast.table import with_fast_table
-from engine.render import DriveCommand, PlayCommand, RendererError, Rendering, render_table
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.fast.fast_table import with_fast_table
 from engine.render.board_fit import fit_board
+from engine.render.link_commands import DriveCommand, PlayCommand, RendererError
+from engine.render.prepared import Rendering, render_table
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum

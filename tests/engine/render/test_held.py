@@ -2,8 +2,8 @@
 
 import pytest
 
-from engine.render.commands import SILENCE, Command, DriveCommand
 from engine.render.held import SAME_FINGER_M, HeldDrive
+from engine.render.link_commands import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 
 HERE = Placement((0.05, 0.15), (True, False))

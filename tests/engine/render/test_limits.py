@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device
-from engine.render import LimitError, clamp, link_configuration
+from engine.render.limits import LimitError, clamp, link_configuration
 from engine.table.best_rows import BestRow
 from tests.engine.made_rows import row_of
 from tests.precompute.devices import shipped

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from engine.effects import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.render import SILENCE, DriveCommand, PlayCommand, RendererError, render_table
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
+from engine.render.link_commands import SILENCE, DriveCommand, PlayCommand, RendererError
+from engine.render.prepared import render_table
 from engine.table import Table
 from firmware_link.protocol.messages import Features, decode_drive
 from tests.engine.made_clicks import click_of, in_zones

@@ -5,10 +5,10 @@ from math import inf
 
 import pytest
 
-from engine.render import SILENCE, DriveCommand
+from engine.render.link_commands import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
-from engine.steady import Receptances
-from engine.steady.solver import SteadySolver
+from engine.steady import Modes
+from engine.steady.steady_solver import SteadySolver
 from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
@@ -25,17 +25,17 @@ PLACEMENT = Placement((0.0371, 0.1234), (True, False))
 
 
 @cache
-def receptances() -> Receptances:
-    return SteadyDesigner(DEVICE).receptances
+def modes() -> Modes:
+    return SteadyDesigner(DEVICE).modes
 
 
 def drives_of(*, refuses: bool = False, capabilities: Capabilities = CAPABILITIES) -> SteadyDrives:
-    return SteadyDrives(DEVICE, capabilities, receptances(), refuses, (1.0, 1.0))
+    return SteadyDrives(DEVICE, capabilities, modes(), refuses, (1.0, 1.0))
 
 
 def test_the_command_is_what_the_solver_finds_to_a_step_of_the_wire() -> None:
     for level_db in (20.0, inf):
-        solved = SteadySolver(DEVICE, receptances()).solve(PLACEMENT.position_m, PLACEMENT.is_felt, level_db)
+        solved = SteadySolver(DEVICE, modes()).solve(PLACEMENT.position_m, PLACEMENT.is_felt, level_db)
         command, is_achieved = drives_of().rendered(PLACEMENT, level_db)
         assert isinstance(command, DriveCommand) and is_achieved == solved.achieved
         for channel, amplitude, phase_rad in zip(

@@ -19,7 +19,7 @@ def test_levels_and_their_spread_are_those_of_finite_elements(name: str) -> None
     designer = designer_of(device)
     figures = designer.solve(POSITIONS_M, ROLES, 20.0)
     drive = figures.drive
-    found_db = compute_levels(device, designer.receptances, POSITIONS_M, drive.frequencies_hz, drive.complex_amplitudes)
+    found_db = compute_levels(device, designer.modes, POSITIONS_M, drive.frequencies_hz, drive.complex_amplitudes)
     assert found_db.shape == (1 + CASES, len(POSITIONS_M)) and CASES == SAMPLES
     assert found_db[0] == pytest.approx(figures.level_db, abs=0.1)
     assert np.percentile(found_db[1:], PERCENTS, axis=0) == pytest.approx(
@@ -29,10 +29,10 @@ def test_levels_and_their_spread_are_those_of_finite_elements(name: str) -> None
 
 def test_tones_add_in_power_and_a_still_actuator_has_no_tone() -> None:
     device = DEVICES["reference-a"]
-    receptances = designer_of(device).receptances
+    modes = designer_of(device).modes
 
     def power(hz: tuple[float, float], amplitude: tuple[complex, complex]) -> Array:
-        found: Array = 10 ** (compute_levels(device, receptances, POSITIONS_M, hz, np.array(amplitude)) / 10)
+        found: Array = 10 ** (compute_levels(device, modes, POSITIONS_M, hz, np.array(amplitude)) / 10)
         return found
 
     apart = power((120.0, 0.0), (0.5, 0.0)) + power((0.0, 180.0), (0.0, 0.25j))

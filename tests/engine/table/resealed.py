@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 
-from engine.table.file import _SEAL, _append_seal, _read_seal
+from engine.table.netcdf_file import _SEAL, _append_seal, _read_seal
 
 
 def reseal(path: Path) -> Path:

@@ -14,10 +14,10 @@ import pytest
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.best_rows import write_best_rows
-from engine.table.file import TableWriter, Variable
-from engine.table.receptance_columns import write_receptances
+from engine.table.mode_columns import write_modes
+from engine.table.netcdf_file import TableWriter, Variable
 from tests.engine.made_rows import rows_of
-from tests.engine.made_table import receptances_of
+from tests.engine.made_table import modes_of
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
@@ -37,7 +37,7 @@ def fill(writer: TableWriter) -> None:
     writer.describe({"device_name": DEVICE.name, "code_fingerprint": CODE, "click_pitch_m": 3e-3, **description})
     for name in ("localized_factor", "peak_acceleration", "dead_spot"):
         writer.write("sweep", Variable(name, SWEEP, "1", name), figure(name))
-    write_receptances(writer, receptances_of(DEVICE), DEVICE)
+    write_modes(writer, modes_of(DEVICE), DEVICE)
     write_best_rows(writer, ROWS, DEVICE)
 
 
@@ -99,8 +99,8 @@ def test_a_byte_flipped_anywhere_is_refused(whole: Path, tmp_path: Path) -> None
 
 
 CHANGED: dict[str, tuple[Callable[[h5py.File], object], str]] = {
-    "a newer format": (lambda file: file.attrs.update(format_revision=8), "revision 8.*reads 7; update"),
-    "an older format": (lambda file: file.attrs.update(format_revision=6), "revision 6.*reads 7; build it again"),
+    "a newer format": (lambda file: file.attrs.update(format_revision=9), "revision 9.*reads 8; update"),
+    "an older format": (lambda file: file.attrs.update(format_revision=7), "revision 7.*reads 8; build it again"),
     "another attribute": (lambda file: file.attrs.update(device_name="other"), "corrupted"),
     "an array is missing": (lambda file: file["best_rows"].pop("share"), "corrupted"),
 }

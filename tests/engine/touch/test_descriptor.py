@@ -52,7 +52,7 @@ def test_layout_counts_bits_from_the_report_id_and_without_one_from_the_first_by
 def test_extent_follows_unit_and_exponent(items: str, extent_mm: float | None) -> None:
     descriptor = application(finger()).replace(bytes.fromhex("6511 550e"), bytes.fromhex(items))
     (surface,) = read_surfaces(descriptor)
-    assert surface.width_mm == (extent_mm if extent_mm is None else pytest.approx(extent_mm))
+    assert surface.x.extent_mm == (extent_mm if extent_mm is None else pytest.approx(extent_mm))
 
 
 def test_features_are_found_in_their_reports_and_device_mode_in_another_application() -> None:
@@ -202,7 +202,7 @@ def test_every_recorded_digitizer_has_a_sensible_surface(path: Path) -> None:
     for surface in surfaces:
         assert surface.kind in {SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD}
         assert surface.x.logical_maximum >= 500
-        assert surface.width_mm is None or 50.0 < surface.width_mm < 2000.0
+        assert surface.x.extent_mm is None or 50.0 < surface.x.extent_mm < 2000.0
         assert 1 <= surface.contacts_per_report <= 20
 
 

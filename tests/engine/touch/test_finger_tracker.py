@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
-from engine.touch import Contact, FingerTracker, Touch, TouchFrame, TouchPosition
+from engine.touch import Contact, FingerTracker, Touch, TouchFrame
 from engine.touch.descriptor import read_surfaces
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import ZoneEdges, touch_position
 from tests.engine.touch.descriptors import application, finger
 from tests.precompute.devices import shipped
 
@@ -63,7 +63,7 @@ def frame_of(*contacts: Contact) -> TouchFrame:
 def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(
     axis: TouchAxis, x: int, y: int
 ) -> None:
-    position_m = TouchPosition(with_axis(axis), SURFACE).position_m(Contact(1, x, y, True))
+    position_m = touch_position(with_axis(axis), SURFACE).position_m(Contact(1, x, y, True)).real
     assert 0 <= position_m <= LENGTH_M
     value = x if axis.axis == "x" else y
     active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
@@ -91,7 +91,7 @@ def test_a_fingertip_on_the_end_is_a_finger_until_it_lifts_however_far_it_slides
 def test_another_bar_decides_anew_which_contacts_are_its_fingers() -> None:
     axis = TouchAxis("x", False, 0.0, 0.0, LENGTH_M)
     long = with_axis(axis)
-    short = replace(long, bar=replace(long.bar, length_m=LENGTH_M / 2), zones=long.zones[:2])
+    short = replace(long, surface=replace(long.bar, length_m=LENGTH_M / 2), zones=long.zones[:2])
     tracker = FingerTracker(long, SURFACE)
     frame = frame_of(at(LAST // 4, 1), at(3 * LAST // 4, 2), at(LAST // 8, 3, tip=False))
     on_long = tracker.track(frame)
@@ -105,7 +105,7 @@ def test_another_bar_decides_anew_which_contacts_are_its_fingers() -> None:
 def test_a_new_contact_is_in_the_zone_that_holds_it_or_in_none(device: Device, fraction: float) -> None:
     position_m = fraction * LENGTH_M
     zone = ZoneEdges(device).zone_at(position_m)
-    holding = [i for i, each in enumerate(device.zones) if each.start_m <= position_m <= each.stop_m]
+    holding = [i for i, each in enumerate(device.zones) if each.start_m.real <= position_m <= each.stop_m.real]
     assert zone == (holding[-1] if holding else None)
 
 
@@ -127,7 +127,7 @@ def test_a_contact_stays_in_its_zone_until_it_is_past_an_edge_by_the_hysteresis(
 @given(zoned_devices(), st.lists(fractions, max_size=5))
 def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: list[float]) -> None:
     contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
-    tracker, position, edges = FingerTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneEdges(device)
+    tracker, position, edges = FingerTracker(device, SURFACE), touch_position(device, SURFACE), ZoneEdges(device)
     places_m = [position.position_m(contact) for contact in contacts]
     touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
     assert tracker.track(frame_of(*contacts)) == touches
@@ -154,4 +154,4 @@ def test_a_contact_that_the_digitizer_hands_out_again_is_the_same_finger() -> No
     first = tracker.track(frame_of(rests, moves))
     again = tracker.track(frame_of(rests, at(720, 2)))
     assert again[0] is first[0]
-    assert again[1].position_m > first[1].position_m
+    assert again[1].position_m.real > first[1].position_m.real

@@ -25,7 +25,6 @@ def test_a_punctual_host_shows_the_device_alone(count: int, tick_ns: float) -> N
     found = times(count, tick_ns, np.zeros(count)).summarise()
     assert found is not None
     assert found.period_ns == pytest.approx(80 * tick_ns, rel=1e-6)
-    assert found.tick_ns == pytest.approx(tick_ns, rel=1e-6)
     assert found.jitter_p99_ns < 1_000
 
 
@@ -34,8 +33,7 @@ def test_a_late_host_is_jitter_and_no_period() -> None:
     found = times(300, 100_000.0, late_ns).summarise()
     assert found is not None
     assert found.period_ns == pytest.approx(8 * MS, rel=1e-2)
-    intervals_ns = abs(np.diff(late_ns))
-    assert found.jitter_p50_ns == pytest.approx(np.median(intervals_ns), rel=0.1)
+    assert found.jitter_p99_ns == pytest.approx(np.quantile(abs(np.diff(late_ns)), 0.99), rel=0.1)
 
 
 def test_pauses_between_touches_do_not_count() -> None:
@@ -45,7 +43,7 @@ def test_pauses_between_touches_do_not_count() -> None:
             kept.record(round((touch + 0.008 * index) * 1e9), round((touch + 0.008 * index) * 1e9))
     found = kept.summarise()
     assert found is not None
-    assert (found.frames, found.longest_period_ns) == (180, 8 * MS)
+    assert (found.frames, found.period_ns) == (180, 8 * MS)
 
 
 def test_few_frames_say_nothing() -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import firmware_link
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Message

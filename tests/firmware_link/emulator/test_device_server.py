@@ -6,8 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from firmware_link.emulator import Cause, synthesise
-from firmware_link.emulator.process import EmulatorLog, decode_log
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.emulator_process import EmulatorLog, decode_log
+from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Status, TimeRequest, encode_drive
 from tests.firmware_link.conformance import DISARM_US, RAMP_US

@@ -2,9 +2,10 @@
 
 import pytest
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import AT_NOISE, FaultyDevice
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Arm, DeviceState, FaultCode, Hello, Status, Time, TimeRequest
 from tests.firmware_link.conformance import greeting

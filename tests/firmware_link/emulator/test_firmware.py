@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, Outcome
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Outcome
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Arm, ChannelDrive, Result, encode_drive
 from tests.firmware_link.conformance import Host

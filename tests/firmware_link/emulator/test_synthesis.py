@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, PlayedWaveform, Synthesis, synthesise
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
+from firmware_link.emulator.synthesis import Synthesis, synthesise
 from tests.firmware_link.conformance import US_PER_S
 from tests.firmware_link.strategies import drive_logs, unhurried
 

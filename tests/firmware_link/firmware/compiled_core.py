@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.protocol.basis import Basis, transfer_messages
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.layout import Message
@@ -79,6 +79,11 @@ def under_sanitizers() -> dict[str, str]:
     return os.environ | {"LD_PRELOAD": runtime.stdout.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
 
 
+def sense_now(firmware: CompiledFirmware, acceleration: int) -> None:
+    """Give it a sample of the accelerometer in counts, as a board's interrupt does."""
+    core_library().host_sense(ctypes.c_void_p(firmware._host), acceleration)
+
+
 class CompiledLine(VirtualLine):
     """To the C core, where what sounds must change only while samples are held back; see c/held_samples.c."""
 
@@ -110,7 +115,7 @@ class CompiledTier(VirtualTier):
         self._samples = []
 
     def sense(self, now_us: int) -> None:
-        self.line.firmware.sense_now(now_us % 4_000)
+        sense_now(self.line.firmware, now_us % 4_000)
 
     def write(self, data: bytes) -> None:
         self._look()

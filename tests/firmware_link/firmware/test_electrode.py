@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware
 from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import LINEARISES, Hello
 from tests.firmware_link.conformance import greeting
@@ -64,9 +65,16 @@ def test_a_board_that_linearises_says_so_and_another_keeps_its_displacements(bia
     configuration = DeviceConfiguration(boot_id=1, electrode_bias=bias)
     firmware, greeted = CompiledFirmware(core_library(), configuration), encode_message(greeting(), 0)
     said = firmware.receive(greeted, 1_000)
-    outputs = [firmware.outputs_for(pair) for pair in ([0, 32_767], [-32_767, -32_768])]
+    outputs = [_outputs_of(firmware, pair) for pair in ((0, 32_767), (-32_767, -32_768))]
     firmware.close()
     assert said == EmulatedFirmware(configuration).receive(greeted, 1_000)
     assert [LINEARISES in each.features for each in decode_messages(said) if isinstance(each, Hello)] == [bias > 0]
     at_ends = [[46_340 - 32_768, 32_767], [-32_768, -32_768]]
     assert outputs == (at_ends if bias else [[0, 32_767], [-32_767, -32_768]])
+
+
+def _outputs_of(firmware: CompiledFirmware, displacements: tuple[int, int]) -> list[int]:
+    """What a board sends for the displacements of one instant."""
+    values = (ctypes.c_int16 * len(displacements))(*displacements)
+    core_library().host_linearise(ctypes.c_void_p(firmware._host), values)
+    return list(values)

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.emulator.c_core import open_library
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.framing import DELIMITER, EMERGENCY_STOP, FrameDecoder, encode_frame, encode_message
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import MAXIMUM_WEIGHTS, Features, Hello, Play, encode_body
 from tests.firmware_link.corrupt import DAMAGES, Chance, count_outcomes, make_batch
 from tests.firmware_link.firmware.compare_decoders import compare

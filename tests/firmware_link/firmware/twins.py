@@ -25,8 +25,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_link.emulator import DeviceConfiguration, EmulatedFirmware, synthesise
 from firmware_link.emulator.c_core import CompiledFirmware
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.basis import Basis, BasisSet, hash_of_basis, transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
@@ -54,7 +56,14 @@ from firmware_link.protocol.messages import (
     encode_drive,
 )
 from tests.firmware_link.conformance import greeting, hump
-from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, core_library, make, with_sanitizers
+from tests.firmware_link.firmware.compiled_core import (
+    FULL_OUTPUT,
+    US_PER_S,
+    core_library,
+    make,
+    sense_now,
+    with_sanitizers,
+)
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 
@@ -183,7 +192,7 @@ class Twins:
         self.samples = np.concatenate([self.samples, self.compiled.take_samples()])
         last = len(self.samples) - 1
         for acceleration in accelerations:
-            self.compiled.sense_now(acceleration)
+            sense_now(self.compiled, acceleration)
             self.python.sense(acceleration, self.samples[last].tolist() if last >= 0 else [0] * ACTUATORS, last)
         assert self.compiled.senses == self.python.senses
         # The library lets time pass from sample to sample, and sends what is whole before anything that is due later.
@@ -245,7 +254,7 @@ class Session(Twins):
 
     def play(self) -> None:
         """A click that fits the basis that is held, or another."""
-        basis, chance = self.python._memory.store.basis or BASES[0], self.chance
+        basis, chance = self.python._memory.basis or BASES[0], self.chance
         index = chance.choice((*range(len(basis.sets)), len(basis.sets), 255) if self._is_odd() else (0, -1))
         index %= len(basis.sets) if index < 0 else 256
         fits = basis.sets[index].actuators if index < len(basis.sets) else (0,)
@@ -319,7 +328,7 @@ class Session(Twins):
         most, any_size = CAPACITY_BYTES, self.chance.randrange(CAPACITY_BYTES)
         sizes = (0, 1, size, size + 1, most, most + 1, 2**32 - 1, any_size)
         offsets = (0, BASIS_CHUNK_SIZE, size, size - size % BASIS_CHUNK_SIZE, self.chance.randrange(size), 2**32 - 1)
-        named = choice((0, 1, ours, ours, self.python._memory.store.held_hash))
+        named = choice((0, 1, ours, ours, self.python._memory.held_hash))
         message: Message = choice((BasisBegin(named, choice(sizes)), BasisBegin(5, choice(sizes)), BasisCommit(named)))
         if self.chance.random() < 0.5:
             message = BasisChunk(choice(offsets), self.chance.randbytes(BASIS_CHUNK_SIZE))

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_link.host.emulator_registry import Announced, Announcement, find_announced, own_link, runtime_folder
 from firmware_link.host.serial_port import find_ports, path_of
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from tests.tools.processes import NO_PROCESS
 
 

@@ -2,10 +2,11 @@
 
 import pytest
 
-from firmware_link.emulator import Cause, DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link_values import BasisRefused, BasisReplaced, Event, LinkConfiguration, LinkState
-from firmware_link.protocol.errors import LinkError
 from firmware_link.protocol.layout import Message
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import BasisCommit, DeviceState, Result
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.conformance import hump

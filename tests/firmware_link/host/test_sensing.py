@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from firmware_link.emulator import DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.host.link_values import AccelerometerDescribed, LinkConfiguration
 from firmware_link.host.sensing import LEASE_MS
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Acceleration, Sense
 from tests.firmware_link.virtual_rig import BOOT_ID, STEP_NS, VirtualRig, decode_messages
 from tests.tools.virtual import MS
@@ -101,7 +101,7 @@ def test_a_stream_outlives_lost_frames_of_the_host_and_ends_with_its_session() -
 
 def test_a_line_that_is_too_slow_is_refused_by_name_before_the_stream_begins() -> None:
     rig = sensing(link_configuration=LinkConfiguration(2, bit_rate_hz=115_200))
-    with pytest.raises(LinkError, match=r"2000 samples a second and UART at 115200 bit/s carries 1398.*--bit-rate"):
+    with pytest.raises(LinkError, match=r"2000 samples a second and a line of 115200 bit/s carries 1398.*--bit-rate"):
         rig.run(200 * MS)
     assert not rig.firmware.senses
     assert not rig.sensed()

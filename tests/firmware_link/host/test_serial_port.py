@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_link.host.serial_port import SerialPort, path_of
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 
 
 def refusal(

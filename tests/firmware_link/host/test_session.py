@@ -7,8 +7,8 @@ import pytest
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration
 from firmware_link.host.session import Session
-from firmware_link.protocol.errors import LinkLostError
 from firmware_link.protocol.framing import FrameDecoder
+from firmware_link.protocol.link_errors import LinkLostError
 from firmware_link.protocol.messages import HelloRequest, decode_body
 from tests.tools.virtual import MS, VirtualClock
 

@@ -19,7 +19,7 @@ from firmware_link.protocol.basis import (
     quantise_weights,
     sample_limits,
 )
-from firmware_link.protocol.errors import MessageError
+from firmware_link.protocol.link_errors import MessageError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, MAXIMUM_WEIGHTS
 from tests.firmware_link.strategies import bases, unhurried
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import firmware_link
 from firmware_link.codegen.protocol_table import protocol_table
-from firmware_link.protocol.errors import MessageError
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
+from firmware_link.protocol.link_errors import MessageError
 from firmware_link.protocol.messages import (
     MAGIC,
     MESSAGES,

@@ -10,10 +10,10 @@ from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
 from engine.table.history import previous_of
 from engine.touch.places import Places
-from precompute.builder.build import EARLY_IN_PLACE, build_table
+from precompute.builder.table_build import EARLY_IN_PLACE, build_table
 from precompute.clicks import ClickOptions
-from precompute.clicks.basis import EVALUATION_RATE_HZ, lines_for
-from precompute.clicks.plants import count_modes
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for
+from precompute.clicks.click_plants import count_modes
 from precompute.clicks.tabulated import tabulated_keys
 from tests.precompute.fleet.small_fleet import small_text
 
@@ -113,7 +113,7 @@ def test_an_interrupted_build_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_the_cost_is_of_what_was_solved_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Counts do not depend on the number of workers; processor time of workers counts; what is taken over is free."""
     monkeypatch.setattr("precompute.clicks.tabulated._PAYS", 1)  # these clicks alone would start no worker

@@ -26,7 +26,7 @@ def counts(module: str, before: str, after: str) -> bool:
 def test_every_module_that_a_build_loads_counts_but_for_the_processes_that_solve() -> None:
     graph = grimp.build_graph("precompute", "engine", "firmware_link", "base", cache_dir=None)
     loaded = {
-        name for name in graph.find_upstream_modules("precompute.builder.build") if name.startswith("precompute.")
+        name for name in graph.find_upstream_modules("precompute.builder.table_build") if name.startswith("precompute.")
     }
     uncounted = {name for name in loaded - set(numeric_modules()) if not graph.find_children(name)}
     assert {name.rpartition(".")[0] for name in uncounted} <= {"precompute.parallel"}
@@ -34,8 +34,13 @@ def test_every_module_that_a_build_loads_counts_but_for_the_processes_that_solve
 
 
 def test_what_numbers_come_from_counts_and_what_none_comes_from_does_not() -> None:
-    counted = {"engine.device.uncertainty", "engine.device.parts", "engine.table.file", "engine.touch.finger_tracker"}
-    assert counted | {"precompute.builder.build", "firmware_link.protocol.messages"} <= sources().keys()
+    counted = {
+        "engine.device.uncertainty",
+        "engine.device.parts",
+        "engine.table.netcdf_file",
+        "engine.touch.finger_tracker",
+    }
+    assert counted | {"precompute.builder.table_build", "firmware_link.protocol.messages"} <= sources().keys()
     precompute = ("precompute.studies", "precompute.fleet", "precompute.parallel")
     engine = ("engine.loop", "engine.render", "engine.effects", "engine.touch.digitizer", "engine.touch.quirks")
     others = (*precompute, *engine, "base.compiled", "firmware_link.emulator", "tactable")
@@ -44,7 +49,7 @@ def test_what_numbers_come_from_counts_and_what_none_comes_from_does_not() -> No
 
 def test_a_changed_number_makes_tables_stale() -> None:
     assert counts("engine.device.uncertainty", "_ROUNDING = 1e-9", "_ROUNDING = 1e-8")
-    assert counts("precompute.predict.rise_time", "WITHIN = 0.1", "WITHIN = 0.2")
+    assert counts("precompute.sampling.steady_modes", "PITCH_M = 5e-3", "PITCH_M = 4e-3")
     two = {name: sources()[name] for name in ("engine.device.parts", "precompute.clicks.closed_form")}
     assert fingerprint_of(two | {"precompute.clicks.closed_form": "changed = 1"}) != fingerprint_of(two)
     assert fingerprint_of(sources()) == code_fingerprint()
@@ -53,7 +58,7 @@ def test_a_changed_number_makes_tables_stale() -> None:
 def test_comments_docstrings_and_blank_lines_make_no_table_stale() -> None:
     assert not counts("engine.device.uncertainty", "import math\n", "\n\nimport math  # for its roots\n")
     assert not counts("precompute.sampling.plants", '"""', '"""Said differently: ')
-    assert not counts("precompute.sweep.kernels", '"""', '"""Once more: ')
+    assert not counts("precompute.sweep.sweep_kernels", '"""', '"""Once more: ')
 
 
 def test_every_version_of_python_comes_to_the_same() -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.build import build_table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import (
     BuildOptions,
@@ -17,8 +16,9 @@ from precompute.builder.incremental import (
     is_compatible,
     is_current,
 )
+from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
-from tests.precompute.builder.test_build import contents
+from tests.precompute.builder.test_table_build import contents
 from tests.precompute.fleet.small_fleet import small_text
 
 pytestmark = pytest.mark.long

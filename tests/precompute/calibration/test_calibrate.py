@@ -9,14 +9,14 @@ import pyuff
 
 from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.misfit import Loss
-from precompute.measurements import read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.parameters import ParameterError, paper_names, with_changes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
 from tests.precompute.calibration.calibrations import DEVICE
 from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
-from tests.precompute.measurements.test_responses import per_newton
+from tests.precompute.measurements.test_response_table import per_newton
 
 PAPERS_SIX = paper_names(DEVICE)
 
@@ -76,7 +76,7 @@ def test_only_what_is_named_is_fitted_within_its_bounds() -> None:
     found = calibrate(DEVICE, read_bar(DEVICE, {}), ["bar.density", "actuator[1].mass"], bounds=bounds, starts=2)
     density, mass = found.estimates
     assert 2600 <= density.value <= 2650 and density.known is Known.AT_LEAST
-    changed = replace(found.device, bar=DEVICE.bar, actuators=DEVICE.actuators)
+    changed = replace(found.device, surface=DEVICE.bar, actuators=DEVICE.actuators)
     assert changed == DEVICE
     assert found.device.actuators[0].mass_kg == mass.value
 

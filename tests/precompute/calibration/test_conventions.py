@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.conventions import implausible_changes
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import Flaws
+from precompute.measurements.types import Kind, Measurements
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, TRUTH, read_bar
 from tests.quick import first_quick

@@ -23,7 +23,7 @@ def test_the_new_file_has_the_fitted_values_with_how_well_they_are_known_and_not
         assert actual.stiffness_n_per_m == pytest.approx(wanted.stiffness_n_per_m, rel=1e-9)
         assert actual.full_scale_m == pytest.approx(wanted.full_scale_m, rel=1e-9)
     assert read.bar.stiffness_damping_s == pytest.approx(expected.bar.stiffness_damping_s, rel=1e-9)
-    same = replace(read, bar=DEVICE.bar, actuators=DEVICE.actuators, uncertainty=None, text=DEVICE.text)
+    same = replace(read, surface=DEVICE.bar, actuators=DEVICE.actuators, uncertainty=None, text=DEVICE.text)
     assert same == DEVICE
     assert read.fingerprint != DEVICE.fingerprint
     assert read.uncertainty is not None

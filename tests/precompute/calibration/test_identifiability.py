@@ -5,7 +5,7 @@ import pytest
 
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.identifiability import advise, open_combinations
-from precompute.calibration.plan import Accuracy
+from precompute.calibration.measuring_plan import Accuracy
 from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
 from tests.precompute.measured import NAN, read_bar
@@ -19,9 +19,9 @@ def test_sigma_next_to_0_is_said_to_change_nothing_and_known_at_most() -> None:
     assert 0.5 < sigma.high < 50
     (combination,) = open_combinations(published_calibration())
     assert combination.text == "bar.mass_damping alone: it hardly changes what was measured"
-    assert combination.singular < 2
+    assert combination.singular_value < 2
     (advice,) = advise(published_calibration(), 0.0, Accuracy())
-    assert advice.name == "bar.mass_damping"
+    assert advice.parameter == "bar.mass_damping"
 
 
 def test_two_parameters_that_do_the_same_are_named_together() -> None:
@@ -39,7 +39,7 @@ def test_the_advised_drive_narrows_what_is_open_when_it_is_read() -> None:
     read = read_bar(DEVICE, {}, ((60, NAN),), Flaws(noise=0.1))
     names = ["actuator[1].stiffness", "actuator[2].stiffness", "bar.stiffness_damping"]
     found = calibrate(DEVICE, read, names, starts=1)
-    (advice,) = (item for item in advise(found, 0.0, Accuracy()) if item.name == "bar.stiffness_damping")
+    (advice,) = (item for item in advise(found, 0.0, Accuracy()) if item.parameter == "bar.stiffness_damping")
     assert advice.drive_hz is not None
     more = read_bar(DEVICE, {}, ((60, NAN), advice.drive_hz), Flaws(noise=0.1))
     again = calibrate(DEVICE, more, names, starts=1).estimates[2]
@@ -49,7 +49,8 @@ def test_the_advised_drive_narrows_what_is_open_when_it_is_read() -> None:
 
 def test_directions_are_unit_vectors_ordered_by_what_is_known_of_them() -> None:
     combinations = open_combinations(noisy_calibration())
-    assert [c.singular for c in combinations] == sorted(c.singular for c in combinations)
+    assert [c.singular_value for c in combinations] == sorted(c.singular_value for c in combinations)
     for combination in combinations:
-        assert np.linalg.norm([part for _, part in combination.parts]) <= 1 + 1e-9
-        assert combination.parts[0][1] == pytest.approx(max(part for _, part in combination.parts))
+        sizes = [*combination.parts.values()]
+        assert np.linalg.norm(sizes) <= 1 + 1e-9
+        assert sizes[0] == pytest.approx(max(sizes))

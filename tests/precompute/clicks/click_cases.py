@@ -3,12 +3,12 @@
 from functools import cache
 
 from engine.device import Device
-from engine.touch import Placement, ZoneState
-from precompute.clicks.basis import lines_for
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.plants import SampledPlants
-from precompute.clicks.responses import Responses
-from precompute.clicks.solver import ClickSolver
+from engine.touch import Placement
+from precompute.clicks.click_basis import lines_for
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_plants import SampledPlants
+from precompute.clicks.click_responses import Responses
+from precompute.clicks.click_solver import ClickSolver
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 
@@ -16,12 +16,11 @@ CHEAP = ClickOptions(pool=90, judged=20)
 """Few plants: enough for laws, not for figures."""
 FRESH_SEED = 977
 
-_KINDS = {"-": ZoneState.FREE, "q": ZoneState.QUIET, "F": ZoneState.FELT}
-
 
 def placed(device: Device, letters: str) -> Placement:
     """Fingers in the middles of the zones, one letter a zone: F felt, q quiet, - free."""
-    return Placement.in_zones(device, tuple(_KINDS[letter] for letter in letters))
+    felt, quiet = ([zone.name for zone, role in zip(device.zones, letters, strict=True) if role == k] for k in "Fq")
+    return Placement.named(device, felt, quiet)
 
 
 @cache

@@ -8,8 +8,8 @@ from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.touch import Placement
 from precompute.clicks.baselines import BASELINES, energy_contrast, gate, solve_baseline
-from precompute.clicks.basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, Tones, make_tones
-from precompute.clicks.solver import ClickSolver
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, Tones, make_tones
+from precompute.clicks.click_solver import ClickSolver
 from precompute.predict.at_positions import SteadyDesigner
 from tests.precompute.clicks.click_cases import CHEAP, placed
 from tests.precompute.devices import coarsely_swept, shipped

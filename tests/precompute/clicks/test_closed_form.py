@@ -8,16 +8,16 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.touch import Placement
-from precompute.clicks.basis import Tones, drive_rows
+from precompute.clicks.click_basis import Tones, drive_rows
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm, _Aims
-from precompute.clicks.design import ProgramSolver
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.percentiles import MANY, ManyPlants
-from precompute.clicks.responses import Responses
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import sample_deviations
 from tests.precompute.clicks.click_cases import CHEAP, fresh_responses, placed, solver_of
+from tests.precompute.clicks.judge.design import ProgramSolver
 from tests.precompute.devices import shipped
 
 Array = NDArray[np.float64]

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.touch import Placement
-from precompute.clicks.basis import EVALUATION_RATE_HZ, lines_for, make_tones
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
+from precompute.clicks.click_plants import SampledPlants, weighting
+from precompute.clicks.click_responses import Responses
 from precompute.clicks.evaluation import Evaluation, decibels, evaluate_waveform
 from precompute.clicks.percentiles import ManyPlants
-from precompute.clicks.plants import SampledPlants, weighting
-from precompute.clicks.responses import Responses
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 

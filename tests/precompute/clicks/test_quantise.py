@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from engine.device import Device
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, amplitude_steps, clamp_samples, sample_limits, weighted_sum
-from precompute.clicks.basis import SAMPLE_RATE_HZ, click_basis, click_set, tones_of
-from precompute.clicks.options import ClickOptions
+from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_basis, click_set, tones_of
+from precompute.clicks.click_options import ClickOptions
 from precompute.clicks.quantise import quantise
 from tests.precompute.clicks.click_cases import placed, solver_of
 from tests.precompute.clicks.test_closed_form import problem

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray
 
-from precompute.measurements.file import read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.netcdf import measurements_of, read_netcdf
 from precompute.measurements.netcdf_content import load_content, read_content
 from precompute.measurements.types import MeasurementError, Measurements

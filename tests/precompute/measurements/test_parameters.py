@@ -72,7 +72,7 @@ def test_values_go_to_the_actuators_that_share_them() -> None:
     assert [a.damping_n_s_per_m for a in changed.actuators] == [0.1, 0.1]
     assert [a.mass_kg for a in changed.actuators] == [DEVICE.actuators[0].mass_kg, 0.02]
     assert changed.bar.density_kg_per_m3 == 2800.0
-    assert replace(changed, bar=DEVICE.bar, actuators=DEVICE.actuators) == DEVICE
+    assert replace(changed, surface=DEVICE.bar, actuators=DEVICE.actuators) == DEVICE
 
 
 @pytest.mark.parametrize(

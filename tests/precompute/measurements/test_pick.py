@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.measurements.modes import parse_modes
+from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.pick import pick_modes, write_modes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements

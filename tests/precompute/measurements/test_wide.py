@@ -11,8 +11,8 @@ import pytest
 import scipy.io
 
 from precompute.measurements.csv import parse_csv
-from precompute.measurements.file import read_measurements
 from precompute.measurements.mat import arrays_to_measurements, load_arrays
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import MeasurementError, Measurements
 from tests.precompute.devices import shipped
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precompute.measurements import Kind, MeasurementError, Measurements, read_measurements
-from precompute.measurements.file import write_measurements
+from precompute.measurements.measurement_file import read_measurements, write_measurements
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, read_bar
 from tests.precompute.measurements.test_netcdf import read_here

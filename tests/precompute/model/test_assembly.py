@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from engine.device import Device, Zone
-from precompute.model.assembly import assemble, build_mesh, dense
+from precompute.model.assembly import assemble_bar, build_mesh, dense
 from tests.precompute.devices import any_device, damped_as_assembly, shipped, with_bar
 
 Array = NDArray[np.float64]
@@ -48,19 +48,19 @@ def test_mesh_has_a_node_at_every_place_no_element_longer_than_asked_and_no_node
 
 @any_device
 def test_damping_of_the_assembly_acts_on_springs_and_bolts_too(device: Device) -> None:
-    bar, plant = device.bar, assemble(damped_as_assembly(device))
+    bar, plant = device.bar, assemble_bar(damped_as_assembly(device))
     own = [actuator.damping_n_s_per_m for actuator in device.actuators]
     expected = bar.mass_damping_per_s * plant.M + bar.stiffness_damping_s * plant.K
     expected[-1, plant.actuator_dof] += own
     assert np.abs(plant.C - expected).max() <= 1e-13 * np.abs(expected).max()
-    assert (plant.K == assemble(device).K).all() and (plant.M == assemble(device).M).all()
+    assert (plant.K == assemble_bar(device).K).all() and (plant.M == assemble_bar(device).M).all()
 
 
 def _natural_omegas(elements: int, clamped: list[int], rigid: int) -> Array:
     """First three elastic modes of REF-A's bar, rad/s, without the degrees of freedom in `clamped`."""
     device = shipped("reference-a")
     even = with_bar(device, largest_element_m=device.bar.length_m / elements)
-    free = assemble(replace(even, actuators=(), zones=()))
+    free = assemble_bar(replace(even, actuators=(), zones=()))
     keep = np.delete(np.arange(free.size), clamped)
     squares = eigh(dense(free.K)[np.ix_(keep, keep)], dense(free.M)[np.ix_(keep, keep)], eigvals_only=True)
     omegas: Array = np.sqrt(squares[rigid : rigid + 3])
@@ -92,7 +92,7 @@ def test_natural_frequencies_converge_at_order_four_to_the_closed_forms(
 
 @any_device
 def test_sampler_reads_any_cubic_anywhere_on_the_bar(device: Device) -> None:
-    plant, length_m = assemble(device), device.bar.length_m
+    plant, length_m = assemble_bar(device), device.bar.length_m
     cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0], [0, length_m], [0, 1])
     field = np.column_stack([cubic(plant.node_m), cubic.deriv()(plant.node_m)]).ravel() * (1 + 2j)
     position_m = np.concatenate([np.linspace(0.0, length_m, 101), plant.node_m])
@@ -101,7 +101,7 @@ def test_sampler_reads_any_cubic_anywhere_on_the_bar(device: Device) -> None:
 
 @any_device
 def test_fingers_add_the_work_of_springs_dampers_and_masses_at_their_places(device: Device) -> None:
-    plant, length_m = assemble(device), device.bar.length_m
+    plant, length_m = assemble_bar(device), device.bar.length_m
     position_m = [0.0, 0.317 * length_m, 0.318 * length_m, length_m]
     fingers = [replace(device.finger, stiffness_n_per_m=k) for k in (100.0, 200.0, 400.0, 800.0)]
     untouched = [matrix.copy() for matrix in (plant.K, plant.C, plant.M)]

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.device.file import CLICKS_TOP_HZ
-from precompute.model.assembly import Plant, assemble
+from engine.device.surface_description import CLICKS_TOP_HZ
+from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from tests.precompute.devices import any_bar, with_bar
 

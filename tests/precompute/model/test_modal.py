@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.device import Device
-from engine.device.file import CLICKS_TOP_HZ
+from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
 from precompute.model.modal import CONVERGED, ModalModel, compute_basis, compute_modal_model
 from precompute.model.response import solve_response

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from engine.device import Device
-from precompute.model.assembly import assemble, dense
+from precompute.model.assembly import assemble_bar, dense
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response
-from precompute.studies.reach import compute_acceleration_curves
+from precompute.studies.reach_along import compute_acceleration_curves
 from tests.precompute.devices import damped_as_assembly, shipped
 
 
@@ -20,7 +20,7 @@ from tests.precompute.devices import damped_as_assembly, shipped
     [("reference-a", [34.0, 121.8, 179.4, 208.6, 247.5, 379.4], 0.05), ("reference-d", [95, 207, 275, 448], 0.5)],
 )
 def test_undamped_natural_frequencies(name: str, printed_hz: list[float], rounding_hz: float) -> None:
-    plant = assemble(shipped(name))
+    plant = assemble_bar(shipped(name))
     found_hz = np.sqrt(eigh(dense(plant.K), dense(plant.M), eigvals_only=True)) / 2 / np.pi
     for found, printed in zip(found_hz, printed_hz, strict=False):
         assert found == pytest.approx(printed, abs=rounding_hz + 5e-4 * printed)
@@ -35,7 +35,7 @@ def test_undamped_natural_frequencies(name: str, printed_hz: list[float], roundi
     ids=["bar", "assembly"],
 )
 def test_decays_of_the_modes_of_reference_a_below_300_hz(device: Device, printed_ms: list[float]) -> None:
-    plant = assemble(device)
+    plant = assemble_bar(device)
     K, C, M = (dense(band) for band in (plant.K, plant.C, plant.M))
     nothing, one = np.zeros_like(K), np.eye(plant.size)
     first_order = np.block([[nothing, one], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
@@ -48,7 +48,7 @@ def test_decays_of_the_modes_of_reference_a_below_300_hz(device: Device, printed
 def swept(finger_in_zone: int | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """Zone Gram matrices and their total: REF-A, 60-300 Hz, 1 Hz."""
     device = shipped("reference-a")
-    plant = assemble(device)
+    plant = assemble_bar(device)
     if finger_in_zone is not None:
         zone = device.zones[finger_in_zone]
         plant = plant.with_fingers([(zone.start_m + zone.stop_m) / 2], device.finger)
@@ -75,5 +75,5 @@ def test_a_finger_in_zone_i_spoils_the_unloaded_optimum_and_a_new_one_mends_it()
 def test_one_finger_can_feel_1_6_to_2_4_g_in_every_zone() -> None:
     device = shipped("reference-a")
     middle_m = np.array([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
-    _, reached_g = compute_acceleration_curves(assemble(device), middle_m, device.finger)
+    _, reached_g = compute_acceleration_curves(assemble_bar(device), middle_m, device.finger)
     assert [reached_g.max(axis=0).min(), reached_g.max()] == pytest.approx([1.6, 2.4], abs=0.05)

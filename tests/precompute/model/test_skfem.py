@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
 from engine.device import Device
-from precompute.model.assembly import Plant, assemble, dense
+from precompute.model.assembly import BarPlant, assemble_bar, dense
 from tests.precompute.devices import every_device, on_each
 
 any_device = on_each(every_device())
@@ -21,7 +21,7 @@ def _inertia(u: Any, v: Any, _: Any) -> Any:
     return u * v
 
 
-def assemble_independently(plant: Plant) -> tuple[NDArray[np.float64], ...]:
+def assemble_independently(plant: BarPlant) -> tuple[NDArray[np.float64], ...]:
     """K, C, M of the untouched device on the plant's nodes, full; degrees of freedom (deflection, slope) by node."""
     bar = plant.device.bar
     basis = Basis(MeshLine(plant.node_m), ElementLineHermite(), intorder=6)
@@ -42,7 +42,7 @@ def assemble_independently(plant: Plant) -> tuple[NDArray[np.float64], ...]:
 
 @any_device
 def test_matrices_equal_scikit_fems(device: Device) -> None:
-    plant = assemble(device)
+    plant = assemble_bar(device)
     unit = np.tile([1.0, 1.0 / device.bar.largest_element_m], plant.size // 2)  # slopes and deflections alike
     for band, expected in zip((plant.K, plant.C, plant.M), assemble_independently(plant), strict=True):
         difference = unit[:, None] * (dense(band) - expected) * unit

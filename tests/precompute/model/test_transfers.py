@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.clicks.basis import lines_for
-from precompute.clicks.plants import SampledPlants
+from precompute.clicks.click_basis import lines_for
+from precompute.clicks.click_plants import SampledPlants
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
@@ -15,7 +15,7 @@ from precompute.model.transfers import TransferFilter, moved_bases
 from precompute.model.transient import TransientPlant
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.plants import sample_scenarios
-from tests.engine.device.test_transfer import coupled, lag, points_of
+from tests.engine.device.test_actuator_transfer import coupled, lag, points_of
 from tests.precompute.devices import shipped
 
 BARE = shipped("reference-a")

@@ -36,8 +36,11 @@ def slow_squares() -> Callable[[int], tuple[int, int]]:
     return solve
 
 
+inverse: partial[float] = partial(operator.truediv, 1)
+
+
 def inverses() -> partial[float]:
-    return partial(operator.truediv, 1)
+    return inverse
 
 
 def blas_threads() -> Callable[[int], int]:
@@ -81,7 +84,7 @@ def test_ctrl_c_that_another_thread_hears_is_told_once_processes_are_started() -
 def test_without_workers_the_caller_solves_all_in_the_order_of_the_jobs() -> None:
     done = list[float]()
     assert dict(WorkerPool(0).solve(squares, CHUNKS, include_self=True)) == {n**2: os.getpid() for n in range(1, 8)}
-    assert WorkerPool(0).solve_in_order(inverses, [1, 2, 4, 8], done.append) == [1, 0.5, 0.25, 0.125]
+    assert WorkerPool(0).solve_in_order(inverse, [1, 2, 4, 8], done.append) == [1, 0.5, 0.25, 0.125]
     assert done == pytest.approx([0.25, 0.5, 0.75, 1])
     assert list(solve_in_processes(squares, [], 2)) == []
 
@@ -89,7 +92,7 @@ def test_without_workers_the_caller_solves_all_in_the_order_of_the_jobs() -> Non
 def test_the_threads_of_kernels_are_as_before_even_where_a_job_fails() -> None:
     threads = numba.get_num_threads()
     with pytest.raises(ZeroDivisionError):
-        WorkerPool(0).solve_in_order(inverses, [1, 0], lambda _: None)
+        WorkerPool(0).solve_in_order(inverse, [1, 0], lambda _: None)
     assert numba.get_num_threads() == threads
 
 
@@ -101,7 +104,7 @@ def test_workers_solve_every_job_once_with_one_thread_each_and_what_a_solver_rai
         assert set(found) == {job**2 for chunk in CHUNKS for job in chunk} and os.getpid() not in found.values()
         assert all(len({found[job**2] for job in chunk}) == 1 for chunk in CHUNKS), "a chunk is of one process"
         assert list(pool.solve(blas_threads, [[1], [2]])) == [1, 1]
-        assert pool.solve_in_order(inverses, [1, 2, 4, 8], lambda _: None) == [1, 0.5, 0.25, 0.125]
+        assert pool.solve_in_order(inverse, [1, 2, 4, 8], lambda _: None) == [1, 0.5, 0.25, 0.125]
         shared = dict(pool.solve(slow_squares, [[n] for n in range(300)], include_self=True))
         assert set(shared) == {n**2 for n in range(300)}
         assert os.getpid() in shared.values() and len(set(shared.values())) > 1, "the caller solves what workers do not"
@@ -146,7 +149,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_ctrl_c_in_a_terminal_ends_all_of_them_with_one_trace(tmp_path: Path) -> None:
     script = tmp_path / "sleepers.py"
     script.write_text(SCRIPT)
@@ -177,7 +180,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_worker_in_a_kernel_does_not_outlive_a_killed_process(tmp_path: Path) -> None:
     script, computing = tmp_path / "kernel.py", tmp_path / "computing"
     script.write_text(KERNEL)

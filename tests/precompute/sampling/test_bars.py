@@ -12,7 +12,7 @@ from precompute.model.response import solve_response
 from precompute.predict.performance import compute_figures
 from precompute.sampling.bars import SampledBars, sample_bars
 from precompute.sampling.fingers import SAMPLES
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.precompute.sampled import sample_fingers
 
 Array = NDArray[np.float64]

@@ -1,9 +1,11 @@
 """Laws of where the theory of a bar ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz
+from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz, shortest_wave_m
 from tests.precompute.devices import shipped, with_bar
 
 
@@ -21,4 +23,12 @@ def test_the_error_by_shear_is_that_of_timoshenkos_dispersion(thickness_m: float
 
 def test_a_wide_long_bar_turns_at_a_lower_frequency() -> None:
     narrow, wide = (estimate_torsion_hz(with_bar(shipped("reference-a"), width_m=w)) for w in (0.02, 0.08))
-    assert wide < narrow / 3
+    assert narrow is not None and wide is not None and wide < narrow / 3
+
+
+def test_of_two_plates_of_one_wave_the_thicker_errs_more_and_none_is_said_to_twist_only() -> None:
+    plate = shipped("reference-p")
+    thicker = replace(plate, surface=replace(plate.surface, thickness_m=4 * plate.surface.thickness_m))
+    assert shortest_wave_m(thicker) == pytest.approx(2 * shortest_wave_m(plate))
+    assert estimate_shear_error(thicker) == pytest.approx(4 * estimate_shear_error(plate))
+    assert estimate_torsion_hz(plate) is None

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.studies.resolution import with_equal_zones
 from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
+from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.devices import coarsely_swept, shipped, with_actuators
 from tests.quick import first_quick
 

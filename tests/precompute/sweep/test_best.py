@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows, combination_of
-from engine.table.file import TableWriter
+from engine.table.netcdf_file import TableWriter
 from precompute.model.assembly import assemble
 from precompute.sweep.best import STEP, BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep
 from tactable.shipped import find_device
-from tests.precompute.builder.test_build import DEVICES
+from tests.precompute.builder.test_table_build import DEVICES
 
 PAPER_OPTIMUM = 0.8626
 """What fmincon found in the paper for zones I, III and V (Figure 8)."""

@@ -16,19 +16,21 @@ from typing import Any
 import numpy as np
 
 from engine.device import Device
-from engine.effects import DEFAULT_EFFECTS
-from engine.loop import CommandRecord, LoopCounters, Stage, SystemClock
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.command_latency import Stage
+from engine.loop.loop import SystemClock
+from engine.loop.observer import CommandRecord, LoopCounters
 from engine.table import Table
 from engine.touch import Placement
 from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.host.serial_port import SerialPort
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.run.click_process import ClickProcess
-from tactable.run.live import Live, LiveOptions
+from tactable.run.live_run import Live, LiveOptions
 from tests.studies.options import read_options
 
 LATE_S = 15e-3

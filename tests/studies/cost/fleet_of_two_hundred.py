@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from precompute.fleet.plan import plan_fleet
-from precompute.fleet.run import run_fleet, run_on_processes
+from precompute.fleet.fleet_plan import plan_fleet
+from precompute.fleet.fleet_run import run_fleet, run_on_processes
 from precompute.fleet.summary import summarise
 from precompute.fleet.units import FleetOptions
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
-from tests.precompute.fleet.test_run import BROKEN, assert_complete, write_broken
+from tests.precompute.fleet.test_fleet_run import BROKEN, assert_complete, write_broken
 
 MEASURED_EVERY = 20
 ODD = "0017"

@@ -91,7 +91,7 @@ def _with_length(device: Device, length_m: float) -> Device:
     scale = length_m / device.bar.length_m
     return replace(
         device,
-        bar=replace(device.bar, length_m=length_m),
+        surface=replace(device.bar, length_m=length_m),
         actuators=tuple(replace(each, position_m=scale * each.position_m) for each in device.actuators),
         zones=tuple(Zone(zone.name, scale * zone.start_m, scale * zone.stop_m) for zone in device.zones),
     )

@@ -15,14 +15,17 @@ from pathlib import Path
 from typing import Any
 
 from engine.device import Device
-from engine.effects import Effects, Rule, Trigger
-from engine.effects.rules import burst
-from engine.loop import Dispatcher, Loop, Timing, connect, open_pipeline
+from engine.effects.rules import Effects, Rule, Trigger, burst
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.loop import Loop, connect
+from engine.loop.observer import Timing
+from engine.loop.pipeline import open_pipeline
 from engine.loop.realtime import Step, real_time
-from engine.render import link_configuration
+from engine.render.limits import link_configuration
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.sources.recording import Recording, Report, read_recording
-from firmware_link.emulator import Cause, DeviceCounters
+from firmware_link.emulator.device_state import DeviceCounters
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link import Link
 from firmware_link.host.session import Session
 from tactable.shipped import DEMO_RECORDING

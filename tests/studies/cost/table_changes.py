@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from engine.device import Device
 from engine.device.texts import text_with_values
 from engine.table.history import replace_table
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.parallel.pool import available_cores
 from tactable.shipped import find_device, find_device_file
 from tests.studies.options import read_options

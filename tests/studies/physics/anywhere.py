@@ -24,8 +24,8 @@ from engine.table import Clicks, Table
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import ZoneEdges
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
+from precompute.clicks.click_solver import FULL_SCALE
 from precompute.clicks.evaluation import Evaluation
-from precompute.clicks.solver import FULL_SCALE
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements
@@ -84,12 +84,21 @@ def compare_anywhere(
     }
 
 
+def _middles(device: Device, states: Sequence[ZoneState]) -> Placement:
+    """A finger in the middle of every zone that is not free."""
+    felt, quiet = (
+        [zone.name for zone, state in zip(device.zones, states, strict=True) if state is wanted]
+        for wanted in (ZoneState.FELT, ZoneState.QUIET)
+    )
+    return Placement.named(device, felt, quiet)
+
+
 def _begin(
     device: Device, by_position: ClickOptions, by_zone: ClickOptions, tabulated: Clicks | None
 ) -> Callable[[tuple[int, Placement]], tuple[int, dict[str, Any]]]:
     solver = ClickSolver(device, by_position)
     zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
-    zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(Placement.in_zones(device, states)))
+    zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(_middles(device, states)))
     edges, designer = ZoneEdges(device), SteadyDesigner(device, samples=2 * (by_position.judged // 2))
     solver.solve(Placement.on(device, [device.bar.length_m / 2]))  # compiled before it is timed
 

@@ -9,11 +9,11 @@ import time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
-from tactable.measure import DrivenDevice
+from precompute.measurements.types import Kind, lay_out
 from tactable.measure.board_bench import BoardBench
 from tactable.measure.board_sensor import open_board_sensor
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.walk import even_walk

@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.misfit import Loss
-from precompute.measurements import lay_out
 from precompute.measurements.parameters import find_parameters, paper_names, with_changes
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG
 from tests.studies.options import read_options

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from engine.render.limits import clamp
-from engine.steady.solver import FOLLOWED_HZ
-from firmware_link.emulator import Cause, ChannelTarget, DriveEvent, synthesise
+from engine.steady.steady_solver import FOLLOWED_HZ
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
+from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter

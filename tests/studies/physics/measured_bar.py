@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from engine.steady.solver import SteadySolver
+from engine.steady.steady_solver import SteadySolver
 from engine.touch import Placement
 from precompute.calibration.calibrate import Estimate, calibrate
-from precompute.measurements import Kind, Measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
+from precompute.measurements.types import Kind, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.sampling.placements import Anywhere, random_placements
-from precompute.sampling.places import solve_place_receptances
+from precompute.sampling.steady_modes import steady_basis, steady_modes
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
 from tactable.measure.faults import check_gravity, find_late
 from tactable.measure.simulated_bench import ConverterFlaws
@@ -171,8 +171,8 @@ def response_errors(true: Device, measured: Measurements) -> tuple[Array, Array]
 
 def contrasts_db(true: Device, believed: Device, placements: list[Placement]) -> Array:
     """Contrast (placement,) on the true bar of the drives that are solved for the believed one."""
-    receptances = solve_place_receptances(assemble(believed), believed.sweep.frequency_hz)
-    solver, plant = SteadySolver(believed, receptances), assemble(true)
+    modes = steady_modes(steady_basis(assemble(believed)), believed.sweep.frequency_hz)
+    solver, plant = SteadySolver(believed, modes), assemble(true)
     found = []
     for placement in placements:
         drive = solver.solve(placement.position_m, placement.is_felt, LEVEL_DB)

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from engine.table import Table
-from engine.table.diff import Tolerance, compare_tables
-from precompute.builder.build import build_table
+from engine.table.table_diff import Tolerance, compare_tables
+from precompute.builder.table_build import build_table
 from precompute.measurements.csv import write_csv
-from precompute.measurements.responses import read_responses
+from precompute.measurements.response_table import read_responses
 from tests.precompute.devices import shipped
 from tests.precompute.measured import SENSOR_MASS_KG
-from tests.precompute.measurements.test_responses import rows
+from tests.precompute.measurements.test_response_table import rows
 
 
 def main() -> None:

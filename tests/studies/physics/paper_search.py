@@ -96,7 +96,7 @@ def device_of(x: Array, nominal: Device) -> Device:
         Zone(zone.name, start, stop)
         for zone, (start, stop) in zip(nominal.zones, itertools.pairwise(edges_m), strict=True)
     )
-    return replace(nominal, bar=bar, actuators=actuators, zones=zones)
+    return replace(nominal, surface=bar, actuators=actuators, zones=zones)
 
 
 def score(margin: Array) -> float:
@@ -254,7 +254,7 @@ def describe(device: Device) -> dict[str, object]:
         "width_mm": float(1e3 * bar.width_m),
         "thickness_mm": float(1e3 * bar.thickness_m),
         "bolts_g": [float(1e3 * actuator.mass_kg) for actuator in device.actuators],
-        "zone_edges_mm": [float(1e3 * zone.stop_m) for zone in device.zones[:-1]],
+        "zone_edges_mm": [1e3 * zone.stop_m.real for zone in device.zones[:-1]],
         "largest_element_mm": float(1e3 * bar.largest_element_m),
     }
 

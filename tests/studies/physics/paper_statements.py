@@ -84,7 +84,7 @@ class Solved:
 
 def with_damping_of(device: Device, damping_of: DampingOf) -> Device:
     """The device with one of the two readings of equation (2)."""
-    return replace(device, bar=replace(device.bar, damping_of=damping_of))
+    return replace(device, surface=replace(device.bar, damping_of=damping_of))
 
 
 def demo_device(device: Device) -> Device:
@@ -94,7 +94,7 @@ def demo_device(device: Device) -> Device:
         for actuator in device.actuators
     )
     return replace(
-        device, bar=replace(device.bar, mass_damping_per_s=0.0, stiffness_damping_s=0.0), actuators=actuators
+        device, surface=replace(device.bar, mass_damping_per_s=0.0, stiffness_damping_s=0.0), actuators=actuators
     )
 
 

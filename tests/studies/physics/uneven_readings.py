@@ -19,10 +19,10 @@ from precompute.calibration.calibrate import pose_fit
 from precompute.calibration.confidence import compute_confidence
 from precompute.calibration.fit import fit
 from precompute.calibration.misfit import Loss
-from precompute.measurements import Kind, Measurements, lay_out
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import Kind, Measurements, lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import SENSOR_MASS_KG
 from tests.studies.options import read_options

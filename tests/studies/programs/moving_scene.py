@@ -14,7 +14,7 @@ from contextlib import suppress
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from engine.effects import Effects
+from engine.effects.rules import Effects
 from tactable.control.client import Client, ClientError, connect
 from tactable.shipped import named_effects
 from tests.studies.options import read_options

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from engine.touch.sources.recording import Recording, write_recording
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from tactable.shipped import find_device
 from tests.engine.made_table import write_table
 
@@ -18,9 +18,10 @@ DEVICE = find_device("reference-a")
 
 
 class ControlledRun(NamedTuple):
-    """The process, its control socket, and what it said before it played."""
+    """The process, its board, its control socket, and what it said before it played."""
 
     process: "subprocess.Popen[str]"
+    emulator: RunningEmulator
     socket: Path
     said: str
 
@@ -45,4 +46,7 @@ def controlled_run(recording: Recording, *words: str) -> Iterator[ControlledRun]
             while "Ctrl-C ends" not in said:
                 said += (line := process.stderr.readline())
                 assert line and process.poll() is None, said
-            yield ControlledRun(process, folder / "control.sock", said)
+            try:
+                yield ControlledRun(process, emulator, folder / "control.sock", said)
+            finally:
+                process.kill()

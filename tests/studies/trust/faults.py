@@ -22,7 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 from engine.device import Device
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 from tests.studies.trust.kill_often import kill_often, work_of
 

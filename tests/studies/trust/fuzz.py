@@ -29,14 +29,14 @@ import numpy as np
 import pyuff
 
 from engine.device import Device, DeviceError
-from engine.effects import EffectError
 from engine.effects.rule_file import parse_effects
+from engine.effects.rules import EffectError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import Phase, PointerEvent
-from precompute.measurements.file import read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
-from tactable.page.messages import PageMessageError, decode_message
+from tactable.page.page_messages import PageMessageError, decode_message
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
@@ -152,7 +152,7 @@ def _play_table(rng: random.Random, folder: Path) -> None:
         )
         for placement in (in_zones(table.device, [0]), in_zones(table.device, [1], [3])):
             table.click_at(placement, 20.0)
-        assert table.receptances is None or np.isfinite(table.receptances.drive).all()
+        assert table.modes is None or np.isfinite(table.modes.drive).all()
 
 
 def _play_device(rng: random.Random, _folder: Path) -> None:

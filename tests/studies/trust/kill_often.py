@@ -23,7 +23,7 @@ from typing import Protocol
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, replace_table
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
 from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
@@ -71,7 +71,7 @@ class Build:
     imports = """
 from pathlib import Path
 from engine.device import Device
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from tests.studies.trust.kill_often import CHEAP
 """
     script = """
@@ -101,7 +101,7 @@ class Calibrate:
     """`tactable calibrate --apply`: fitted, put in place with the clicks of one finger, then completed."""
 
     imports = """
-import precompute.calibration.calibrate, precompute.builder.build, tactable.calibration.apply
+import precompute.calibration.calibrate, precompute.builder.table_build, tactable.calibration.apply
 from tactable.cli.main import app
 """
     script = """
@@ -174,9 +174,9 @@ class Fleet:
 
     imports = """
 from pathlib import Path
-import precompute.builder.build, precompute.calibration.calibrate
-from precompute.fleet.plan import plan_fleet
-from precompute.fleet.run import run_fleet, run_here, run_on_processes
+import precompute.builder.table_build, precompute.calibration.calibrate
+from precompute.fleet.fleet_plan import plan_fleet
+from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes
 from precompute.fleet.units import FleetOptions
 """
     units = 4

@@ -31,7 +31,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.loop.fast.layout import c_header
+from engine.loop.fast.fast_layout import c_header
 from tests.studies.trust.mutants import Mutant, mutants_of
 
 ROOT = Path(__file__).parents[3]
@@ -54,7 +54,7 @@ _EMULATOR = tuple(
 )
 _CORE = tuple(f"tests/{FIRMWARE}/test_{name}.py" for name in ("core", "framing", "twins", "synthesis"))
 _HOST = tuple(f"tests/firmware_link/{name}.py" for name in ("host/test_session", "host/test_outbox", "host/test_link"))
-_LOOP_CONTROL = "tests/engine/loop/test_control.py"
+_LOOP_CONTROL = "tests/engine/loop/test_program_steps.py"
 
 
 def _control(*names: str) -> tuple[str, ...]:
@@ -63,20 +63,23 @@ def _control(*names: str) -> tuple[str, ...]:
 
 TESTS: dict[str, tuple[str, ...]] = {
     "engine/render/limits.py": ("tests/engine/render/test_limits.py",),
-    "engine/effects/player.py": (
-        *("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
+    "engine/effects/effect_player.py": (
+        *("tests/engine/effects/test_effect_player.py", "tests/engine/effects/test_control_step.py"),
         *(_LOOP_CONTROL, "tests/engine/loop/test_bar_change.py"),
     ),
-    "engine/effects/play.py": ("tests/engine/effects/test_player.py", "tests/engine/effects/test_control.py"),
-    "engine/loop/control.py": (_LOOP_CONTROL,),
-    "tactable/control/scene.py": _control("scene", "server", "laws"),
-    "tactable/control/server.py": _control("server", "laws"),
-    "tactable/control/steps.py": _control("steps", "scene", "laws"),
-    "tactable/control/requests.py": _control("requests", "server"),
+    "engine/effects/effect_play.py": (
+        "tests/engine/effects/test_effect_player.py",
+        "tests/engine/effects/test_control_step.py",
+    ),
+    "engine/loop/program_steps.py": (_LOOP_CONTROL,),
+    "tactable/control/program_scene.py": _control("program_scene", "control_server", "laws"),
+    "tactable/control/control_server.py": _control("control_server", "laws"),
+    "tactable/control/steps.py": _control("steps", "program_scene", "laws"),
+    "tactable/control/requests.py": _control("requests", "control_server"),
     "tactable/control/security.py": _control("security"),
     "tactable/control/unix_socket.py": _control("unix_socket"),
     "tactable/control/slot.py": _control("in_process"),
-    "tactable/control/process.py": _control("in_process"),
+    "tactable/control/control_process.py": _control("in_process"),
     "tactable/control/osc.py": _control("osc", "in_process"),
     "tactable/control/osc_codec.py": _control("osc"),
     "engine/touch/finger_tracker.py": tuple(
@@ -95,7 +98,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "firmware_link/protocol/basis.py": ("tests/firmware_link/protocol/test_basis.py", *_EMULATOR),
     **{
         f"firmware_link/emulator/{name}.py": _EMULATOR
-        for name in ("lease", "session", "drive", "tones", "synthesis", "memory", "sense")
+        for name in ("device_lease", "device_session", "sounding", "tones", "synthesis", "device_memory", "sense")
     },
     **{
         f"{FIRMWARE}/core/{name}.c": _CORE

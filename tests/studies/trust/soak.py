@@ -10,12 +10,14 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from firmware_link.emulator import Cause, ChannelTarget, DeviceConfiguration, EmulatedFirmware, PlayedWaveform
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, PlayedWaveform
 from firmware_link.emulator.fault_plan import parse_fault_plan
 from firmware_link.emulator.faulty_device import FaultyDevice
+from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from firmware_link.protocol.errors import LinkError
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN, DeviceState
 from tests.firmware_link.clicks import Clicks
 

@@ -1,4 +1,4 @@
-"""The runner of mutants: what is changed, what is left alone, and that a fault is told from none."""
+"""The runner of mutants: what it names is there, and a fault is killed."""
 
 from pathlib import Path
 
@@ -7,63 +7,6 @@ import pytest
 from tests.firmware_link.firmware.compiled_core import need
 from tests.studies.trust.mutants import mutants_of
 from tests.studies.trust.mutation import ROOT, TESTS, equivalents, run, summary
-
-PYTHON = '''"""A number: 3."""
-LIMIT = 3.0
-def bounded(value: int = 7) -> float:
-    """Of 3."""
-    if value < 2:
-        raise ValueError(f"{value + 1} is too small")
-    return min(value, LIMIT)
-'''
-C = """#include "a1.h"
-/* 3 > 2 */
-static int bounded(int *value)
-{
-    if (*value < 2 && is(1)) {
-        return 0;
-    }
-    count += 1;
-    return *value;
-}
-"""
-
-
-def changes(path: str, text: str) -> set[str]:
-    """The changes in brackets of all mutants."""
-    return {mutant.name.partition("[")[2].partition(": ")[2][:-1] for mutant in mutants_of(path, text)}
-
-
-def test_python_is_changed_where_it_decides() -> None:
-    assert changes("a.py", PYTHON) == {
-        "3.0 -> 4.0",
-        "3.0 -> 0.0",
-        "value < 2 -> ((value) <= (2))",
-        "value < 2 -> ((value) >= (2))",
-        "2 -> 3",
-        "2 -> 1",
-        'raise ValueError(f"{value + 1} is too small") -> pass',
-        "return min(value, LIMIT) -> return None",
-        "min(value, LIMIT) -> max(value, LIMIT)",
-    }
-
-
-def test_c_is_changed_where_it_decides() -> None:
-    assert changes("a.c", C) == {
-        "< -> <=",
-        "< -> >=",
-        "2 -> 3",
-        "2 -> 1",
-        "&& -> ||",
-        "1 -> 2",
-        "1 -> 0",
-        "(*value < 2 && is(1)) -> (!(*value < 2 && is(1)))",
-        "0 -> 1",
-        "count += 1; -> ;",
-        "+= -> -=",
-        "+= -> =",
-        "*value -> 0",
-    }
 
 
 @pytest.mark.parametrize("path", TESTS)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.render import link_configuration
+from engine.render.limits import link_configuration
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.framing import encode_message

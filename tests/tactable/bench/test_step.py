@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from engine.effects import read_effects
+from engine.effects.rule_file import read_effects
 from engine.table import Table
 from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
 from tactable.shipped import device_folder, find_device

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from precompute.model.assembly import assemble
+from precompute.model.assembly import assemble_bar
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import prepare_pair_sweep
 from tactable.bench.sweep import numpy_twin, solve_point
 from tactable.shipped import find_device
 
 DEVICE = find_device("reference-a")
-PLANT = assemble(DEVICE)
+PLANT = assemble_bar(DEVICE)
 GRID = compute_grid_response(PLANT, np.linspace(60.0, 300.0, 9), zone_points(DEVICE))
 
 

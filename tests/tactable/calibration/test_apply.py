@@ -13,16 +13,16 @@ from typer.testing import CliRunner, Result
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.calibration.misfit import Loss
-from precompute.clicks.options import ClickOptions
+from precompute.clicks.click_options import ClickOptions
 from precompute.measurements.netcdf_content import load_content
 from precompute.measurements.parameters import paper_names
 from tactable.calibration.apply import apply_fit
 from tactable.calibration.job import CalibrationJob
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.cli.main import app
-from tests.precompute.builder.test_build import ONE_LEVEL
+from tests.precompute.builder.test_table_build import ONE_LEVEL
 
 pytestmark = pytest.mark.long
 

@@ -10,8 +10,8 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
-from precompute.builder.build import build_table
-from tests.precompute.builder.test_build import ONE_LEVEL
+from precompute.builder.table_build import build_table
+from tests.precompute.builder.test_table_build import ONE_LEVEL
 from tests.tactable.cli.in_process import run_here, summary_of
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -49,7 +49,7 @@ def test_rolled_back_is_the_table_before_unless_that_is_damaged(tmp_path: Path) 
     assert path.read_bytes() == before
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")

@@ -7,7 +7,7 @@ import numpy as np
 from engine.table import Table
 from precompute.measurements.csv import write_csv
 from tests.precompute.fleet.small_fleet import small_text
-from tests.precompute.measurements.test_responses import COARSE, per_newton, rows
+from tests.precompute.measurements.test_response_table import COARSE, per_newton, rows
 from tests.tactable.cli.in_process import run_here, summary_of
 
 

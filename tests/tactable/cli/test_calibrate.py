@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from engine.device import Device
-from precompute.measurements import Kind
-from precompute.measurements.file import write_measurements
+from precompute.measurements.measurement_file import write_measurements
 from precompute.measurements.parameters import paper_names
+from precompute.measurements.types import Kind
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.shipped import find_device
 from tests.precompute.measured import NAN, read_bar

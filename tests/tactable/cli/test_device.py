@@ -13,7 +13,7 @@ run = partial(run_here, HERE)
 
 
 def test_the_shipped_devices_are_found_by_name() -> None:
-    assert shipped_names() == ["reference-a", "reference-d", "reference-t"]
+    assert shipped_names() == ["reference-a", "reference-c", "reference-d", "reference-p", "reference-t"]
     assert [find_device(name).name for name in shipped_names()] == shipped_names()
 
 

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from tactable.cli.main import app
 from tests.engine.made_table import write_table
-from tests.engine.table.test_diff import CLICKS, held, rows_of
 from tests.engine.table.test_table import DEVICE
+from tests.engine.table.test_table_diff import CLICKS, held, rows_of
 
 ROWS = rows_of(DEVICE)
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner, Result
 
-from engine.effects import EffectError
+from engine.effects.rules import EffectError
 from precompute.model.assembly import assemble
-from precompute.studies.reach import compute_reach
+from precompute.studies.reach_along import compute_reach
 from tactable.cli.main import app
 from tactable.cli.options import OptionError
 from tactable.shipped import device_folder, find_device

@@ -14,11 +14,10 @@ import pytest
 
 from base.errors import TactableError
 from engine.table import Table
-from precompute.clicks.program import ProgramError
 from precompute.parallel.pool import WorkerError
 from tactable.cli import touch
 from tactable.cli.main import main
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 
 ROOT = Path(__file__).parents[3]
 ROOMS = ("engine", "firmware_link", "precompute", "tactable")
@@ -66,7 +65,7 @@ def end_of(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> object:
 @pytest.mark.parametrize(
     ("error", "status", "said"),
     [
-        *[(kind("no [bar]: mend it"), 1, "no [bar]: mend it\n") for kind in (TactableError, WorkerError, ProgramError)],
+        *[(kind("no [bar]: mend it"), 1, "no [bar]: mend it\n") for kind in (TactableError, WorkerError)],
         (OSError("no [bar]: mend it"), 1, "no [bar]: mend it\n"),
         (FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "gone.csv"), 1, "gone.csv: No such file"),
         (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), 1, "No space left on device: where the output goes"),

@@ -66,10 +66,10 @@ def test_zones_are_told_by_the_row_that_is_played_and_by_what_fingers_get_of_it(
     words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--drives", "zones")
     said = told(*words)
     with Table.open(click_table) as table:
-        row, receptances = table.best_row(["I"]), table.receptances
+        row, modes = table.best_row(["I"]), table.modes
         middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in table.device.zones]
         played = (row.frequencies_hz, row.complex_amplitudes)
-        nominal_db = compute_levels(table.device, receptances, [middles_m[0], middles_m[2]], *played)[0]
+        nominal_db = compute_levels(table.device, modes, [middles_m[0], middles_m[2]], *played)[0]
     assert said["felt_zones"] == ["I"] and said["row"] == {"group": row.group, "index": row.index}
     assert said["drive"]["frequencies_hz"] == list(row.frequencies_hz)
     assert [zone["share"] for zone in said["zones"].values()] == pytest.approx(row.shares)
@@ -87,7 +87,7 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, tol
     assert "Android" in said["threshold"]
     with Table.open(click_table) as table:
         device, hz = table.device.with_threshold("android"), np.array(said["drive"]["frequencies_hz"][:1])
-        solver = SteadyDesigner(device, samples=2)  # it solves its own receptances, at this curve
+        solver = SteadyDesigner(device, samples=2)  # it solves its own modes, at this curve
     drive = solver.solver.solve((0.035, 0.12), (True, False), 6.0)
     assert drive.frequencies_hz[0] == pytest.approx(hz[0])
     assert list(drive.amplitudes) == pytest.approx(said["drive"]["amplitudes"], rel=1e-3)

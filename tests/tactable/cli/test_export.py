@@ -10,9 +10,9 @@ from scipy.io import loadmat
 
 from engine.device import Device
 from engine.table import Table
-from precompute.builder.build import build_table
-from tactable.research.export import ROWS
-from tests.precompute.builder.test_build import SMALL
+from precompute.builder.table_build import build_table
+from tactable.research.table_export import ROWS
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
 
 
@@ -45,7 +45,7 @@ def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tm
 
 
 def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path) -> None:
-    for group in ("coherent_sweep", "best_rows", "responses", "receptances", "clicks"):
+    for group in ("coherent_sweep", "best_rows", "responses", "modes", "clicks"):
         assert run_here(tmp_path, "export", str(click_table), group, "-o", f"{group}.csv").returncode == 0
         with xarray.open_dataset(click_table, group=group) as own:
             assert len(pandas.read_csv(tmp_path / f"{group}.csv")) == np.prod([own.sizes[name] for name in ROWS[group]])

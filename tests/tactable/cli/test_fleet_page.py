@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from precompute.fleet.plan import plan_fleet
+from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.units import Unit
 
 PAGE = (Path(__file__).parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from engine.steady.drive_search import find_drive
 from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache, refuse_open_caches
 
 NOWHERE = Path("/proc/no-such-folder")
@@ -68,7 +69,7 @@ def test_compiling_the_steady_solver_is_said_only_where_no_cache_has_it(
     compile_steady_solver(lines.append)
     assert lines == ["compiling the solver of steady drives, once on this machine: about half a minute"]
     (tmp_path / "steady_1").mkdir()
-    kept = tmp_path / "steady_1" / "search.find_drive-1.py311.nbi"
+    kept = tmp_path / "steady_1" / find_drive._cache._cache_file._index_name
     kept.touch()
     compile_steady_solver(lines.append)
     assert len(lines) == 1

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from firmware_link.emulator.process import run_emulator
-from precompute.measurements import Kind, read_measurements
+from firmware_link.emulator.emulator_process import run_emulator
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.netcdf_content import load_content
+from precompute.measurements.types import Kind
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import SensorForm
 from tests.engine.loop.rig import DEVICE

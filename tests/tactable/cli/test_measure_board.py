@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precompute.measurements import Kind, lay_out, read_measurements
+from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
+from precompute.measurements.types import Kind, lay_out
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.cli.in_process import run_here, summary_of
 from tests.tactable.rig.test_emulate import emulator

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from firmware_link.emulator import Cause
-from firmware_link.emulator.process import run_emulator
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.emulator_process import run_emulator
 from tests.tactable.cli.in_process import Line, run_here
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -20,7 +20,7 @@ def test_a_drive_is_played_for_its_time_and_its_levels_are_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     line = Line()
-    monkeypatch.setattr("engine.loop.SystemClock", lambda: line)
+    monkeypatch.setattr("engine.loop.loop.SystemClock", lambda: line)
     monkeypatch.setattr("tactable.audio.port.open_port", lambda *_: line)
     done = run_here(tmp_path, "play", "reference-a", "--port", "bar", *DRIVE, "--for", "0.1 s", "--json")
     assert done.returncode == 0, done.stderr

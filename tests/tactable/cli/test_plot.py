@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tactable.shipped import device_folder
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here, summary_of
 
 MEASURED = device_folder().parent / "measurements" / "reference-a-drifted.csv"

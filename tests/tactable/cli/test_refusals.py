@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactable.shipped import device_folder
-from tests.precompute.builder.test_build import ONE_LEVEL, SMALL
+from tests.precompute.builder.test_table_build import ONE_LEVEL, SMALL
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.tactable.cli.in_process import run_here
 

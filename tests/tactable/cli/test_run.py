@@ -13,18 +13,18 @@ import pytest
 from typer.testing import CliRunner
 
 from base.errors import TactableError
-from engine.effects import Drives
-from engine.loop import Record, RingReader
+from engine.effects.rules import Drives
+from engine.loop.ring import Record, RingReader
 from engine.table import TableError
 from engine.touch import DigitizerError
 from engine.touch.sources.recording import RecordingError, read_recording, write_recording
-from firmware_link.emulator import Cause, DriveEvent
-from firmware_link.emulator.process import EmulatorLog, RunningEmulator, run_emulator
-from firmware_link.protocol.errors import LinkError
+from firmware_link.emulator.drive_log import Cause, DriveEvent
+from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator, run_emulator
+from firmware_link.protocol.link_errors import LinkError
 from tactable.cli import run
 from tactable.cli.main import app
 from tactable.cli.options import read_rules
-from tactable.doctor.touch import Machine
+from tactable.doctor.touch_check import Machine
 from tactable.shipped import find_device
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table

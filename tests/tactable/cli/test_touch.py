@@ -29,7 +29,7 @@ from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, 
 from tactable.digitizers.record import learn_from_recording, learn_live, record_source
 from tactable.doctor.layers import Layer
 from tactable.doctor.ports import check_cards
-from tactable.doctor.touch import Machine, examine
+from tactable.doctor.touch_check import Machine, examine
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
 from tactable.shipped import DEMO_RECORDING, device_folder
 from tests.engine.touch.descriptors import TOUCH_PAD, application, finger

@@ -10,8 +10,8 @@ import pytest
 
 from engine.table import Table
 from engine.table.best_rows import write_best_rows
-from engine.table.file import TableWriter
-from tactable.measure import verify
+from engine.table.netcdf_file import TableWriter
+from tactable.measure import verification
 from tests.engine.made_rows import rows_of
 from tests.tactable.cli.in_process import run_here
 
@@ -22,7 +22,7 @@ SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "-
 def bars_once() -> Iterator[None]:
     """The bars that a table holds for possible are the same each time that it is verified."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verify, "PossibleBars", cache(verify.PossibleBars))
+        patch.setattr(verification, "PossibleBars", cache(verification.PossibleBars))
         yield
 
 
@@ -60,7 +60,7 @@ def with_rows(click_table: Path, path: Path) -> Path:
     with Table.open(click_table) as table, TableWriter(path) as writer:
         kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
         writer.describe({key: value.item() if hasattr(value, "item") else value for key, value in kept.items()})
-        table.copy_groups(writer, ["responses", "receptances", "entries", "clicks"])
+        table.copy_groups(writer, ["responses", "modes", "entries", "clicks"])
         write_best_rows(writer, rows_of(table.device), table.device)
     return path
 

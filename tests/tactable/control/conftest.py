@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactable.control.server import ControlServer
+from tactable.control.control_server import ControlServer
 from tests.tactable.control.virtual import VirtualSlot, server_of
 
 

@@ -14,19 +14,19 @@ from typing import Any
 import pytest
 
 import tactable
-from base.plain import to_plain
 from engine.device import Device
-from engine.effects import ControlStep, EffectPlayer, Outcome, Role, SceneSettings, TriggeredEffect
-from engine.loop import RingReader, RingWriter
-from engine.loop.latency import Stage
+from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
+from engine.effects.effect_player import EffectPlayer
+from engine.loop.command_latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
+from engine.loop.ring import RingReader, RingWriter
 from engine.table import Table
 from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
+from tactable.control.control_process import EVENTS_EVERY_S, serve
 from tactable.control.osc_codec import decode_osc, encode_osc
-from tactable.control.process import EVENTS_EVERY_S, serve
-from tactable.control.scene import Scene
+from tactable.control.program_scene import Scene
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.control.steps import StepEncoder
 from tactable.shipped import named_effects
@@ -282,7 +282,10 @@ async def test_open_sound_control_is_served_where_it_says(tmp_path: Path, capfd:
 
 def test_what_is_served_crosses_to_its_process_whole() -> None:
     served = ControlOf(Path("c.sock"), Path("ring"), Path("bar.nc"), 80, 81, is_watched=False)
-    assert ControlOf.from_plain(json.loads(json.dumps(to_plain(served)))) == served
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ChildHere(ours).write({"served": served})
+        assert ParentHere(theirs).read() == {"served": served}
 
 
 def test_events_are_read_as_often_as_the_page_says() -> None:

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactable.control.control_server import ControlServer
 from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
 from tactable.control.osc_codec import _DEEPEST, OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import MOST_BYTES, read_request
-from tactable.control.server import ControlServer
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import MESSAGE, hostile_datagram
 from tests.tactable.control.virtual import FINGERS, VirtualSlot, on_virtual_time, server_of, settle

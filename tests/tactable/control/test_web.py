@@ -13,7 +13,7 @@ from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
 from base.child import ChildError
-from tactable.control.server import ControlServer
+from tactable.control.control_server import ControlServer
 from tactable.control.web import WebControl
 from tests.tactable.control.messages import HELLO, VALID
 from tests.tactable.control.virtual import FINGERS, VirtualSlot

@@ -11,11 +11,12 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, ParamSpec, TypeVar
 
-from engine.effects import ControlStep, EffectPlayer, Effects, Outcome, Rule, Trigger
-from engine.effects.rules import click
+from engine.effects.control_step import ControlStep, Outcome
+from engine.effects.effect_player import EffectPlayer
+from engine.effects.rules import Effects, Rule, Trigger, click
 from engine.touch import Touch
-from tactable.control.scene import Scene
-from tactable.control.server import ControlServer
+from tactable.control.control_server import ControlServer
+from tactable.control.program_scene import Scene
 from tactable.control.steps import MOST_BYTES, StepDecoder
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import HELLO

@@ -6,7 +6,7 @@ from math import inf
 import pytest
 
 from engine.table import ClickEntry
-from precompute.clicks.basis import EVALUATIONS_PER_SAMPLE
+from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE
 from tactable.explain.click_course import Course, compute_course
 from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import click_of, placed

@@ -9,8 +9,8 @@ from engine.table import ClickEntry
 from engine.table.levels import shifted
 from engine.touch import Placement
 from precompute.clicks.baselines import BASELINES
-from tactable.explain.click_rivals import solve_rivals
 from tactable.explain.click_source import ClickSource
+from tactable.explain.explained_click import solve_rivals
 
 
 @pytest.fixture(scope="module")

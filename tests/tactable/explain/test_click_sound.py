@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.clicks.basis import RINGDOWN_S
+from precompute.clicks.click_basis import RINGDOWN_S
 from tactable.explain.click_sound import (
     LOUDEST,
     PAUSE_S,

@@ -9,7 +9,7 @@ import pytest
 from engine.table import Table, TableError
 from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
-from tactable.run.click_process import Solver
+from tactable.run.click_process import solver_of
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
@@ -47,6 +47,6 @@ def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source:
 
 def test_a_click_of_more_fingers_is_solved_for_their_positions_as_a_run_does(source: ClickSource) -> None:
     placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
-    click, solved = ClickSource(source.table).click_of(placement), Solver(source.table.path).solve(placement)
+    click, solved = ClickSource(source.table).click_of(placement), solver_of(source.table.path).solve_entry(placement)
     assert click.placement == solved.placement == placement
     assert np.array_equal(click.samples, solved.samples) and click.tolerance_m == solved.tolerance_m

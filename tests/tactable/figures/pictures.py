@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.device import Device
-from tactable.figures.file import Picture, write_columns
+from tactable.figures.picture_file import Picture, write_columns
 
 
 def check_picture(picture: Picture, device: Device, words: Collection[str], folder: Path) -> None:

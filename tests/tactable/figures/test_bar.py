@@ -8,8 +8,8 @@ import pytest
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
-from precompute.studies.reach import compute_reach
-from tactable.figures.reach import plot_reach
+from precompute.studies.reach_along import compute_reach
+from tactable.figures.reach_picture import plot_reach
 from tactable.figures.zones import plot_optimum, plot_zones
 from tests.precompute.devices import shipped
 from tests.tactable.figures.pictures import check_picture

@@ -3,7 +3,7 @@
 import numpy as np
 
 from precompute.calibration.calibrate import calibrate
-from precompute.measurements import Kind
+from precompute.measurements.types import Kind
 from tactable.figures.calibration import plot_calibration
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import NAN, read_bar

@@ -12,14 +12,15 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from engine.table import Table
 from engine.touch import Placement
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
+from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising, plot_course
 from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
-from tactable.figures.file import Picture, write_picture
+from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
-from tactable.figures.state import compute_envelope, plot_state
+from tactable.figures.state_picture import compute_envelope, plot_state
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
 
@@ -33,7 +34,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
 
 
 def drawn(table: Table, felt: str, *quiet: str, level_db: float = 20.0) -> PlayedDrive:
-    return solved_drive(table, Placement.named(table.device, [felt], quiet), level_db)
+    return solved_drive(designer_of(table), Placement.named(table.device, [felt], quiet), level_db)
 
 
 def test_a_level_that_is_not_achieved_is_said(table: Table, tmp_path: Path) -> None:
@@ -46,12 +47,12 @@ def test_a_level_that_is_not_achieved_is_said(table: Table, tmp_path: Path) -> N
 
 def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -> None:
     placement = Placement.named(table.device, ["35 mm"], ["120 mm", "80 mm"])
-    played = solved_drive(table, placement, 20.0)
+    played = solved_drive(designer_of(table), placement, 20.0)
     solved = table.drive_for(["35 mm"], ["120 mm", "80 mm"], 20.0)
     assert (played.drive.frequencies_hz, played.drive.amplitudes) == (solved.frequencies_hz, solved.amplitudes)
     envelope = compute_envelope(played)
     for finger in played.fingers:
-        here = np.interp(finger.position_m, envelope.position_m, envelope.standard)
+        here = np.interp(finger.position_m.real, envelope.position_m, envelope.standard)
         assert here == pytest.approx(finger.acceleration_m_per_s2, rel=1e-3)
         assert finger.range_db[0] <= finger.level_db <= finger.range_db[1]
     picture = plot_state(played)

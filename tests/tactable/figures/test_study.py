@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.studies.placement import Placement, PlacementSearch, even_places, own_places
-from precompute.studies.resolution import Resolved
+from precompute.studies.placement_search import Placement, PlacementSearch, even_places, own_places
 from precompute.studies.two_fingers import TwoFingers
-from tactable.figures.placement import plot_placement
-from tactable.figures.resolution import TOLD_APART_DB, narrowest_zone_m, plot_resolution
+from precompute.studies.zone_resolution import Resolved
+from tactable.figures.placement_picture import plot_placement
+from tactable.figures.resolution_picture import TOLD_APART_DB, narrowest_zone_m, plot_resolution
 from tests.precompute.devices import shipped
 from tests.tactable.figures.pictures import check_picture
 

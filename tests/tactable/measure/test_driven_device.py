@@ -5,11 +5,16 @@ from dataclasses import replace
 import pytest
 
 from engine.device import Device
-from engine.render import LimitError, RendererError
-from firmware_link.emulator import Cause, DeviceConfiguration, EmulatedFirmware
-from firmware_link.protocol.errors import LinkError
+from engine.render.limits import LimitError
+from engine.render.link_commands import RendererError
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
-from tactable.measure import AskedDrive, DrivenDevice, check_drive, virtual_line
+from tactable.measure import virtual_line
+from tactable.measure.asked_drive import AskedDrive, check_drive
+from tactable.measure.driven_device import DrivenDevice
 from tests.engine.loop.rig import DEVICE
 from tests.tools.virtual import MS, VirtualLine
 

@@ -55,10 +55,13 @@ def test_samples_come_in_declared_units_however_they_were_cut() -> None:
     [
         ({"sample_rate": "8 m"}, "sample_rate: '8 m' is a length; expected a frequency"),
         ({"sample_rate": "0 Hz"}, "expected more than 0"),
-        ({"rate": 8000}, "rate: is not known; known are channels"),
+        ({"rate": 8000}, "rate: 8000: unknown key; known keys are sample_rate"),
         ({"channels": []}, "expected a list of objects"),
         ({"channels": [{"name": "loopback left", "scale": "100 %"}]}, "no channel named 'acceleration'"),
-        ({"channels": [{"name": "accel", "scale": "1 m/s^2"}]}, "expected each once of acceleration, loopback left"),
+        (
+            {"channels": [{"name": "accel", "scale": "1 m/s^2"}]},
+            "name: 'accel': expected one of acceleration",
+        ),
         ({"channels": [{"name": "acceleration", "scale": "1 m/s"}]}, "is a speed; expected an acceleration"),
         ({"tactable_samples": 2}, "declare the samples"),
     ],

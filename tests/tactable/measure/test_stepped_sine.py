@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from precompute.measurements import Kind, lay_out
 from precompute.measurements.model import MeasurementModel
-from tactable.measure import AskedDrive, DrivenDevice
+from precompute.measurements.types import Kind, lay_out
+from tactable.measure.asked_drive import AskedDrive
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, check_gravity
 from tactable.measure.sensor import Block, SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor

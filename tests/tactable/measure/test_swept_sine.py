@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactable.measure import DrivenDevice
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
 from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import SimulatedBench, SimulatedSensor
@@ -21,7 +21,7 @@ def read(bench: SimulatedBench, options: SteppedSineOptions = OPTIONS, repeats: 
         sensor = SimulatedSensor(bench)
         stepped = SteppedSine(DEVICE, driven, sensor, options)
         stepped.listen()
-        return SweptSine(DEVICE, driven, sensor, stepped, options, SweepOptions(2.0, repeats)).read(0, HZ)[0]
+        return SweptSine(stepped, SweepOptions(2.0, repeats)).read(0, HZ)[0]
 
 
 def test_one_glide_reads_every_frequency_whatever_latency_and_clock_are() -> None:

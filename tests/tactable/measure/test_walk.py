@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from precompute.measurements import Kind, MeasurementError
 from precompute.measurements.model import MeasurementModel
-from tactable.measure import DrivenDevice
+from precompute.measurements.types import Kind, MeasurementError
 from tactable.measure.apparatus import Apparatus
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import AtRest, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.messages import _FINGER_NUMBER, _HEAD, _PHASES, _TOUCH, VERSION, Kind
+from tactable.page.page_messages import _FINGER_NUMBER, _HEAD, _PHASES, _TOUCH, VERSION, Kind
 
 
 def encode_touches(events: Sequence[PointerEvent]) -> bytes:

@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 
 from engine.loop.ring import Record, RingCounters
-from engine.render import clamp
+from engine.render.limits import clamp
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar
 from tactable.page.ring_drive import RingDrive

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
-import precompute.builder.build
+import precompute.builder.table_build
 from base.child import Parent
-from tactable.page.processes import build
+from tactable.page.processes import build_process
+from tactable.page.processes.build_process import BuildOrder
 from tactable.rig.ready import early_path
 
 
@@ -35,8 +36,8 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Page:
     monkeypatch.setattr(os, "nice", lambda _: 0)
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr(time, "sleep", lambda _: None)
-    for name in ("compile_for_clicks", "compile_all", "write_first_table"):
-        monkeypatch.setattr(build, name, lambda *_: None)
+    for name in ("solve_first_click", "_compile", "write_first_table"):
+        monkeypatch.setattr(build_process, name, lambda *_: None)
     return Page()
 
 
@@ -45,9 +46,9 @@ def test_after_its_last_word_a_signal_ends_it_as_it_ends_any_process(
     is_there: bool, page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "table.nc"
-    monkeypatch.setattr(build, "open_cached", lambda *_: SimpleNamespace(path=path) if is_there else None)
-    monkeypatch.setattr(precompute.builder.build, "build_table", lambda _, early, **__: early.touch())
-    build.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+    monkeypatch.setattr(build_process, "open_cached", lambda *_: SimpleNamespace(path=path) if is_there else None)
+    monkeypatch.setattr(precompute.builder.table_build, "build_table", lambda _, early, **__: early.touch())
+    build_process.main(page, {"order": BuildOrder("reference-a", path, tmp_path / "first.nc")})
     usable = [said["usable"] for said in page.said if said.keys() == {"usable"}]
     assert usable[-2 + is_there :] == [*([] if is_there else [str(early_path(path))]), str(path)]
     assert path.exists() is not is_there
@@ -57,10 +58,12 @@ def test_after_its_last_word_a_signal_ends_it_as_it_ends_any_process(
 def test_a_signal_in_a_build_is_an_interrupt_and_ends_it(
     page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(build, "open_cached", lambda *_: None)
-    monkeypatch.setattr(precompute.builder.build, "build_table", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(build_process, "open_cached", lambda *_: None)
+    monkeypatch.setattr(
+        precompute.builder.table_build, "build_table", lambda *_, **__: signal.raise_signal(signal.SIGTERM)
+    )
     path = tmp_path / "table.nc"
     with pytest.raises(SystemExit) as ended:
-        build.main(page, {"device": "reference-a", "path": str(path), "first": str(tmp_path / "first.nc")})
+        build_process.main(page, {"order": BuildOrder("reference-a", path, tmp_path / "first.nc")})
     assert ended.value.code == 1 and not path.exists()
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL

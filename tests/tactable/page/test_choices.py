@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Drives, Trigger
+from engine.effects.rules import Drives, Trigger
 from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, offered
 from tactable.shipped import find_device, shipped_names
 
@@ -28,8 +28,7 @@ CHOICES = st.builds(
 
 
 @given(CHOICES)
-def test_a_choice_comes_back_from_json_and_its_switches_make_it_again(choice: Choice) -> None:
-    assert Choice.from_json(choice.as_json()) == choice
+def test_the_switches_of_a_choice_make_it_again(choice: Choice) -> None:
     assert changed(Choice(choice.device), choice.as_json(), DEVICE, OFFERS) == choice
 
 

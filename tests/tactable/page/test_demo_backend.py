@@ -19,17 +19,17 @@ import pytest
 from base.child import ChildError
 from engine.device import Device
 from engine.touch.sources.pointer import Phase, PointerEvent
-from firmware_link.emulator import DriveEvent
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import synthesise
 from tactable.page import demo_backend
 from tactable.page.choices import Choice, offered
 from tactable.page.demo_backend import LONGEST_BACK_OFF_S, SHORTEST_BACK_OFF_S, DemoBackend
-from tactable.page.messages import Drive, DroppedFile, Kind, Picture, Role
+from tactable.page.page_messages import Drive, DroppedFile, Kind, Picture, Role
 from tactable.page.processes.asynchronous import AsyncChild
 from tactable.page.view import View
 from tactable.rig.ready import cached_table, early_path
 from tactable.shipped import find_device
-from tests.precompute.builder.test_build import SMALL
+from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.control.virtual import run_virtual
 
 TICK_S = 1 / 60
@@ -277,7 +277,7 @@ def fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
     loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 1.0 and is_kept(picture))
     rig.choose(is_loaded=False)
     freed_s = rig.until(lambda picture: not picture.is_loaded).time_s
-    free = rig.until(lambda picture: picture.time_s > freed_s + 3.0)
+    free = rig.until(lambda picture: picture.time_s > freed_s + 1.5)
     assert free.made[0].simulated_db is not None and loaded.made[0].simulated_db is not None
     assert abs(free.made[0].simulated_db - loaded.made[0].simulated_db) > 0.5
 

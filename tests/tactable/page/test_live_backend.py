@@ -18,8 +18,8 @@ from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator.process import RunningEmulator
-from tactable.page.messages import Kind
+from firmware_link.emulator.emulator_process import RunningEmulator
+from tactable.page.page_messages import Kind
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
@@ -78,7 +78,7 @@ def page_of(process: "subprocess.Popen[str]") -> int:
     """The process of the page."""
     children = ["ps", "-ww", "--ppid", str(process.pid), "-o", "pid=,args="]
     told = subprocess.run(children, capture_output=True, text=True, check=True).stdout
-    (page,) = [int(line.split()[0]) for line in told.splitlines() if "tactable.page.processes.live" in line]
+    (page,) = [int(line.split()[0]) for line in told.splitlines() if "tactable.page.processes.live_process" in line]
     return page
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from engine.table import Table
-from engine.touch import Placement
-from firmware_link.emulator import synthesise
+from engine.touch import Placement, Touch
+from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
-from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, BarFinger, LiveBar, decibels
+from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, LiveBar, decibels
 from tactable.page.ring_drive import RingDrive
 from tests.quick import first_quick
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, bar_of, events_of, record_of, touches_of
@@ -22,7 +22,7 @@ START_NS = 1_000_000
 def touched(table: Table, placement: Placement, *, is_click: bool = False) -> LiveBar:
     """A bar with these fingers on it, which is driven for them from START_NS on."""
     bar = bar_of(table, [record_of(table, placement, START_NS, is_click=is_click)])
-    fingers = [BarFinger(touch.contact_id, touch.position_m) for touch in touches_of(table, placement)]
+    fingers = list(touches_of(table, placement))
     bar.touch(fingers, is_loaded=True)
     return bar
 
@@ -38,11 +38,11 @@ def test_however_time_is_cut_the_motion_is_that_of_the_whole_plant(table: Table,
     bar = touched(table, PAIR)
     for step_us in np.random.default_rng(seed).uniform(200.0, 150_000.0, 8).tolist():
         bar.move_until(bar.now_us + step_us)
-    plant = TransientPlant(compute_basis(assemble(table.device)), bar.grid_m, 2 * RATE_HZ)
+    plant = TransientPlant(compute_basis(assemble(table.device)), bar.field.position_m, 2 * RATE_HZ)
     plant.touch([(touch.position_m, table.device.finger) for touch in touches_of(table, PAIR)])
     events = events_of(table, [record_of(table, PAIR, START_NS)])
     whole = plant.run(synthesise(events, 0.0, bar.now_us, 2 * RATE_HZ))[0][::2]
-    motion = bar.motion(0.0, 0.15, 1)
+    motion = bar.motion(0.0, 0.15, 1, ())
     assert motion is not None
     assert np.linalg.norm(motion - whole[: len(motion)]) < 0.01 * np.linalg.norm(motion)
 
@@ -50,7 +50,7 @@ def test_however_time_is_cut_the_motion_is_that_of_the_whole_plant(table: Table,
 def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     point = POINTS // 3
-    bar.touch([BarFinger(1, float(bar.grid_m[point]))], is_loaded=False)
+    bar.touch([Touch(1, float(bar.field.position_m[point]), None)], is_loaded=False)
     untouched = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     for stop in range(1, 12):
         moved, alone = bar.move_until(stop * FRAME_US), untouched.move_until(stop * FRAME_US)
@@ -62,7 +62,7 @@ def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: 
 
 def test_a_bar_that_nothing_drives_is_at_rest_and_a_click_rings_down_to_it(table: Table) -> None:
     bar = bar_of(table, [])
-    bar.touch([BarFinger(1, 0.035)], is_loaded=True)
+    bar.touch([Touch(1, 0.035, None)], is_loaded=True)
     assert [bar.move_until(stop * FRAME_US) for stop in range(1, 20)] == [None] * 19
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     run(bar, 8.0, 1e6 * LONGEST_STEP_S / 4)
@@ -99,7 +99,7 @@ def test_a_finger_that_left_can_be_heard_until_its_place_is_needed(table: Table)
     assert heard is not None
     assert decibels(abs(heard).max(keepdims=True))[0] > 10
     for number in range(2, 18):
-        bar.touch([BarFinger(number, 0.1)], is_loaded=True)
+        bar.touch([Touch(number, 0.1, None)], is_loaded=True)
     assert bar.felt(1) is None
     other = bar.felt(17)
     assert other is not None
@@ -109,9 +109,9 @@ def test_a_finger_that_left_can_be_heard_until_its_place_is_needed(table: Table)
 def test_a_moment_is_seen_only_once_it_is_over_and_while_it_is_kept(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     run(bar, 0.1)
-    assert bar.motion(1000.0, 0.2, 4) is None
-    found = bar.motion(1000.0, 0.09, 4)
+    assert bar.motion(1000.0, 0.2, 4, ()) is None
+    found = bar.motion(1000.0, 0.09, 4, PAIR.position_m)
     assert found is not None
-    assert found.shape == (270, POINTS)
+    assert found.shape == (270, POINTS + 2)
     run(bar, 2.0)
-    assert bar.motion(1000.0, 0.09, 4) is None
+    assert bar.motion(1000.0, 0.09, 4, PAIR.position_m) is None

@@ -10,14 +10,14 @@ import pytest
 import segno
 from typer.testing import CliRunner
 
-from engine.effects import Drives
+from engine.effects.rules import Drives
 from tactable.cli import demo as cli
 from tactable.cli.main import app
 from tactable.control.security import AccessPolicy
 from tactable.page import opening
 from tactable.page.opening import announcement, has_browser, qr_code, reachable, token_for
-from tactable.page.processes.programs import ProgramsAt
-from tests.tactable.page.test_server import Notes
+from tactable.page.processes.engine_process import ProgramsAt
+from tests.tactable.page.test_page_server import Notes
 
 SCREEN = {"DISPLAY": ":0"}
 

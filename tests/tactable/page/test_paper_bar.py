@@ -5,7 +5,7 @@ import pytest
 from engine.table import Table
 from engine.table.best_rows import BestRows
 from firmware_link.protocol.messages import ChannelDrive
-from tactable.page.messages import LOWEST_DB
+from tactable.page.page_messages import LOWEST_DB
 from tactable.page.paper_bar import PaperBar
 from tactable.page.view import View
 from tactable.rig.promises import Promises
@@ -44,7 +44,7 @@ def test_beside_a_click_the_drive_ends_when_the_click_does(table: Table) -> None
     view = played(table, 0.5, is_click=True)
     assert view.paper is not None
     bar = view.paper.levels.bar
-    during, after = bar.motion(60_000.0, 0.02, 1), bar.motion(450_000.0, 0.02, 1)
+    during, after = bar.motion(60_000.0, 0.02, 1, ()), bar.motion(450_000.0, 0.02, 1, ())
     assert during is not None and after is not None
     assert abs(during).max() > 10 * abs(after).max() > 0
 

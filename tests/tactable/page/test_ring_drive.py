@@ -5,7 +5,7 @@ import pytest
 
 from engine.table import Table
 from engine.touch import Placement
-from firmware_link.emulator import Cause
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.protocol.basis import encode_click
 from tactable.page.ring_drive import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of

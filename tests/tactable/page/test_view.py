@@ -12,7 +12,7 @@ from engine.touch import Placement
 from firmware_link.protocol.basis import encode_click
 from tactable.page.capture import HEARD_S
 from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
-from tactable.page.messages import LOWEST_DB, Drive, Kind, Role, encode_picture
+from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import LATENCIES, View
@@ -154,7 +154,7 @@ def test_the_counted_curve_passes_through_the_levels_of_the_fingers(rig: Rig, is
     picture = rig.view.picture()
     for finger in picture.fingers:
         printed_db = finger.felt_db if is_click else finger.level_db
-        drawn_db = np.interp(finger.position_m, rig.view.bar.grid_m, picture.counted_db)
+        drawn_db = np.interp(finger.position_m.real, rig.view.bar.field.position_m.real, picture.counted_db)
         is_null = not is_click and finger.role is Role.QUIET
         assert drawn_db >= printed_db - 1.0 if is_null else drawn_db == pytest.approx(printed_db, abs=1.0)
     if is_click:
@@ -221,8 +221,8 @@ def test_latencies_are_those_of_commands_that_a_report_caused(rig: Rig) -> None:
 def test_a_click_can_be_seen_slowed_once_and_heard_by_every_finger(rig: Rig) -> None:
     rig.play(2.0, is_click=True)
     (motion,) = rig.told
-    points, is_click, steps, command, step_s, scale = struct.unpack_from("<BBHIff", motion, 2)
-    assert (points, is_click, command) == (POINTS, 1, 1)
+    along, rows, fingers, is_click, steps, command, step_s, scale = struct.unpack_from("<4BHIff", motion, 2)
+    assert (along, rows, fingers, is_click, command) == (POINTS, 1, 2, 1, 1)
     assert steps * step_s == pytest.approx(0.09)
     assert scale > 0
     loudest = []
@@ -282,4 +282,4 @@ def resident_bytes() -> int:
 
 
 def command_of(motion: bytes) -> int:
-    return int(struct.unpack_from("<BBHI", motion, 2)[3])
+    return int(struct.unpack_from("<I", motion, 8)[0])

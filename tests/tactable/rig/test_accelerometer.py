@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_link.emulator import DeviceConfiguration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.messages import (
     MAGIC,

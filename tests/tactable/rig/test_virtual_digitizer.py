@@ -15,7 +15,7 @@ def test_the_shipped_recording_is_what_the_digitizer_as_long_as_the_bar_makes() 
     assert shipped.descriptor == made.descriptor
     assert [report.data for report in shipped.reports] == [report.data for report in made.reports]
     assert "SIMULATED" in shipped.name
-    assert open_digitizer(shipped.descriptor).surface.width_mm == pytest.approx(279.4, abs=1e-6)
+    assert open_digitizer(shipped.descriptor).surface.x.extent_mm == pytest.approx(279.4, abs=1e-6)
 
 
 def test_fingers_are_decoded_where_they_were() -> None:

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from base.child import Parent
 from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
-from precompute.builder.build import build_table
+from precompute.builder.table_build import build_table
 from precompute.clicks import ClickSolver
 from tactable.run.click_process import Answers, ClickProcess, Service, question_of
 from tests.small_device import small_text
@@ -28,14 +29,14 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class FakeParent:
+class FakeParent(Parent):
     """Has asked all its questions already, and keeps the answers."""
 
     def __init__(self, *questions: dict[str, Any]) -> None:
         self._questions: list[dict[str, Any]] = list(questions)
         self.answers: list[dict[str, Any]] = []
 
-    def has_spoken(self) -> bool:
+    def has_spoken(self, timeout_s: float = 0.0) -> bool:  # noqa: ARG002  # a Parent
         return bool(self._questions)
 
     def read(self) -> dict[str, Any] | None:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from engine.loop.fast.table import FastRendering
-from engine.render import WhenNotAchieved
+from engine.loop.fast.fast_table import FastRendering
+from engine.render.renderer import WhenNotAchieved
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
-from firmware_link.emulator import Cause
-from firmware_link.emulator.process import RunningEmulator
+from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unpacked, identity_of
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks

@@ -9,15 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects import Effect, EffectError, Rule, Trigger
 from engine.effects.files.conversion import CLICK_MS, FULL_LEVEL_DB, Converted, Fate, convert
 from engine.effects.files.hjif_out import BarPlace, encode_hjif
 from engine.effects.files.json_part import Part
 from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
-from engine.effects.rules import NS_PER_MS, Segment
+from engine.effects.rules import NS_PER_MS, Effect, EffectError, Rule, Segment, Trigger
 from tactable.shipped import named_effects
-from tests.engine.effects.test_player import story, touch
+from tests.engine.effects.test_effect_player import story, touch
 
 MS = NS_PER_MS
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from engine.device import Device
-from engine.effects import Effect, Rule, Segment, Trigger
-from engine.effects.rules import click
+from engine.effects.rules import Effect, Rule, Segment, Trigger, click
 from engine.table import Clicks
 from engine.touch.places import Key
 from firmware_link.protocol.basis import Basis, BasisSet

@@ -13,13 +13,15 @@ from typing import NamedTuple
 
 import pytest
 
-from engine.effects import DEFAULT_EFFECTS
-from engine.loop import Clock, Dispatcher, SystemClock, open_pipeline
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.layout import NONE
-from engine.loop.fast.session import FastSession
+from engine.loop.fast.fast_session import FastSession
+from engine.loop.loop import Clock, SystemClock
+from engine.loop.pipeline import open_pipeline
 from engine.touch.sources.recording import read_recording
-from firmware_link.emulator import Cause
+from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.descriptor_port import DescriptorPort
 from tests.engine.loop.fast.virtual_fast_path import Packets
 from tests.engine.loop.rig import DESCRIPTOR, DEVICE, Rig, held, recording_of, report

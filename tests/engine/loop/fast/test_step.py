@@ -13,10 +13,9 @@ import pytest
 
 import engine.loop.fast.library as library_module
 from engine.device import Device
-from engine.effects import Drives, Effects, Rule, Trigger
-from engine.effects.rules import click
-from engine.loop import CommandRecord, Fate
-from engine.render import WhenNotAchieved
+from engine.effects.rules import Drives, Effects, Rule, Trigger, click
+from engine.loop.observer import CommandRecord, Fate
+from engine.render.renderer import WhenNotAchieved
 from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import LOUD_DB, device_with_gaps, random_frames, random_rules, report, varied_clicks
@@ -150,7 +149,7 @@ def answered_whole(
     found = both(recording, effects, device, is_complete=True)
     assert found.answered == len(found.clicks)
     placements = [record.placement for record in found.clicks if record.placement is not None]
-    return [(tuple(round(1e3 * at_m, 1) for at_m in each.position_m), each.is_felt) for each in placements]
+    return [(tuple(round(1e3 * at_m.real, 1) for at_m in each.position_m), each.is_felt) for each in placements]
 
 
 def test_clicks_of_one_finger_and_of_two_are_answered() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
+from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.layout import NONE
 from engine.touch.sources.playback import Playback
 
 if TYPE_CHECKING:

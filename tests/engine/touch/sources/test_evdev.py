@@ -206,8 +206,8 @@ def test_more_events_than_one_read_takes_are_due_at_once() -> None:
 
 def test_size_and_range_are_the_devices() -> None:
     surface = open_digitizer(opened(FakeKernel()).descriptor).surface
-    assert (surface.x.logical_minimum, surface.x.logical_maximum, surface.width_mm) == (-100, 1900, 200.0)
-    assert surface.height_mm is None
+    assert (surface.x.logical_minimum, surface.x.logical_maximum, surface.x.extent_mm) == (-100, 1900, 200.0)
+    assert surface.y.extent_mm is None
 
 
 # ---- finding ---------------------------------------------------------------------------------------------

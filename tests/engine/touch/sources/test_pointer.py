@@ -145,7 +145,7 @@ def test_what_is_encoded_is_decoded_clamped_to_the_surface(x: Axis, y: Axis, dow
     reports = ContactReports(x, y, contacts=max(2, len(down)), maximum_contacts=2 * MOST_CONTACTS)
     digitizer = open_digitizer(reports.descriptor)
     surface = digitizer.surface
-    for length_mm, axis in ((surface.width_mm, x), (surface.height_mm, y)):
+    for length_mm, axis in ((surface.x.extent_mm, x), (surface.y.extent_mm, y)):
         expected = None if axis.length_mm is None else pytest.approx(axis.length_mm, abs=0.01)
         assert length_mm == expected
     frame = digitizer.decode_report(reports.encode(down), 0)

@@ -12,10 +12,11 @@ from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
 from tactable.bench.inputs import MOST_COMMANDS_HZ
-from tactable.bench.latency.report import LatencyReportError
+from tactable.bench.latency.latency_report import LatencyReportError
 from tactable.bench.latency.stages import STAGES
 from tactable.cli.latency import EXIT_WORSE
 from tactable.cli.main import app
+from tactable.cli.options import OptionError
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click
 from tests.engine.made_table import write_table
@@ -30,7 +31,7 @@ GENTLE = ("--realtime", "collector,switch-interval")
 def few_reports_in_process() -> Iterator[None]:
     """A hundredth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 40)
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 40)
         yield
 
 
@@ -100,7 +101,7 @@ def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_bas
     first = tmp_path / "first"
     words = ("--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
     with monkeypatch.context() as patch:
-        patch.setattr("tactable.bench.latency.report._IN_PROCESS_REPORTS", 400)
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 400)
         document = report(first, str(table), "--rates", "200,1000", *words)
     check_conditions(document)
     check_report(document, table)
@@ -139,14 +140,14 @@ def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, 
 def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware_says_when_it_had_a_command(
     table: Path, tmp_path: Path
 ) -> None:
-    words = (str(table), "--rounds", "1", *GENTLE)
+    words = (str(table), "--rounds", "1", "--no-echo", "--realtime", "collector")
     recorded = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
     document = report(tmp_path / "recorded", *words, *recorded)
     (condition,) = document["conditions"]
     assert (condition["reports_sent"], condition["reports_lost"]) == (700, 0)
     assert document["in_process"][-1]["reports"] == 692
     assert "SIMULATED" in (tmp_path / "recorded" / "report.md").read_text(encoding="utf-8")
-    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations", "--no-echo")
+    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations")
     document = report(tmp_path / "terminal", *words, *over)
     (condition,) = document["conditions"]
     assert condition["stages"]["line"]["count"] >= 0.9 * condition["commands"]
@@ -158,7 +159,6 @@ def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--rates", "1000,125"), "expected rising rates"),
         (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
         (("--realtime", "nice"), "is unknown: write all, none"),
         (("--seconds", "700"), "take more --rounds"),
@@ -170,3 +170,8 @@ def test_what_cannot_be_measured_is_a_usage_error(
     done = bench(tmp_path, str(table), *words)
     assert done.exit_code == 2
     assert said in " ".join(done.output.replace("│", " ").split())
+
+
+def test_rates_that_no_generator_sends_are_refused(table: Path, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="--rates '0,125': expected whole numbers"):
+        bench(tmp_path, str(table), "--rates", "0,125")

@@ -29,4 +29,3 @@ def test_each_engine_is_next_to_its_floor_and_rounds_begin_with_another_conditio
     rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
     assert len({conditions[0] for conditions in rounds}) == 4
     assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)
-    assert PLAN.segments_a_round == sum(len(PLAN.conditions(load)) for load in BackgroundLoad)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactable.bench.latency.load_generator import EchoReceiver, FarEnd, LoadGenerator, Schedule, Stall, StalledLayer
+from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
 from tests.tools.virtual import MS, VirtualClock
 
@@ -28,7 +28,13 @@ class Run:
     """A load generator, the engine's end of the touches, and what is read there, on one virtual clock."""
 
     def __init__(
-        self, rate_hz: float, count: int, *, stall: Stall | None = None, late_ns: int = 0, far_end: FarEnd | None = None
+        self,
+        rate_hz: float,
+        count: int,
+        *,
+        stall: Stall | None = None,
+        late_ns: int = 0,
+        far_end: EchoReceiver | None = None,
     ) -> None:
         clock, self.reports, self.due_ns = VirtualClock(), list[bytes](), list[int]()
         self.start_ns = clock.time_ns - late_ns

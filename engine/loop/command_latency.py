@@ -1,0 +1,81 @@
+"""Latency of commands: the stamps of each stage from report to wire, kept for a run, and their percentiles."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from base.arrays import Integers
+
+Stamps = tuple[int, int, int, int, int, int]
+"""Clock time of each stage in ns, in the order of `Stage`."""
+
+
+class Stage(IntEnum):
+    """The stages from a report to its written command; a stamp is taken at the end of each."""
+
+    AVAILABLE = 0
+    """The report could be read. A playback knows when; for a live device it is when the loop read it."""
+    READ = 1
+    FRAME = 2
+    """The touch frame was complete."""
+    STATE = 3
+    """What the fingers are to feel was known."""
+    COMMAND = 4
+    """The command was looked up and handed to the link."""
+    WRITTEN = 5
+    """The port had taken the whole command."""
+
+
+@dataclass(frozen=True)
+class Percentiles:
+    """Percentiles of `count` durations, ns: for each the smallest sample that this share does not exceed.
+
+    Not interpolated, because interpolation between the last samples would understate the tail.
+    """
+
+    count: int
+    p10_ns: int
+    p50_ns: int
+    p90_ns: int
+    p99_ns: int
+    p99_9_ns: int
+    p99_99_ns: int
+    max_ns: int
+
+    @classmethod
+    def of(cls, durations_ns: ArrayLike) -> "Percentiles | None":
+        """Percentiles of the finite values of some durations, ns, of any shape; None where no value is finite."""
+        known_ns = np.asarray(durations_ns, np.float64)
+        known_ns = known_ns[np.isfinite(known_ns)]
+        if not len(known_ns):
+            return None
+        values = np.percentile(known_ns, [10, 50, 90, 99, 99.9, 99.99, 100], method="inverted_cdf")
+        return cls(len(known_ns), *(round(value) for value in values.tolist()))
+
+
+class LatencyRecorder:
+    """The stamps of the last `capacity` commands, in memory that is allocated once."""
+
+    def __init__(self, capacity: int = 65_536) -> None:
+        self.count = 0
+        """Commands recorded since the start."""
+        self._stamps_ns = np.zeros((capacity, len(Stage)), np.int64)
+
+    def record(self, stamps: Stamps) -> None:
+        """Keep the stamps of a command, in place of the oldest when the memory is full."""
+        self._stamps_ns[self.count % len(self._stamps_ns)] = stamps
+        self.count += 1
+
+    def stamps_ns(self) -> Integers:
+        """A copy of the kept stamps, shape (command, stage), ns, oldest first."""
+        capacity = len(self._stamps_ns)
+        if self.count <= capacity:
+            return self._stamps_ns[: self.count].copy()
+        return np.roll(self._stamps_ns, -(self.count % capacity), axis=0)
+
+    def summarise(self, first: Stage = Stage.AVAILABLE, last: Stage = Stage.WRITTEN) -> Percentiles | None:
+        """Percentiles of the durations from one stage to a later one; None without a command."""
+        stamps_ns = self.stamps_ns()
+        return Percentiles.of(stamps_ns[:, last] - stamps_ns[:, first])

@@ -1,0 +1,138 @@
+"""The memory that the compiled step and Python share, declared once: to a C header and to ctypes structures.
+
+Every number is 64 bits wide, so both languages lay the structures out alike without padding between fields.
+"""
+
+import ctypes
+import re
+from typing import Any
+
+from engine.touch.digitizer import FRAME_SILENCE_NS
+from engine.touch.placement import MOST_FINGERS
+from firmware_link.protocol.messages import Play, encode_play, encode_play_body
+
+CONSTANTS = {
+    "MOST_PLANS": 8,
+    "MOST_SLOTS": 40,
+    "MOST_CONTACTS": 64,
+    "MOST_FINGERS": 2,  # of a click that is looked up
+    "MOST_PLACED": MOST_FINGERS,  # of a drive that is looked up
+    "MOST_ZONES": 16,
+    "MOST_RULES": 64,
+    "MOST_WAITED": 5,  # the touches, the port, new tables, solved clicks, control steps
+    "LONGEST_BODY": 250,  # of a command; up to here COBS has one block without a zero
+    "PACKET_SIZE": 4096,
+    "ROOM_BEHIND": 16,  # a field is read as eight bytes from the one that it begins in
+    "FRAME_SIZE": 256,
+    "NONE": -1,  # stands for None
+    "SET": 1,
+    "PLAY": 2,  # kinds of commands
+    "PLAY_TYPE": Play.type_byte,
+    "PLAY_HEAD": len(encode_play_body(0, encode_play(0, 1, 0, ()), 0)),  # bytes before the weights
+    "KEY_ID": 0,
+    "KEY_SLOT": 1,
+    "KEY_SLOT_FROM_ONE": 2,
+    "KEY_NUMBER": 3,  # `engine.touch.quirks.Key`
+    "TOUCH": 0,
+    "LIFT": 1,  # triggers of rules
+    "FRAME_SILENCE_NS": FRAME_SILENCE_NS,
+}
+NONE = CONSTANTS["NONE"]
+
+STRUCTURES = {
+    # A field of a report: `byte` and `shift` of its lowest bit. A mask of 0: the device has no such field.
+    "Bits": ["int64_t byte shift mask"],
+    "Slot": ["Bits tip contact_id valid hover confidence place", "int64_t sign minimum maximum"],
+    "Plan": ["int64_t report_id needed_bytes slots", "Bits count scan_time", "Slot slot[MOST_SLOTS]"],
+    # Where the rule holds: between start_m and stop_m; if start_m > stop_m, in the zones whose bits are set in `zones`
+    # (NONE: in all zones).
+    "Rule": ["int64_t trigger zones level is_click", "double start_m stop_m"],
+    "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
+    "Active": ["int64_t contact_id place tip seen"],
+    # `held_m` is the position that drives are made for.
+    "Finger": ["int64_t contact_id zone level click_ns", "double position_m held_m"],
+    "Fast": [
+        # What stays during a run: the digitizer,
+        "int64_t uses_report_ids packet_head plans key count_is_accurate frame_may_be_empty ignores_duplicates",
+        "int64_t unseen_means_up maximum_contacts",
+        "Plan plan[MOST_PLANS]",
+        # the bar (`zero` is the logical place of its start), the rules,
+        "double start_m m_per_unit length_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
+        "double follow_m closest_m reach_m",
+        "int64_t zero zones rules follows_moves",
+        "Rule rule[MOST_RULES]",
+        # the clicks: a row, NONE without a click, by the codes of two fingers (0 for no finger, else 1 + 2 * place +
+        # is_felt); of each row its set, fraction bits and number of weights, and the weights; amplitudes by level and
+        # row, NONE for a click that is not played;
+        "double pitch_m",
+        "int64_t places rows functions",
+        "const_int32_t* pair",
+        "const_uint8_t* head",
+        "const_int16_t* weight",
+        "const_int32_t* amplitude",
+        # the drives of zones by level and combination, each the body of a SET (0: drives are solved, by the loop),
+        "const_uint8_t* drive",
+        "int64_t plays_clicks",
+        # the command of silence, and seeds of the checksum by kind.
+        "Command silence",
+        "int64_t seed[3]",
+        "int64_t timer armed_ns",
+        # The moment before the wait: what is waited for,
+        "int64_t can_answer touch link waited descriptor[MOST_WAITED]",
+        # how far the frame is (`axis_ns` is the source's time axis less the clock),
+        "int64_t axis_ns received expected ticks taken report_ns due_ns",
+        # what is wanted, the drive that the device holds, and what the link would send a command with,
+        "int64_t level click_ns",
+        "Command held",
+        "int64_t line_free_ns set_from_ns play_from_ns sequence clock_at_ns",
+        "double clock_middle_ns clock_drift",
+        # the contacts in range, and the fingers: those that touch, then those lifted whose effect goes on.
+        "int64_t actives fingers lifted",
+        "Active active[MOST_CONTACTS]",
+        "Finger finger[2*MOST_CONTACTS]",
+        # What came of the wait.
+        "int64_t readable[MOST_WAITED] packet_size frame_size written",
+        "int64_t read_ns frame_ns state_ns asked_ns command_ns written_ns",
+        "uint8_t packet[PACKET_SIZE+ROOM_BEHIND] frame[FRAME_SIZE]",
+    ],
+}
+
+_PLACE = re.compile(r"(\w+)(?:\[([\w+*]+)\])?")
+
+
+def _fields(lines: list[str]) -> list[tuple[str, str, str]]:
+    """Type, name and number of places ("" for a single one) of each field."""
+    found = []
+    for kind, *names in map(str.split, lines):
+        for name in names:
+            place = _PLACE.fullmatch(name)
+            assert place is not None, name
+            found.append((kind.replace("_", " ", 1) if kind.startswith("const") else kind, place[1], place[2] or ""))
+    return found
+
+
+def c_header() -> str:
+    """The header that engine/loop/fast/step.c includes."""
+    lines = ["/* Made from engine/loop/fast/fast_layout.py. */", "#include <stdint.h>", "", "enum {"]
+    lines += [f"    {name} = {value}," for name, value in CONSTANTS.items()]
+    lines.append("};")
+    for structure, fields in STRUCTURES.items():
+        places = (f"    {kind} {name}{f'[{count}]' * bool(count)};" for kind, name, count in _fields(fields))
+        lines += ["", "typedef struct {", *places, f"}} {structure};"]
+    return "\n".join(lines) + "\n"
+
+
+def _structures() -> dict[str, Any]:
+    """The structures of the layout as ctypes structures."""
+    kinds: dict[str, Any] = {"int64_t": ctypes.c_int64, "double": ctypes.c_double, "uint8_t": ctypes.c_uint8}
+    for structure, fields in STRUCTURES.items():
+        members = []
+        for kind, name, count in _fields(fields):
+            member = ctypes.c_void_p if kind.endswith("*") else kinds[kind]
+            members.append((name, member * eval(count, {}, CONSTANTS) if count else member))
+        kinds[structure] = type(structure, (ctypes.Structure,), {"_fields_": members})
+    return kinds
+
+
+_MADE = _structures()
+Fast = _MADE["Fast"]

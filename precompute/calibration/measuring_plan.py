@@ -1,0 +1,221 @@
+"""Experiment design: the next readings, one by one, that shrink the uncertainty of the parameters most."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from base.arrays import Array
+from base.plain import to_plain
+from engine.device import Device
+from precompute.calibration.calibrate import Calibration
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import Bounds, Parameter, find_parameters
+from precompute.measurements.types import Kind, lay_out
+
+LEAST_NOISE = 1e-3
+"""Least relative noise of a reading that is assumed of any accelerometer."""
+_FREQUENCIES = 49  # 97 leave errors 10 to 25 % smaller after 20 readings in 4 times the time, 25 up to 15 % greater
+_POINTS = 23  # 12 mm apart on 280 mm; 12 or 45 leave errors within a sixth of these after 20 readings
+_EDGE = 0.02  # of the bar: a sensor's middle cannot be at the bar's end
+_NOTHING = 1e-12  # m/s^2
+_LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
+
+
+class Criterion(Enum):
+    """What a reading is to minimise: the volume of the confidence region (D), or the sum of the variances (A)."""
+
+    VOLUME = "D"
+    VARIANCE = "A"
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Standard deviations of a reading: relative, of the sensor at rest, and of its place, which matters near nodes."""
+
+    relative: float = 0.02
+    floor_m_per_s2: float = 0.05
+    place_m: float = 0.5e-3
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Drives of one or two actuators, the others still, at every point.
+
+    frequency_hz (drive, actuator): NaN where still; position_m (point,); slope (drive, point, parameter): derivative
+    of ln peak acceleration by the coordinates, in standard deviations of that reading.
+    """
+
+    frequency_hz: Array
+    position_m: Array
+    slope: Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """One reading to take, and the standard deviations (parameter,) of the coordinates before and after it."""
+
+    drive_hz: tuple[float, ...]
+    position_m: float
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Readings to take one after the other, for parameters at coordinates (parameter,)."""
+
+    parameters: tuple[Parameter, ...]
+    coordinate: Array
+    steps: tuple[Step, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values: standard errors in SI before and after, and the share by which each reading shrinks them."""
+        each = list(zip(self.parameters, self.coordinate.tolist(), strict=True))
+        before, after = self.steps[0].before, self.steps[-1].after
+        return {
+            "parameters": [
+                {
+                    "name": p.name,
+                    "unit": p.unit,
+                    "value": p.value_at(x),
+                    "standard_error": float(before[i]) * p.rate_at(x),
+                    "standard_error_after": float(after[i]) * p.rate_at(x),
+                }
+                for i, (p, x) in enumerate(each)
+            ],
+            "readings": [
+                {
+                    "drive_hz": to_plain(step.drive_hz),
+                    "position_m": step.position_m,
+                    "shrinks": {
+                        p.name: float(1 - step.after[i] / step.before[i]) for i, p in enumerate(self.parameters)
+                    },
+                }
+                for step in self.steps
+            ],
+        }
+
+
+def plan_first(
+    device: Device,
+    names: Sequence[str],
+    bounds: Mapping[str, Bounds],
+    sensor_mass_kg: float,
+    accuracy: Accuracy,
+    count: int,
+    criterion: Criterion,
+) -> Plan:
+    """Plan before any measurement, from the description and the bounds alone."""
+    parameters = find_parameters(device, names, bounds, sensor_mass_kg)
+    coordinate = np.array([parameter.coordinate(parameter.start) for parameter in parameters])
+    candidates = propose_candidates(device, parameters, coordinate, sensor_mass_kg, accuracy)
+    steps = plan_readings(candidates, prior_information(parameters), count, criterion)
+    return Plan(parameters, coordinate, tuple(steps))
+
+
+def plan_after(calibration: Calibration, accuracy: Accuracy, count: int, criterion: Criterion) -> Plan:
+    """Plan after a calibration, with the noise of its measurements."""
+    parameters, mass_kg = calibration.parameters, float(np.median(calibration.measurements.sensor_mass_kg))
+    noisy = replace(accuracy, relative=max(calibration.noise, LEAST_NOISE))
+    candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, mass_kg, noisy)
+    steps = plan_readings(candidates, calibration.information + prior_information(parameters), count, criterion)
+    return Plan(parameters, calibration.coordinate, tuple(steps))
+
+
+def propose_candidates(
+    device: Device, parameters: tuple[Parameter, ...], coordinate: Array, sensor_mass_kg: float, accuracy: Accuracy
+) -> Candidates:
+    """Drives of one frequency or a pair, on a grid within the actuators' bands, at even points along the bar."""
+    grid_hz = np.linspace(device.sweep.start_hz, device.sweep.stop_hz, _FREQUENCIES)
+    position_m = np.linspace(_EDGE, 1 - _EDGE, _POINTS) * device.bar.length_m
+    beside_m = np.minimum(position_m + accuracy.place_m, device.bar.length_m)
+    size, rate = _single_responses(device, parameters, coordinate, sensor_mass_kg, grid_hz, position_m)
+    beside, _ = _single_responses(device, parameters, coordinate, sensor_mass_kg, grid_hz, beside_m)
+    bands = np.array([actuator.band_hz for actuator in device.actuators])
+    in_band = (grid_hz >= bands[:, :1] - 1e-9) & (grid_hz <= bands[:, 1:] + 1e-9)
+    drives = [[(one, f)] for one, f in np.argwhere(in_band).tolist()]
+    for one, other in itertools.combinations(range(len(bands)), 2):
+        is_apart = np.abs(grid_hz[:, None] - grid_hz) >= _LEAST_APART_HZ
+        pairs = np.argwhere(in_band[one][:, None] & in_band[other] & is_apart)
+        drives += [[(one, first), (other, second)] for first, second in pairs.tolist()]
+    frequency_hz = np.full((len(drives), len(bands)), np.nan)
+    moved = np.zeros((len(drives), len(bands), len(grid_hz)))
+    for row, drive in enumerate(drives):
+        for actuator, f in drive:
+            frequency_hz[row, actuator], moved[row, actuator, f] = grid_hz[f], 1.0
+    # paper eq. (8): tones of different frequencies add as magnitudes
+    total, total_beside, total_rate = (np.tensordot(moved, part, 2) for part in (size, beside, rate))
+    total = np.maximum(total, _NOTHING)
+    displaced = (total_beside - total) / total
+    deviation = np.sqrt(accuracy.relative**2 + (accuracy.floor_m_per_s2 / total) ** 2 + displaced**2)
+    return Candidates(frequency_hz, position_m, total_rate / (total * deviation)[..., None])
+
+
+def _single_responses(
+    device: Device,
+    parameters: tuple[Parameter, ...],
+    coordinate: Array,
+    sensor_mass_kg: float,
+    grid_hz: Array,
+    position_m: Array,
+) -> tuple[Array, Array]:
+    """Magnitude (actuator, frequency, point) of one actuator alone, and its derivative (..., parameter)."""
+    actuators, shape = len(device.actuators), (len(device.actuators), len(grid_hz), len(position_m))
+    drives = np.full((actuators, len(grid_hz), actuators), np.nan)
+    for i in range(actuators):
+        drives[i, :, i] = grid_hz
+    rows = lay_out(drives.reshape(-1, actuators), position_m, sensor_mass_kg, Kind.RESPONSE)
+    each = list(zip(parameters, coordinate.tolist(), strict=True))
+    found = MeasurementModel(device, rows, parameters).predict(np.array([p.value_at(x) for p, x in each]))
+    size = np.exp(found.log_acceleration.real)
+    rate = size[:, None] * found.by_parameter.real * np.array([p.rate_at(x) for p, x in each])
+    return size.reshape(shape), rate.reshape(*shape, len(parameters))
+
+
+def plan_readings(candidates: Candidates, information: Array, count: int, criterion: Criterion) -> list[Step]:
+    """`count` readings, each the best after the ones before it; no reading is proposed twice.
+
+    `information` (parameter, parameter) is that of the readings already taken.
+    """
+    _, points, parameters = candidates.slope.shape
+    slope = candidates.slope.reshape(-1, parameters)
+    left = np.ones(len(slope), dtype=np.bool_)
+    covariance = np.linalg.inv(information)
+    steps: list[Step] = []
+    for _ in range(min(count, len(slope))):
+        moved = slope @ covariance
+        variance = np.einsum("cp,cp->c", moved, slope)
+        # A reading divides the determinant of the covariance by 1 + variance, and takes |moved|^2 / (1 + variance) from
+        # its trace (Sherman and Morrison).
+        gain = variance if criterion is Criterion.VOLUME else np.einsum("cp,cp->c", moved, moved) / (1 + variance)
+        best = int(np.argmax(np.where(left, gain, -1.0)))
+        left[best] = False
+        before = np.sqrt(np.diag(covariance))
+        covariance = covariance - np.outer(moved[best], moved[best]) / (1 + variance[best])
+        drive, point = divmod(best, points)
+        steps.append(
+            Step(
+                drive_hz=tuple(candidates.frequency_hz[drive].tolist()),
+                position_m=float(candidates.position_m[point]),
+                before=before,
+                after=np.sqrt(np.diag(covariance)),
+            )
+        )
+    return steps
+
+
+def best_drive(candidates: Candidates, information: Array, parameter: int) -> tuple[tuple[float, ...], float]:
+    """The drive whose readings at every point leave one parameter the least standard deviation, and that deviation."""
+    together = information + np.einsum("dxp,dxq->dpq", candidates.slope, candidates.slope)
+    left = np.linalg.inv(together)[:, parameter, parameter]
+    best = int(np.argmin(left))
+    return tuple(candidates.frequency_hz[best].tolist()), float(np.sqrt(left[best]))
+
+
+def prior_information(parameters: Sequence[Parameter]) -> Array:
+    """Information (parameter, parameter) of the bounds alone."""
+    return np.diag([parameter.prior**-2.0 for parameter in parameters])

@@ -1,0 +1,65 @@
+"""Options of the clicks of a device."""
+
+import math
+from dataclasses import dataclass, replace
+
+from engine.touch.places import Places
+
+DIGITIZER_TOLERANCE_M = 1e-3
+"""A finger lies within this distance of where the digitizer tells."""
+FINEST_M = 3e-3
+"""Distance of neighbouring places on a bar: its clicks of one and two fingers are then solved in a minute."""
+MOST_PLACES = 900
+"""About, of a plate: their clicks of one finger are solved in 20 s, and the compiled step has room for them."""
+
+
+@dataclass(frozen=True)
+class ClickOptions:
+    """Requirements on clicks, and the effort to solve them.
+
+    quiet_db: level that no quiet finger exceeds in 95 % of the sampled plants. pitch_m: greatest distance of
+    neighbouring places of a table; None: FINEST_M, or what gives MOST_PLACES on a plate. tolerance_m: a finger lies
+    within this distance of its place; None: within that of the device's spread. crowding: tones for each 1/length of an
+    actuator's band. pool, judged: numbers of sampled plants to solve with, the first 60 of which make the click and the
+    others trim it, and to evaluate with; each has a seed of its own.
+    """
+
+    length_s: float = 0.03
+    quiet_db: float = 0.4
+    pitch_m: float | None = None
+    tolerance_m: float | None = None
+    crowding: float = 1.5
+    pool: int = 120
+    judged: int = 160
+    seed: int = 1
+
+    def on(self, corner_m: complex) -> "ClickOptions":
+        """The options with the pitch that they mean on a surface that reaches from 0 to `corner_m`."""
+        coarse_m = math.sqrt(corner_m.real * corner_m.imag / MOST_PLACES)
+        return replace(self, pitch_m=max(FINEST_M, coarse_m) if self.pitch_m is None else self.pitch_m)
+
+    def places(self, corner_m: complex) -> Places:
+        """The places of the table of a surface that reaches from 0 to `corner_m`."""
+        return Places.every(corner_m, self.on(corner_m).pitch_m or FINEST_M)
+
+    def at(self, places: Places) -> "ClickOptions":
+        """The options for clicks that are tabulated at these places: within half a pitch and what the digitizer leaves.
+
+        A tolerance that is given stays.
+        """
+        if self.tolerance_m is not None:
+            return self
+        return replace(self, tolerance_m=places.pitch_m / 2 + DIGITIZER_TOLERANCE_M)
+
+    @property
+    def waited_for(self) -> "ClickOptions":
+        """The options for clicks that fingers wait for: as strong and as quiet, judged on fewer plants."""
+        return replace(self.at_fingers, judged=min(80, self.judged))
+
+    @property
+    def at_fingers(self) -> "ClickOptions":
+        """The options for clicks that are solved for the positions that the digitizer tells."""
+        return replace(self, tolerance_m=DIGITIZER_TOLERANCE_M)
+
+
+DEFAULT_OPTIONS = ClickOptions()

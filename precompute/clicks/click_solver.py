@@ -1,0 +1,169 @@
+"""What a click is, and how the click of one placement of the fingers is solved.
+
+A click is a short waveform (30 ms) for each actuator, 0 at both ends, after which some fingers have felt a tick and the
+others have not. It differs from a steady drive in that the bar never reaches a steady vibration: what a finger feels is
+the transient of all modes, which goes on ringing after the actuators have stopped.
+
+The level of a click under a finger, felt or quiet, is the peak of the acceleration there in dB above the detection
+threshold: the acceleration is filtered so that 1 is the threshold at every frequency, and watched until RINGDOWN_S
+after the click. Bar and fingers are never known exactly, so a level is a percentile over sampled plants, which vary
+stiffnesses, masses, fingers and their places within the device's [spread] or its calibration: 95 % of the plants reach
+the felt level, and 95 % stay below the quiet level.
+
+The click of a placement is the waveform with the greatest felt level under which every quiet finger stays below the
+quiet level, within the amplitude of the actuators. It is a weighted sum of tones in the actuators' bands under a
+half-sine window (click_basis.py), so the acceleration at every instant is linear in the weights (click_plants.py,
+click_responses.py). It is solved in closed form over a pool of plants (closed_form.py). The weights are rounded to the
+words that travel (quantise.py), the waveform that the device makes of them is evaluated on other plants
+(evaluation.py), and only these figures are reported. A linear program over many more plants judges what is lost
+(design.py); no run waits for it.
+"""
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from engine.device import Device
+from engine.table import ClickEntry
+from engine.touch import Placement
+from precompute.clicks.click_basis import click_basis, drive_rows, lines_for, tones_of
+from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
+from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
+from precompute.clicks.click_responses import Responses
+from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm
+from precompute.clicks.evaluation import Evaluation, evaluate_waveform
+from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
+from precompute.clicks.quantise import QuantisedWeights, quantise
+from precompute.sampling.plants import sample_deviations, sample_scenarios
+
+Array = NDArray[np.float64]
+
+FULL_SCALE = 32767
+"""Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
+RESIDUAL_S = 0.03
+"""Time after the end of a click from which its residual is evaluated."""
+
+
+@dataclass(frozen=True)
+class Click:
+    """One click: waveform (actuator, time) in fractions of full scale at SAMPLE_RATE_HZ, linear between samples.
+
+    weights: the words of which the device makes this waveform; None for a baseline, which only is evaluated.
+    """
+
+    placement: Placement
+    length_s: float
+    waveform: Array
+    weights: QuantisedWeights | None
+    evaluation: Evaluation
+
+
+@dataclass(frozen=True)
+class Plants:
+    """Responses of the plants with which a click is solved, and of those on which it is evaluated."""
+
+    pool: Responses
+    judged: Responses
+
+
+class ClickSolver:
+    """Solves clicks of one device; fingers at the same places share the responses of the sampled plants."""
+
+    def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> None:
+        self.device, self.options = device, options
+        counts = (options.pool, options.judged)
+        *seeds, self._many_seed = np.random.SeedSequence(options.seed).generate_state(len(counts) + 1).tolist()
+        self.scenarios = tuple(sample_scenarios(device, count, seed) for count, seed in zip(counts, seeds, strict=True))
+        """Sampled plants to solve with, and to evaluate with."""
+        self._threads = ThreadpoolController()
+        self.basis = click_basis(device, options)
+        self.tones = tones_of(self.basis.sets[0])
+        self._levels_db = (*device.levels_db, np.inf)
+        with self._one_thread():
+            lines = lines_for(device, options.length_s)
+            modes = count_modes(device, lines)
+            self._sampled = [SampledPlants(scenarios, lines, modes) for scenarios in self.scenarios]
+            self._weighting = weighting(lines, device.threshold)
+            self._closed_form = ClosedForm(self.tones, lines, drive_rows(self.tones, device.limits.amplitude))
+        self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
+        """Responses of all plants with fingers at a tuple of positions, which rise."""
+        self._many_of = lru_cache(maxsize=16)(self._make_many)
+
+    def solve(self, placement: Placement) -> Click:
+        """The click of one placement."""
+        with self._one_thread():
+            plants = self.plants_of(placement.position_m)
+            limit = float(10 ** (self.options.quiet_db / 20))
+            many = self._many_of(len(placement.position_m))[0]
+            weight = self._closed_form.solve(plants.pool, placement.felt, placement.quiet, limit, many)
+            weights = quantise(self.basis.sets[0], weight, self.device.limits.amplitude)
+            return self._evaluated(placement, weights.waveform, weights)
+
+    def solve_entry(self, placement: Placement) -> ClickEntry:
+        """The click of one placement as a table holds it."""
+        click, tolerance_m = self.solve(placement), self.options.tolerance_m
+        assert click.weights is not None  # only baselines have none
+        figures = {each.name: getattr(click.evaluation, each.name) for each in fields(click.evaluation)}
+        return ClickEntry(
+            placement=placement,
+            tolerance_m=self.device.spread.finger_position_m if tolerance_m is None else tolerance_m,
+            basis=self.basis,
+            basis_set=0,
+            weights=click.weights.words,
+            fraction_bits=click.weights.fraction_bits,
+            **figures,
+        )
+
+    def evaluate(self, placement: Placement, waveform: Array) -> Click:
+        """Any base displacements (actuator, time), scaled to the limits and the quiet level."""
+        with self._one_thread():
+            full = waveform * (self.device.limits.amplitude / np.abs(waveform).max())
+            if placement.quiet:
+                peak = self.plants_of(placement.position_m).pool.peaks(full, placement.quiet)[1:].max(axis=1)
+                full *= min(1.0, float(10 ** (self.options.quiet_db / 20) / percentiles(peak, (SHARE,))[0]))
+            return self._evaluated(placement, np.trunc(full * FULL_SCALE) / FULL_SCALE, None)
+
+    def _one_thread(self) -> AbstractContextManager[object]:
+        """Limit BLAS to one thread: the forms are small, and another order of summation gives another click."""
+        limited: AbstractContextManager[object] = self._threads.limit(limits=1, user_api="blas")
+        return limited
+
+    def _evaluated(self, placement: Placement, waveform: Array, weights: QuantisedWeights | None) -> Click:
+        length_s, judged = self.options.length_s, self.plants_of(placement.position_m).judged
+        many = self._many_of(len(placement.position_m))[1]
+        evaluation = evaluate_waveform(
+            waveform, judged, placement, self._weighting, self._levels_db, length_s + RESIDUAL_S, many
+        )
+        return Click(placement, length_s, waveform, weights, evaluation)
+
+    def _make_many(self, fingers: int) -> tuple[ManyPlants, ManyPlants]:
+        """Plants that are not made, beside those that trim and those that are judged, for that many fingers."""
+        many = sample_deviations(self.device, MANY, fingers, self._many_seed)
+        pool, judged = (
+            scenarios.deviations(fingers)[:count]
+            for scenarios, count in zip(self.scenarios, self._counts(fingers), strict=True)
+        )
+        return ManyPlants(pool[OF_ROWS:], many), ManyPlants(judged[1:], many)
+
+    def _counts(self, fingers: int) -> tuple[int, int]:
+        """Plants of the pool and to judge with, the nominal ones included.
+
+        The strongest of many fingers differs less from plant to plant: 2 n of them are trimmed and judged on 1/n.
+        """
+        pool, judged = (len(scenarios) for scenarios in self.scenarios)
+        part = max(1, fingers // 2)
+        return OF_ROWS + (pool - OF_ROWS) // part, 1 + (judged - 1) // part
+
+    def _compute_plants(self, position_m: tuple[complex, ...]) -> Plants:
+        pool, judged = (
+            Responses(
+                sampled.transfer(sampled.scenarios.place(position_m, self.options.tolerance_m).first(count)),
+                sampled.lines,
+            )
+            for sampled, count in zip(self._sampled, self._counts(len(position_m)), strict=True)
+        )
+        return Plants(pool, judged)

@@ -1,0 +1,190 @@
+"""Search for actuator places that maximise the contrast of the worst state of one felt and one quiet finger.
+
+A search, not a proof. All placements of a coarse grid are screened (studies.two_fingers). The best few of them, the
+even placement and the device's own are moved in ever smaller steps while that helps. The ends are evaluated by
+the drives that a run would solve, and "found" is the best placement that was evaluated, wherever its search began:
+screening and evaluation need not agree, so an end of the search can be worse than a start.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import comb
+
+import numpy as np
+
+from base.arrays import Array
+from base.points import order_of
+from engine.device import Device
+from precompute.parallel.pool import WorkerPool
+from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
+
+Places = tuple[float, ...]
+Progress = Callable[[float], None]
+
+MARGIN, APART = 0.02, 0.05
+"""Fractions of the bar's length that an actuator keeps from its ends, and from the next one. ESTIMATE: their size."""
+_STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
+_STARTS, _MOVES, _FINEST = 4, 12, 0.005
+"""Placements moved, rounds of moves of each, and the smallest step as a fraction of the bar's length."""
+_EVALUATED = 2
+_SCREENING, _MOVING = 0.3, 0.6
+"""Fractions done after these parts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Positions from the bar's start, rising, with their name ("found", "as described", "even") and contrasts."""
+
+    name: str
+    position_m: Places
+    fingers: TwoFingers
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementSearch:
+    """The search for one number of actuators: what was screened, and the placements evaluated, the best first.
+
+    screened_m (placement, actuator); screened_db (placement,): worst contrast by the screening, NaN where a level is
+    out of reach. moved: placements looked at besides.
+    """
+
+    screened_m: Array
+    screened_db: Array
+    moved: int
+    evaluated: tuple[Placement, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of actuators."""
+        return int(self.screened_m.shape[1])
+
+
+def with_actuators_at(device: Device, position_m: Sequence[complex]) -> Device:
+    """The device with an actuator at each position, rising: its own in their order, repeated where there are more."""
+    own, count = sorted(device.actuators, key=lambda actuator: order_of(actuator.position_m)), len(position_m)
+    chosen = [own[i * len(own) // count] for i in range(count)]
+    placed = [
+        replace(actuator, name=f"actuator {i + 1}", position_m=at)
+        for i, (actuator, at) in enumerate(zip(chosen, sorted(position_m, key=order_of), strict=True))
+    ]
+    return replace(device, actuators=tuple(placed))
+
+
+def even_places(device: Device, count: int) -> Places:
+    """The middles of `count` equal parts of the bar."""
+    return tuple(((np.arange(count) + 0.5) / count * device.bar.length_m).tolist())
+
+
+def own_places(device: Device) -> Places:
+    """Positions of the device's own actuators, rising."""
+    return tuple(sorted(actuator.position_m.real for actuator in device.actuators))
+
+
+def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]:
+    """All placements of the finest even grid that has at most `most` of them, and its step in metres."""
+    low_m, high_m = MARGIN * device.bar.length_m, (1 - MARGIN) * device.bar.length_m
+    points = count + 1
+    while comb(points + 1, count) <= most:
+        points += 1
+    grid_m = np.linspace(low_m, high_m, points).tolist()
+    return [at for at in itertools.combinations(grid_m, count) if _is_buildable(device, at)], grid_m[1] - grid_m[0]
+
+
+def search_placement(
+    device: Device, count: int, wanted_db: float, most: int, on_progress: Progress, pool: WorkerPool | None = None
+) -> PlacementSearch:
+    """Search where `count` actuators go for the best worst state at `wanted_db`.
+
+    This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
+    """
+    solve = (pool or WorkerPool(0)).solve_in_order
+    grid, step_m = grid_of(device, count, most)
+    screened = solve(partial(_screen, device, wanted_db, _STEP_HZ), grid, lambda done: on_progress(_SCREENING * done))
+    order = sorted(range(len(grid)), key=lambda i: screened[i].rank, reverse=True)
+    known = _known(device, count)
+    starts = list(dict.fromkeys([*_distinct([grid[i] for i in order], step_m), *known.values()]))
+    climb = partial(_climb, device, wanted_db, step_m)
+    climbed = solve(climb, starts, lambda done: on_progress(_SCREENING + (_MOVING - _SCREENING) * done))
+    best = sorted({end.position_m: end.rank for end in climbed}.items(), key=lambda item: item[1], reverse=True)
+    named = [*(("found", at) for at, _ in best[:_EVALUATED]), *known.items()]
+    evaluate = partial(_evaluate, device, wanted_db)
+    fingers = solve(evaluate, [at for _, at in named], lambda done: on_progress(_MOVING + (1 - _MOVING) * done))
+    return PlacementSearch(
+        screened_m=np.array(grid),
+        screened_db=np.array([found.worst_db if found.is_reached else np.nan for found in screened]),
+        moved=sum(end.looked_at for end in climbed),
+        evaluated=_ranked([Placement(name, at, found) for (name, at), found in zip(named, fingers, strict=True)]),
+    )
+
+
+@dataclass(frozen=True)
+class Climbed:
+    """The end of a climb, its rank, and how many placements the climb looked at."""
+
+    position_m: Places
+    rank: tuple[bool, float]
+    looked_at: int
+
+
+def _screen(device: Device, wanted_db: float, step_hz: float, at: Places) -> TwoFingers:
+    return screen_two_fingers(with_actuators_at(device, at), wanted_db, step_hz)
+
+
+def _evaluate(device: Device, wanted_db: float, at: Places) -> TwoFingers:
+    return solve_two_fingers(with_actuators_at(device, at), wanted_db)
+
+
+def _climb(device: Device, wanted_db: float, step_m: float, start: Places) -> Climbed:
+    """Move one actuator at a time to its best neighbouring place; halve the step when no move helps."""
+    look = partial(_screen, device, wanted_db, _FINE_STEP_HZ)
+    ranks, at = {start: look(start).rank}, start
+    for _ in range(_MOVES):
+        step_m /= 2
+        if step_m < _FINEST * device.bar.length_m:
+            break
+        moves = list(_moves(device, at, step_m))
+        ranks |= {move: look(move).rank for move in moves if move not in ranks}
+        best = max([at, *moves], key=ranks.__getitem__)
+        step_m *= 1 if best == at else 2
+        at = best
+    return Climbed(at, ranks[at], len(ranks))
+
+
+def _moves(device: Device, at: Places, step_m: float) -> Iterator[Places]:
+    for i, by_m in itertools.product(range(len(at)), (-step_m, step_m)):
+        moved = (*at[:i], round(at[i] + by_m, 6), *at[i + 1 :])
+        if _is_buildable(device, moved):
+            yield moved
+
+
+def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
+    """The first few placements that are not neighbours on the grid."""
+    chosen = list[Places]()
+    for at in ordered:
+        if all(np.abs(np.subtract(at, other)).max() > 1.5 * step_m for other in chosen):
+            chosen.append(at)
+            yield at
+        if len(chosen) == _STARTS:
+            return
+
+
+def _is_buildable(device: Device, at: Places) -> bool:
+    length_m, slack_m = device.bar.length_m, 1e-6
+    gaps_m = np.diff(at)
+    inside = at[0] >= MARGIN * length_m - slack_m and at[-1] <= (1 - MARGIN) * length_m + slack_m
+    return bool(inside and (gaps_m >= APART * length_m - slack_m).all())
+
+
+def _known(device: Device, count: int) -> dict[str, Places]:
+    """The even placement and, where the device has as many actuators, its own, by name."""
+    own = {"as described": own_places(device)} if count == len(device.actuators) else {}
+    return {"even": even_places(device, count), **own}
+
+
+def _ranked(evaluated: Sequence[Placement]) -> tuple[Placement, ...]:
+    """The best of all, named "found", then the known placements by rank."""
+    ordered = sorted(evaluated, key=lambda placement: placement.fingers.rank, reverse=True)
+    known = (placement for placement in ordered if placement.name != "found")
+    return replace(ordered[0], name="found"), *known

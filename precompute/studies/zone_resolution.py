@@ -1,0 +1,70 @@
+"""Resolution: how well actuators tell two fingers apart as zones become narrower, which the paper leaves open."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from base.arrays import Array
+from base.points import order_of
+from engine.device import Device, Zone
+from engine.device.surface_description import ROMAN
+from precompute.model.assembly import assemble
+from precompute.parallel.pool import WorkerPool
+from precompute.predict.untouched import greatest_factors
+from precompute.studies.placement_search import with_actuators_at
+from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
+
+
+@dataclass(frozen=True, eq=False)
+class Resolved:
+    """A bar with actuators at position_m and `zones` equal zones.
+
+    fingers: contrasts of every two of them. factor (zone,): the greatest localized factor of each alone, untouched.
+    """
+
+    position_m: tuple[complex, ...]
+    zones: int
+    zone_length_m: float
+    fingers: TwoFingers
+    factor: Array
+
+
+def with_equal_zones(device: Device, count: int) -> Device:
+    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals."""
+    edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
+    named = [Zone(name, a, b) for name, (a, b) in zip(ROMAN[:count], itertools.pairwise(edges), strict=True)]
+    return replace(device, zones=tuple(named))
+
+
+def study_resolution(
+    device: Device,
+    placements: Sequence[tuple[float, ...]],
+    zones: Sequence[int],
+    wanted_db: float,
+    on_progress: Callable[[float], None],
+    pool: WorkerPool | None = None,
+) -> list[Resolved]:
+    """The contrasts of every placement (positions in metres) with every number of zones, in this order.
+
+    This process and the workers of `pool` share the work; `on_progress` is called with the fraction done.
+    """
+    jobs = list(itertools.product(placements, zones))
+    slowest_first = sorted(jobs, key=lambda job: -len(job[0]) * job[1] ** 2)
+    found = (pool or WorkerPool(0)).solve_in_order(partial(_resolve, device, wanted_db), slowest_first, on_progress)
+    by_job = dict(zip(slowest_first, found, strict=True))
+    return [by_job[job] for job in jobs]
+
+
+def _resolve(device: Device, wanted_db: float, job: tuple[tuple[complex, ...], int]) -> Resolved:
+    position_m, zones = job
+    changed = with_equal_zones(with_actuators_at(device, position_m), zones)
+    return Resolved(
+        position_m=tuple(sorted(position_m, key=order_of)),
+        zones=zones,
+        zone_length_m=device.bar.length_m / zones,
+        fingers=solve_two_fingers(changed, wanted_db),
+        factor=greatest_factors(assemble(changed)),
+    )

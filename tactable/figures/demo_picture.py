@@ -1,0 +1,142 @@
+"""The picture of the demo: touches, what fingers felt, and the acceleration along the bar, promised and simulated."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from base.files import replace_file
+from engine.device import Device
+from precompute.model.assembly import assemble
+from precompute.model.response import peak_along
+from tactable.explain.words import finger_roles
+from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION, draw_zone_names
+from tactable.rig.demo_reports import ClickReport, DriveReport
+from tactable.rig.demo_run import DemoReport
+from tactable.rig.simulated_bar import Felt, is_felt
+
+_MOST_DRAWN = 6  # three rows of two
+_SHOWN_S = 0.1  # a click and its ring-down
+_STYLES = ("-", "--", "-.")
+
+
+def draw_demo(report: DemoReport, path: Path) -> None:
+    """Write the picture: touches, felt acceleration and drive over time, then up to six drives and clicks."""
+    held, room = report.drives, max(_MOST_DRAWN - len(report.clicks), 1)
+    drawn: list[DriveReport | ClickReport] = [
+        held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), room))
+    ]
+    drawn = [*drawn, *report.clicks][:_MOST_DRAWN]
+    rows = 3 + (len(drawn) + 1) // 2
+    figure = Figure(figsize=(10, 2.4 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows, 2)
+    figure.suptitle(f"{report.device.name}: touches to felt fingers (SIMULATED firmware and bar)")
+    touches = figure.add_subplot(grid[0, :])
+    _draw_touches(touches, report)
+    if report.felt:
+        _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report.felt)
+        _draw_drive(figure.add_subplot(grid[2, :], sharex=touches), report.device, report.felt)
+    for k, command in enumerate(drawn):
+        axes = figure.add_subplot(grid[3 + k // 2, k % 2])
+        if isinstance(command, ClickReport):
+            _draw_click(axes, report.device, command)
+        else:
+            _draw_held(axes, report.device, command, legend=k == 0)
+    with replace_file(path) as made:
+        figure.savefig(made, format=path.suffix[1:].lower(), dpi=110)
+
+
+def _draw_touches(axes: Axes, report: DemoReport) -> None:
+    """Positions of the fingers over time by role; zones as bands."""
+    device, moments = report.device, report.run.moments
+    for i, zone in enumerate(device.zones):
+        axes.axhspan(1e3 * zone.start_m.real, 1e3 * zone.stop_m.real, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
+        axes.text(0.004, zone.middle_m.real / device.bar.length_m, zone.name, transform=axes.transAxes)
+    for actuator in device.actuators:
+        axes.axhline(1e3 * actuator.position_m.real, color=GREY, lw=0.8, ls=":")
+    lines: dict[str, list[list[tuple[float, float]]]] = {BLUE: [], VERMILLION: []}
+    for moment, after in itertools.pairwise(moments):
+        start_s, stop_s = ((each.time_ns - moments[0].time_ns) / 1e9 for each in (moment, after))
+        for touch in moment.touches:
+            colour = VERMILLION if is_felt(touch, moment) else BLUE
+            lines[colour].append([(start_s, 1e3 * touch.position_m.real), (stop_s, 1e3 * touch.position_m.real)])
+    for colour, segments in lines.items():
+        axes.add_collection(LineCollection(segments, colors=colour, linewidths=4, capstyle="butt"))
+    axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))
+    title = "fingers as the digitizer has them, red while they are to feel; dotted: actuators"
+    axes.set_title(title, fontsize="small", loc="left")
+
+
+def _draw_felt(axes: Axes, felt: Felt) -> None:
+    axes.fill_between(felt.time_s, felt.felt, step="post", color=VERMILLION, lw=0.4, label="to be felt")
+    axes.fill_between(felt.time_s, felt.quiet, step="post", color=BLUE, lw=0.4, label="quiet")
+    axes.set(ylabel="under a finger (m/s²)", ylim=(0, None))
+    title = "peak acceleration under the fingers of the recording: those that are to feel at the moment, and the others"
+    axes.set_title(title, fontsize="small", loc="left")
+    axes.legend(fontsize="x-small", loc="upper right", ncols=2)
+
+
+def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
+    for i, actuator in enumerate(device.actuators):
+        colour = (BLUE, GREEN, GREY)[i % 3]
+        axes.step(felt.time_s, 100 * felt.drive[:, i], where="post", lw=1.2, color=colour, label=actuator.name)
+    axes.set(xlabel="time (s)", ylabel="base (% of full scale)", ylim=(0, 110))
+    axes.set_title("displacement that the firmware synthesised", fontsize="small", loc="left")
+    axes.legend(fontsize="x-small", loc="upper right", ncols=3)
+
+
+def _draw_held(axes: Axes, device: Device, report: DriveReport, *, legend: bool) -> None:
+    draw_zone_names(axes, device)
+    position_m = np.linspace(0, device.bar.length_m, 400)
+    simulated, placement, drive = report.simulated, report.placement, report.drive
+    loaded = assemble(device).with_fingers(placement.position_m, device.finger)
+    peak = peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, position_m)
+    axes.plot(1e3 * position_m, peak, color=BLUE, label="promised")
+    axes.plot(1e3 * simulated.position_m, simulated.acceleration, "o", ms=4, color=VERMILLION, label="simulated")
+    finger_mm = 1e3 * np.array(placement.position_m)
+    axes.plot(finger_mm, report.promise.acceleration_m_per_s2, "_", ms=14, color=BLUE)
+    for finger, is_felt_here in enumerate(placement.is_felt):
+        colour, label = (GREEN, "simulated, felt finger") if is_felt_here else (GREY, "simulated, quiet finger")
+        axes.plot(finger_mm[finger], simulated.at_finger[finger], "D", ms=6, color=colour, label=label)
+    parts = "+".join(f"{100 * amplitude:.3g}" for amplitude in drive.amplitudes)
+    factor = f"Λ {report.promised_factor:.3f} promised, {report.simulated_factor:.3f} simulated"
+    title = f"{_fingers_text(device, report)}\n{factor}; {report.frequency_text} {parts} %"
+    axes.set_title(title, fontsize="small", loc="left")
+    axes.margins(y=0.15)
+    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.bar.length_m))
+    axes.set_ylim(bottom=0)
+    if legend:
+        axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))
+
+
+def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
+    """Acceleration under each finger, the promised peaks as lines; the bases' displacements in grey."""
+    click, simulated, placement = found.click, found.simulated, found.placement
+    shown = simulated.time_s <= _SHOWN_S
+    time_ms = 1e3 * simulated.time_s[shown]
+    right = axes.twinx()
+    right.plot(time_ms, 100 * simulated.drive[shown], color=GREY, lw=0.6)
+    right.set(ylim=(-110, 110), ylabel="base (% of full scale)")
+    for finger, name in enumerate(finger_roles(device, placement)):
+        colour, style = VERMILLION if placement.is_felt[finger] else BLUE, _STYLES[finger % len(_STYLES)]
+        axes.plot(time_ms, simulated.acceleration[shown, finger], style, lw=1.2, color=colour, label=name)
+        peak = found.promise.acceleration_m_per_s2[finger]
+        for sign in (-1, 1):
+            axes.axhline(sign * peak, color=colour, lw=0.8, ls=":")
+    title = f"{_fingers_text(device, found)}\nclick at {100 * click.amplitude:.0f} %; dotted: promised peaks"
+    axes.set_title(title, fontsize="small", loc="left")
+    axes.set(xlabel="time (ms)", ylabel="under the finger (m/s²)")
+    axes.margins(y=0.2)
+    axes.set_zorder(right.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    axes.legend(fontsize="x-small", loc="upper right", ncols=2)
+
+
+def _fingers_text(device: Device, report: DriveReport | ClickReport) -> str:
+    """The fingers in words, such as "140 mm (III) felt 20.0 dB, 28 mm (I) quiet -4.2 dB"."""
+    placement, names = report.placement, finger_roles(device, report.placement)
+    fingers = (*placement.felt, *placement.quiet)
+    return ", ".join(f"{names[finger]} {report.promise.level_db[finger]:z.1f} dB" for finger in fingers)

@@ -1,0 +1,119 @@
+"""A study of narrower zones: the worst contrast of two fingers and the worst factor of a zone, by zone width."""
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from engine.device import Device
+from precompute.studies.zone_resolution import Resolved
+from tactable.figures.picture_file import Picture
+from tactable.figures.style import BLACK, CURVES, GREY, finish_picture
+
+TOLD_APART_DB = 10.0
+"""Contrast at which a table calls two fingers told apart here: a felt finger at 20 dB, the quiet one at 10."""
+_MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+def plot_resolution(device: Device, study: Sequence[Resolved], wanted_db: float) -> Picture:
+    """Picture of a study; its placements in the order in which they come."""
+    lines = [list(group) for _, group in itertools.groupby(study, key=lambda resolved: resolved.position_m)]
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for line, (colour, style), marker in zip(lines, itertools.cycle(CURVES), itertools.cycle(_MARKERS), strict=False):
+        _draw_line(left, right, line, colour, style, marker, _name_of(device, line[0]))
+    _finish(left, right, lines)
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, fontsize="x-small", loc="outside right upper")
+    return finish_picture(
+        figure,
+        device,
+        f"{device.name}: how narrow zones can be, every finger felt beside every other quiet, at {wanted_db:g} dB",
+        "; ".join(_line_text(device, line) for line in lines),
+        _columns(device, study),
+        {
+            "wanted_level_db": wanted_db,
+            "told_apart_db": TOLD_APART_DB,
+            "placements": [_summary_of(device, line) for line in lines],
+        },
+    )
+
+
+def narrowest_zone_m(line: Sequence[Resolved]) -> float | None:
+    """Length of the narrowest zones at which, and above which, every two fingers are told apart; None: at no width."""
+    wide_first = sorted(line, key=lambda resolved: resolved.zones)
+    kept = list(
+        itertools.takewhile(lambda each: each.fingers.is_reached and each.fingers.worst_db >= TOLD_APART_DB, wide_first)
+    )
+    return kept[-1].zone_length_m if kept else None
+
+
+def _draw_line(
+    left: Axes, right: Axes, line: Sequence[Resolved], colour: str, style: str, marker: str, name: str
+) -> None:
+    width_mm = 1e3 * np.array([each.zone_length_m for each in line])
+    worst_db = np.array([each.fingers.worst_db for each in line])
+    missed = np.array([not each.fingers.is_reached for each in line])
+    left.plot(width_mm, worst_db, marker=marker, color=colour, ls=style, lw=1.6, ms=6, label=name)
+    left.plot(width_mm[missed], worst_db[missed], marker=marker, color="white", mec=colour, ls="", ms=6, zorder=4)
+    factor = [float(each.factor.min()) for each in line]
+    right.plot(width_mm, factor, marker=marker, color=colour, ls=style, lw=1.6, ms=6)
+
+
+def _finish(left: Axes, right: Axes, lines: Sequence[Sequence[Resolved]]) -> None:
+    left.axhline(TOLD_APART_DB, color=BLACK, lw=1.0, ls=(0, (1, 3)), label=f"told apart here: {TOLD_APART_DB:g} dB")
+    if any(not each.fingers.is_reached for line in lines for each in line):
+        left.plot([], [], "o", color="white", mec=GREY, label="hollow: a level out of reach")
+    left.set(ylabel="worst contrast (dB)", ylim=(min(0.0, left.get_ylim()[0]), None))
+    left.set_title("with fingers: worst of every felt and quiet zone", fontsize="small", loc="left")
+    counts = np.array(sorted({each.zones for line in lines for each in line}))
+    width_mm = 1e3 * lines[0][0].zone_length_m * lines[0][0].zones / counts
+    right.plot(width_mm, 1 / counts, color=GREY, lw=1.0, ls=":", label="its share of the length")
+    right.set(ylabel="localized factor (1)", ylim=(0, 1.03))
+    right.set_title("untouched: greatest factor of the worst zone alone", fontsize="small", loc="left")
+    right.legend(fontsize="x-small", loc="upper left")
+    for axes in (left, right):
+        axes.set(xscale="log", xlabel="width of a zone, above it their number (mm)")
+        axes.set_xticks(width_mm, [f"{at:.0f}" for at in width_mm])
+        axes.minorticks_off()
+        for at, count in zip(width_mm, counts, strict=True):
+            axes.text(at, 0.01, str(count), fontsize="x-small", ha="center", transform=axes.get_xaxis_transform())
+        axes.grid(alpha=0.25)
+
+
+def _name_of(device: Device, resolved: Resolved) -> str:
+    at = ", ".join(f"{100 * place / device.bar.length_m:.3g}" for place in resolved.position_m)
+    return f"{len(resolved.position_m)} at {at} %"
+
+
+def _line_text(device: Device, line: Sequence[Resolved]) -> str:
+    narrowest_m = narrowest_zone_m(line)
+    found = "not told apart" if narrowest_m is None else f"told apart to {1e3 * narrowest_m:.0f} mm"
+    return f"{_name_of(device, line[0])} {found}"
+
+
+def _columns(device: Device, study: Sequence[Resolved]) -> dict[str, list[object]]:
+    return {
+        "actuators (1)": [len(each.position_m) for each in study],
+        "placement": [_name_of(device, each) for each in study],
+        "zones (1)": [each.zones for each in study],
+        "width of a zone (m)": [each.zone_length_m for each in study],
+        "worst contrast (dB)": [each.fingers.worst_db for each in study],
+        "median contrast (dB)": [float(np.nanmedian(each.fingers.contrast_db)) for each in study],
+        "least level (dB above threshold)": [float(np.nanmin(each.fingers.level_db)) for each in study],
+        "greatest localized factor of the worst zone (1)": [float(each.factor.min()) for each in study],
+        "greatest localized factor of the best zone (1)": [float(each.factor.max()) for each in study],
+    }
+
+
+def _summary_of(device: Device, line: Sequence[Resolved]) -> dict[str, object]:
+    return {
+        "position_percent": [100 * at / device.bar.length_m for at in line[0].position_m],
+        "narrowest_zone_m": narrowest_zone_m(line),
+        "zones": [each.zones for each in line],
+        "worst_contrast_db": [each.fingers.worst_db for each in line],
+        "reached": [each.fingers.is_reached for each in line],
+        "worst_factor": [float(each.factor.min()) for each in line],
+    }

@@ -1,0 +1,172 @@
+"""One steady drive along the bar: the acceleration that it gives under the standard and the sampled fingers."""
+
+import textwrap
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from base.arrays import Array
+from precompute.model.assembly import assemble
+from precompute.model.response import peak_along
+from tactable.explain.words import placement_json, placement_text, zone_lists
+from tactable.figures import style
+from tactable.figures.picture_file import Picture
+from tactable.figures.played_drive import Load, PlayedDrive
+
+_POINTS = 401  # less than a millimetre apart on 300 mm
+_BELOW_THRESHOLD = 0.3
+"""The acceleration axis begins at this fraction of the threshold, or under the stillest finger."""
+_HEADROOM = 4.0
+"""Factor on the greatest value, which leaves room for the names of the zones above it."""
+_TITLE_LETTERS = 100  # a line of the title across the figure
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Peak steady acceleration (m/s^2) along the bar (m): under standard fingers; least and greatest over touches."""
+
+    position_m: Array
+    standard: Array
+    least: Array
+    greatest: Array
+
+
+def plot_state(played: PlayedDrive) -> Picture:
+    """Picture of a drive that is solved for fingers."""
+    device, envelope = played.device, compute_envelope(played)
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    _draw_envelope(axes, played, envelope)
+    label = f"detection threshold at {played.drive.frequency_hz:g} Hz (ESTIMATE)"
+    axes.axhline(played.threshold_m_per_s2, color=style.BLACK, lw=1.0, ls="--", label=label)
+    _draw_fingers(axes, played)
+    _set_axes(axes, played, envelope)
+    axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+    return style.finish_picture(
+        figure,
+        device,
+        f"{device.name}: {placement_text(device, played.placement)}, {style.level_text(played.drive.wanted_level_db)}",
+        _promise_text(played),
+        _columns(envelope),
+        _summary(played),
+        subtitle=f"{_drive_text(played)}\n{_promise_text(played)}",
+    )
+
+
+def compute_envelope(played: PlayedDrive) -> Envelope:
+    """The drive under each load of fingers."""
+    device, frequency_hz = played.device, np.array(played.drive.frequencies_hz)
+    plant = assemble(device)
+    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
+
+    def along(load: Load) -> Array:
+        loaded = plant.with_fingers(*zip(*load, strict=True))
+        return peak_along(loaded, frequency_hz, played.drive.complex_amplitudes, position_m)
+
+    each = np.array([along(load) for load in played.cases])
+    return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
+
+
+def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    style.draw_zone_names(axes, played.device)
+    place_mm = 1e3 * envelope.position_m
+    label = f"least to greatest of {len(played.cases) - 1} other touches"
+    axes.fill_between(place_mm, envelope.least, envelope.greatest, color=style.BLUE, alpha=0.15, lw=0, label=label)
+    axes.plot(place_mm, envelope.standard, color=style.BLUE, lw=1.8, label="with standard fingers")
+    style.draw_actuators(axes, played.device)
+
+
+def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
+    axes.plot(
+        [], [], "o", ms=7, color=style.BLACK, label="standard finger, its level (least to greatest of the touches)"
+    )
+    for finger in played.fingers:
+        place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
+        axes.plot(place_mm, height, "o", ms=9, mec="white", color=style.ROLE_COLOUR[finger.is_felt], zorder=4)
+        role = "felt " if finger.is_felt else "quiet "
+        axes.annotate(
+            f"{role}{finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})",
+            (place_mm, height),
+            xytext=(0, 9),
+            textcoords="offset points",
+            ha="center",
+            fontsize="small",
+            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            zorder=5,
+        )
+
+
+def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    reference = played.threshold_m_per_s2
+    under = [finger.acceleration_m_per_s2 for finger in played.fingers]
+    lowest = min([_BELOW_THRESHOLD * reference, *(value / 2 for value in under if value)])
+    axes.set(
+        xlabel="along the bar (mm)",
+        ylabel="peak acceleration (m/s²)",
+        xlim=(0, 1e3 * played.device.bar.length_m),
+        yscale="log",
+        ylim=(lowest, _HEADROOM * envelope.greatest.max()),
+    )
+    levels = axes.secondary_yaxis(
+        "right",
+        functions=(
+            lambda value: 20 * np.log10(np.maximum(np.asarray(value, dtype=float), 1e-9) / reference),
+            lambda level_db: reference * 10 ** (np.asarray(level_db, dtype=float) / 20),
+        ),
+    )
+    levels.set_yscale("linear")
+    levels.set_ylabel("sensation level (dB above threshold)")
+
+
+def _drive_text(played: PlayedDrive) -> str:
+    """Drive of each actuator in words."""
+    drive = played.drive
+    parts = [
+        f"{actuator.name} {100 * amplitude:.3g} %, {phase:+z.2f} rad" if amplitude else f"{actuator.name} still"
+        for actuator, amplitude, phase in zip(played.device.actuators, drive.amplitudes, drive.phases_rad, strict=True)
+    ]
+    return textwrap.fill(f"solved for these positions at {drive.frequency_hz:g} Hz: {'; '.join(parts)}", _TITLE_LETTERS)
+
+
+def _promise_text(played: PlayedDrive) -> str:
+    figures, worst_db = played.figures, played.worst_contrast_db
+    reached = "" if played.drive.achieved else f"NOT ACHIEVED, {played.drive.weakest_felt_db:.1f} dB at most; "
+    if worst_db is None:
+        return f"{reached}localized factor {played.localized_factor:.3f}"
+    contrasts = f"expected {figures.expected_contrast_db:z.1f}, worst {worst_db:z.1f}"
+    return f"{reached}contrast {figures.contrast_db:z.1f} dB ({contrasts})"
+
+
+def _columns(envelope: Envelope) -> dict[str, Array]:
+    return {
+        "position (m)": envelope.position_m,
+        "peak acceleration under standard fingers (m/s^2)": envelope.standard,
+        "least over sampled touches (m/s^2)": envelope.least,
+        "greatest over sampled touches (m/s^2)": envelope.greatest,
+    }
+
+
+def _summary(played: PlayedDrive) -> dict[str, object]:
+    named, figures, drive = placement_json(played.device, played.placement), played.figures, played.drive
+    return {
+        **zone_lists(played.device, played.placement),
+        "wanted_level_db": drive.wanted_level_db,
+        "level_db": drive.weakest_felt_db,
+        "achieved": drive.achieved,
+        "contrast_db": figures.contrast_db,
+        "expected_contrast_db": figures.expected_contrast_db,
+        "worst_contrast_db": played.worst_contrast_db,
+        "localized_factor": played.localized_factor,
+        "threshold_m_per_s2": {str(drive.frequency_hz): played.threshold_m_per_s2},
+        "fingers": [
+            {
+                **name,
+                "acceleration_at_finger_m_per_s2": finger.acceleration_m_per_s2,
+                "sensation_level_db": finger.level_db,
+                "sensation_level_range_db": finger.range_db,
+            }
+            for name, finger in zip(named, played.fingers, strict=True)
+        ],
+    }

@@ -1,0 +1,367 @@
+"""The binary messages between the page's server and a browser: the only definition of the bytes, in both directions.
+
+Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and its kind (u8). To the browser:
+
+    SCENE   0x01  JSON: device, switches, state of the rig; whenever one of them changes
+    PICTURE 0x02  the present state, up to 60 a second, see `Picture`
+    MOTION  0x03  a moment of the moving surfaces, to be shown slowed: u8 points along, u8 rows of them, u8 fingers of
+                  the command, u8 is_click, u16 steps, u32 command, f32 seconds per step, f32 m/s^2 at 32767, then i16
+                  (surface, step, point and finger), ours first
+    SOUND   0x04  what a finger felt: u32 finger, u32 samples per second, then i16 (sample,)
+
+From the browser:
+
+    TOUCHES 0x81  up to 64 times: u32 pointer, u8 phase (0 down, 1 move, 2 up, 3 cancel), f32 x, f32 y
+    CHOICE  0x82  JSON of at most MOST_CHOICE_BYTES: the switches that change
+    LISTEN  0x83  u32 finger, as a picture numbers it
+    DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
+
+Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. A point of the surface is f32 x,
+f32 y (base.points.sides_of). Points of a field follow one another along the surface, row by row.
+"""
+
+import json
+import math
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from base.arrays import Array
+from base.points import sides_of
+from engine.touch.sources.pointer import Phase, PointerEvent
+
+VERSION = 7  # raise it with any change of these bytes: an old page is told to load again
+MOST_TOUCHES = 64  # the events of ten fingers in six pictures
+MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
+MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
+MOST_BYTES = 2 + MOST_DEVICE_BYTES
+"""Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
+LOWEST_DB = -60.0
+"""The lowest level that is sent."""
+NO_ZONE = 255
+NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
+
+_HEAD = struct.Struct("<BB")
+_TOUCH = struct.Struct("<IBff")
+_FINGER_NUMBER = struct.Struct("<I")
+# time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, five lengths
+_PICTURE = struct.Struct("<d6IIff5I5IIBB5B")
+_FINGER = struct.Struct("<IBBffff")
+_MADE = struct.Struct("<IBBffhh")
+_CHANNEL = struct.Struct("<fff")
+_MOTION = struct.Struct("<BBBBHIff")
+_SOUND = struct.Struct("<II")
+_PER_DB = 100  # i16 in centibel: finer than anything that is shown
+_WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
+_PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
+
+
+class Kind(IntEnum):
+    """Second byte of every message."""
+
+    SCENE = 0x01
+    PICTURE = 0x02
+    MOTION = 0x03
+    SOUND = 0x04
+    TOUCHES = 0x81
+    CHOICE = 0x82
+    LISTEN = 0x83
+    DEVICE = 0x84
+
+
+class CloseCode(IntEnum):
+    """Why the server closes a WebSocket."""
+
+    NOT_BINARY = 1003
+    MALFORMED = 1007
+    TOO_BIG = 1009
+    CROWDED = 1013
+    OTHER_VERSION = 4001
+
+
+class PageMessageError(ValueError):
+    """A browser sent an invalid message; `code` closes the WebSocket."""
+
+    def __init__(self, code: CloseCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class Role(IntEnum):
+    """Role of a finger in a command."""
+
+    NONE = 0
+    """The finger came after the command, or lies where no finger was when it was made."""
+    QUIET = 1
+    FELT = 2
+
+
+class Drive(IntEnum):
+    """Kind of the last command."""
+
+    SILENCE = 0
+    STEADY = 1
+    CLICK = 2
+
+
+@dataclass(frozen=True, slots=True)
+class FingerPicture:
+    """A finger: `level_db` is its present level, `felt_db` the greatest since the last command."""
+
+    number: int
+    zone: int | None
+    role: Role
+    """Its role in the last command."""
+    position_m: complex
+    level_db: float
+    felt_db: float
+
+
+@dataclass(frozen=True, slots=True)
+class MadePicture:
+    """A finger that the last command was made for, its promised and its simulated level; None: not known.
+
+    number: of the finger that touches there, None once that has left.
+    """
+
+    number: int | None
+    zone: int | None
+    role: Role
+    position_m: complex
+    promised_db: float | None
+    simulated_db: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelPicture:
+    """The last command to an actuator."""
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class PaperPicture:
+    """The second surface, which the paper's drives move. On the wire as levels, counted levels, fingers, made fingers.
+
+    fingers_db (finger,): the present level, and the greatest since the last command; simulated_db (made finger,).
+    levels_db, counted_db (point,): as those of the picture. All i16 of 0.01 dB (-32768: none).
+    """
+
+    fingers_db: tuple[tuple[float, float], ...]
+    simulated_db: tuple[float | None, ...]
+    levels_db: Array
+    counted_db: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
+
+    fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns, u32
+    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper surface, 16 is_mixed), then u8 of
+    fingers, made fingers, channels, levels along the surface and rows of them.
+    finger: u32 number, u8 zone (255: none), u8 role, point position_m, f32 level_db, f32 felt_db.
+    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised and i16 simulated of
+    0.01 dB (-32768: none).
+    channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
+    """
+
+    time_s: float
+    counters: tuple[int, int, int, int, int, int]
+    """The fields of engine.loop.ring.RingCounters."""
+    command: int
+    """Number of the last command; 0 before the first."""
+    age_s: float
+    """Age of the last command."""
+    wanted_db: float
+    """Level of the last command; infinite: full scale."""
+    last_ns: tuple[int, int, int, int, int]
+    """Latency of the last command that a report caused, from each stage (command_latency.Stage) to the next."""
+    median_ns: tuple[int, int, int, int, int]
+    """Median of the same over the last `latencies` commands."""
+    latencies: int
+    drive: Drive
+    is_loaded: bool
+    """The fingers are in the plant."""
+    is_playing: bool
+    """The command still drives."""
+    is_late: bool
+    """The machine stalled during the command, or the firmware never had it in time: what it did is not judged."""
+    fingers: tuple[FingerPicture, ...]
+    made: tuple[MadePicture, ...]
+    """The fingers that the last command was made for."""
+    channels: tuple[ChannelPicture, ...]
+    levels_db: Array
+    """Shape (point,), evenly from edge to edge, row by row: the present level there, dB above threshold."""
+    counted_db: Array
+    """The same of the last command: the greatest since a click began, the mean power of a steady drive.
+
+    The page draws its curve or map from it. A browser that missed pictures would miss the peak of a click otherwise.
+    """
+    rows: int = 1
+    """Rows of levels across the surface."""
+    paper: PaperPicture | None = None
+    """The second surface, where there is one."""
+    is_mixed: bool = False
+    """A quiet finger still felt a click of its own when this one began: their levels are no comparison."""
+
+
+def encode_scene(scene: dict[str, Any]) -> bytes:
+    """Encode a SCENE. Raises ValueError for values that JSON does not have."""
+    return _HEAD.pack(VERSION, Kind.SCENE) + json.dumps(scene, allow_nan=False).encode()
+
+
+def encode_picture(picture: Picture) -> bytes:
+    """Encode a PICTURE."""
+    counts = [len(part) for part in (picture.fingers, picture.made, picture.channels)]
+    fixed = _PICTURE.pack(
+        picture.time_s,
+        *picture.counters,
+        picture.command,
+        picture.age_s,
+        picture.wanted_db,
+        *picture.last_ns,
+        *picture.median_ns,
+        picture.latencies,
+        picture.drive,
+        _flags(picture),
+        *counts,
+        len(picture.levels_db) // picture.rows,
+        picture.rows,
+    )
+    fingers = [_finger_bytes(finger) for finger in picture.fingers]
+    made = [_made_bytes(finger) for finger in picture.made]
+    channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
+    paper = b"" if picture.paper is None else _paper_bytes(picture.paper)
+    levels = _level_bytes(picture.levels_db, picture.counted_db)
+    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels, paper))
+
+
+def _flags(picture: Picture) -> int:
+    late, second = picture.is_late, picture.paper is not None
+    bits = (picture.is_loaded, picture.is_playing, late, second, picture.is_mixed)
+    return sum(is_set << bit for bit, is_set in enumerate(bits))
+
+
+def _level_bytes(*levels_db: Array) -> bytes:
+    together = np.clip(np.concatenate(levels_db), LOWEST_DB, -LOWEST_DB)
+    return np.rint(_PER_DB * together).astype("<i2").tobytes()
+
+
+def _paper_bytes(paper: PaperPicture) -> bytes:
+    of_fingers = [_centibels(level_db) for pair in paper.fingers_db for level_db in pair]
+    words = np.array([*of_fingers, *(_centibels(level_db) for level_db in paper.simulated_db)], "<i2")
+    return _level_bytes(paper.levels_db, paper.counted_db) + words.tobytes()
+
+
+def _finger_bytes(finger: FingerPicture) -> bytes:
+    zone = NO_ZONE if finger.zone is None else finger.zone
+    return _FINGER.pack(finger.number, zone, finger.role, *sides_of(finger.position_m), finger.level_db, finger.felt_db)
+
+
+def _made_bytes(finger: MadePicture) -> bytes:
+    number = NO_NUMBER if finger.number is None else finger.number
+    zone = NO_ZONE if finger.zone is None else finger.zone
+    levels = _centibels(finger.promised_db), _centibels(finger.simulated_db)
+    return _MADE.pack(number, zone, finger.role, *sides_of(finger.position_m), *levels)
+
+
+def _centibels(level_db: float | None) -> int:
+    if level_db is None:
+        return -_WORD - 1
+    return round(_PER_DB * min(max(level_db, LOWEST_DB), -LOWEST_DB))
+
+
+def encode_motion(acceleration: Array, size: tuple[int, int], step_s: float, command: int, *, is_click: bool) -> bytes:
+    """Encode a MOTION of accelerations (surface, step, point and finger) in m/s^2, on a field of `size` along, rows."""
+    _, steps, columns = acceleration.shape
+    fingers = columns - size[0] * size[1]
+    scale = max(float(abs(acceleration).max(initial=0.0)), 1e-9)
+    words = np.rint(acceleration * (_WORD / scale)).astype("<i2").tobytes()
+    return (
+        _HEAD.pack(VERSION, Kind.MOTION) + _MOTION.pack(*size, fingers, is_click, steps, command, step_s, scale) + words
+    )
+
+
+def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:
+    """Encode a SOUND of samples (time,)."""
+    return _HEAD.pack(VERSION, Kind.SOUND) + _SOUND.pack(finger, rate_hz) + samples.astype("<i2").tobytes()
+
+
+@dataclass(frozen=True, slots=True)
+class DroppedFile:
+    """A device file that was dropped on the page; nothing is checked yet but that it is text."""
+
+    name: str
+    text: str
+
+
+Asked = tuple[PointerEvent, ...] | dict[str, Any] | int | DroppedFile
+"""A request of a browser: touches, switches, the number of the finger to hear, or a device file."""
+
+
+def decode_message(data: bytes) -> Asked:
+    """Decode a message of a browser. Raises PageMessageError for an invalid one or another version."""
+    if len(data) > MOST_BYTES:
+        raise PageMessageError(CloseCode.TOO_BIG, f"a message of {len(data)} bytes; expected at most {MOST_BYTES}")
+    if len(data) < _HEAD.size:
+        raise PageMessageError(CloseCode.MALFORMED, f"a message of {len(data)} bytes has no head")
+    version, kind = _HEAD.unpack_from(data)
+    if version != VERSION:
+        raise PageMessageError(CloseCode.OTHER_VERSION, f"version {version}; expected {VERSION}: load the page again")
+    body = data[_HEAD.size :]
+    if kind == Kind.TOUCHES:
+        return _decode_touches(body)
+    if kind == Kind.CHOICE:
+        return _decode_choice(body)
+    if kind == Kind.LISTEN and len(body) == _FINGER_NUMBER.size:
+        number: int = _FINGER_NUMBER.unpack(body)[0]
+        return number
+    if kind == Kind.DEVICE:
+        return _decode_device(body)
+    raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: not a message of a browser")
+
+
+def _decode_touches(body: bytes) -> tuple[PointerEvent, ...]:
+    count, rest = divmod(len(body), _TOUCH.size)
+    if rest or not 1 <= count <= MOST_TOUCHES:
+        raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes are no 1 to {MOST_TOUCHES} touches")
+    return tuple(_decode_touch(*values) for values in _TOUCH.iter_unpack(body))
+
+
+def _decode_touch(pointer_id: int, phase: int, x: float, y: float) -> PointerEvent:
+    if phase >= len(_PHASES) or not (math.isfinite(x) and math.isfinite(y)):
+        raise PageMessageError(CloseCode.MALFORMED, f"pointer {pointer_id}: phase {phase} at ({x}, {y})")
+    return PointerEvent(pointer_id, x, y, _PHASES[phase])
+
+
+def _decode_choice(body: bytes) -> dict[str, Any]:
+    if len(body) > MOST_CHOICE_BYTES:
+        raise PageMessageError(
+            CloseCode.TOO_BIG, f"{len(body)} bytes of switches; expected at most {MOST_CHOICE_BYTES}"
+        )
+    return _decode_object(body, "switches")
+
+
+def _decode_device(body: bytes) -> DroppedFile:
+    found = _decode_object(body, "a device file")
+    name, text = found.get("name"), found.get("text")
+    if not isinstance(name, str) or not isinstance(text, str) or set(found) != {"name", "text"}:
+        raise PageMessageError(CloseCode.MALFORMED, "a device file: expected its name and its text")
+    return DroppedFile(name, text)
+
+
+def _decode_object(body: bytes, what: str) -> dict[str, Any]:
+    try:
+        found = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise PageMessageError(CloseCode.MALFORMED, f"{what}: is not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise PageMessageError(CloseCode.MALFORMED, f"{what}: is {type(found).__name__}; expected an object")
+    return found

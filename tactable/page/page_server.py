@@ -1,0 +1,273 @@
+"""The web server of the page: static files, and one WebSocket for each browser.
+
+Who waits for whom. One asyncio loop runs three kinds of tasks. `broadcast` ticks the backend up to 60 times a second
+and offers every browser the messages of the tick; it never waits for a browser. Each browser has a sender, which waits
+for its socket alone: of every kind of message it keeps only the newest that is not sent, so a slow browser misses
+pictures and delays nobody. Each browser also has a listener, which hands decoded messages to the backend at once. The
+backend's own `run` starts and watches its processes beside them. If `broadcast` or `run` fails, the server ends with
+that error.
+"""
+
+import asyncio
+import contextlib
+import errno
+import secrets
+import socket
+import time
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from base.errors import TactableError
+from engine.touch.sources.pointer import PointerEvent
+from tactable.control.security import HEADERS, AccessPolicy, quiet_server, read_connections, user_of
+from tactable.page.page_messages import (
+    MOST_BYTES,
+    CloseCode,
+    DroppedFile,
+    Kind,
+    PageMessageError,
+    decode_message,
+    encode_scene,
+)
+
+FRAME_S = 1 / 60  # of most screens
+IDLE_FRAMES = 12
+"""While nothing happens, one picture in this many is sent."""
+ALONE_S = 0.1
+"""Time between two ticks while no browser is connected."""
+MOST_BROWSERS = 8
+_STATIC = Path(__file__).parent / "static"
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+
+class PageBackend:
+    """Source of what the page shows, and what its browsers may change in it: nothing, where it only looks on."""
+
+    scene_number = 0
+    """Changes whenever the scene does."""
+
+    def scene(self) -> dict[str, Any]:
+        """The part of the state that changes seldom, as JSON values."""
+        raise NotImplementedError
+
+    def tick(self) -> tuple[list[bytes], bool]:
+        """Advance to the present; the messages for all browsers, and whether anything moves."""
+        raise NotImplementedError
+
+    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
+        """Take pointer events of a browser."""
+
+    def leave(self, browser: int) -> None:
+        """Release the pointers of a browser that disconnected."""
+
+    def choose(self, switches: dict[str, Any]) -> None:
+        """Move switches."""
+
+    def drop(self, file: DroppedFile) -> None:
+        """Take a device file that was dropped on the page."""
+
+    def sound(self, finger: int) -> bytes | None:
+        """Vibration that a finger felt, as a SOUND message; None where it is not known."""
+        raise NotImplementedError
+
+    async def run(self) -> None:
+        """Do the background work until cancelled."""
+        raise NotImplementedError
+
+
+class _Browser:
+    """The messages that wait for one browser: the newest of each kind."""
+
+    def __init__(self, socket_: WebSocket) -> None:
+        self._socket = socket_
+        self._news: dict[int, bytes] = {}
+        self._has_news = asyncio.Event()
+
+    def offer(self, message: bytes) -> None:
+        """Queue a message in place of an older one of its kind that is not sent yet."""
+        self._news[message[1]] = message
+        self._has_news.set()
+
+    async def send(self) -> None:
+        """Send what is queued, as fast as the browser takes it, until cancelled."""
+        while True:
+            await self._has_news.wait()
+            self._has_news.clear()
+            for kind in Kind:
+                message = self._news.pop(kind, None)
+                if message is not None:
+                    await self._socket.send_bytes(message)
+
+
+class PageServer:
+    """One backend, served under one access policy to at most MOST_BROWSERS browsers.
+
+    connections: the lines that tell whose a connection is.
+    """
+
+    def __init__(
+        self, backend: PageBackend, access: AccessPolicy, connections: Callable[[], Iterable[str]] = read_connections
+    ) -> None:
+        self.backend, self.access = backend, access
+        self._connections = connections
+        self._browsers: dict[int, _Browser] = {}
+        self._opened = 0
+        self._has_ticket = True
+        self._files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.suffix in _TYPES}
+        routes = [
+            Route("/open/{ticket}", self._answer_ticket),
+            Route("/{token}/", self._answer_file),
+            Route("/{token}/{name}", self._answer_file),
+            WebSocketRoute("/{token}/socket", self._answer_socket),
+        ]
+        self.app = Starlette(routes=routes, exception_handlers={404: _refused, 405: _refused})
+        self.app.router.redirect_slashes = False  # it would answer before token and Host are looked at
+
+    async def _answer_ticket(self, request: Request) -> Response:
+        """Lead the browser that was opened for this user to the page, once."""
+        is_right = secrets.compare_digest(request.path_params["ticket"].encode(), self.access.ticket.encode())
+        if not (self._has_ticket and is_right and self.access.admits_host(request.headers.get("host"))):
+            return await _refused(request, None)
+        browser, server = request.scope["client"], request.scope["server"]
+        if user_of(browser, server, self._connections()) != self.access.user_id:
+            return await _refused(request, None)
+        self._has_ticket = False
+        return Response(status_code=303, headers={**HEADERS, "Location": f"/{self.access.token}/"})
+
+    async def _answer_file(self, request: Request) -> Response:
+        token, name = request.path_params["token"], request.path_params.get("name", "index.html")
+        if not self.access.admits_host(request.headers.get("host")) or not self.access.knows(token):
+            return await _refused(request, None)
+        content = self._files.get(name)
+        if content is None:
+            return Response("there is no such file\n", 404, HEADERS)
+        return Response(content, 200, HEADERS, media_type=_TYPES[Path(name).suffix])
+
+    async def _answer_socket(self, socket_: WebSocket) -> None:
+        headers = socket_.headers
+        is_ours = self.access.admits_origin(headers.get("origin"), headers.get("host"))
+        if not is_ours or not self.access.knows(socket_.path_params["token"]):
+            await socket_.close()  # before it is accepted: 403
+            return
+        await socket_.accept()
+        if len(self._browsers) >= MOST_BROWSERS:
+            await socket_.close(CloseCode.CROWDED, f"{MOST_BROWSERS} browsers look on already")
+            return
+        await self._serve(socket_)
+
+    async def _serve(self, socket_: WebSocket) -> None:
+        self._opened += 1
+        number, browser = self._opened, _Browser(socket_)
+        browser.offer(encode_scene(self.backend.scene()))
+        self._browsers[number] = browser
+        sender = asyncio.create_task(browser.send())
+        try:
+            await self._listen(number, socket_, browser)
+        except PageMessageError as error:
+            await socket_.close(error.code, str(error)[:100])
+        except WebSocketDisconnect:
+            pass
+        finally:
+            del self._browsers[number]
+            self.backend.leave(number)
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sender
+
+    async def _listen(self, number: int, socket_: WebSocket, browser: _Browser) -> None:
+        while True:
+            message = await socket_.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("bytes")
+            if data is None:
+                raise PageMessageError(CloseCode.NOT_BINARY, "a message of text; expected bytes")
+            asked = decode_message(data)
+            if isinstance(asked, tuple):
+                self.backend.touch(number, asked)
+            elif isinstance(asked, dict):
+                self.backend.choose(asked)
+            elif isinstance(asked, DroppedFile):
+                self.backend.drop(asked)
+            elif (sound := self.backend.sound(asked)) is not None:
+                browser.offer(sound)
+
+    async def broadcast(self) -> None:
+        """Tick the backend and offer its messages to all browsers, until cancelled."""
+        scene_number, idle, due_s = self.backend.scene_number, 0, time.monotonic()
+        while True:
+            messages, is_busy = self.backend.tick()
+            idle = 0 if is_busy else idle + 1
+            if idle % IDLE_FRAMES:
+                messages = [message for message in messages if message[1] != Kind.PICTURE]
+            if scene_number != self.backend.scene_number:
+                scene_number = self.backend.scene_number
+                messages.insert(0, encode_scene(self.backend.scene()))
+            for browser in self._browsers.values():
+                for message in messages:
+                    browser.offer(message)
+            # A late machine leaves pictures out instead of catching up.
+            due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), time.monotonic() + FRAME_S / 4)
+            await asyncio.sleep(due_s - time.monotonic())
+
+
+async def _refused(_request: Request, _error: Exception | None) -> Response:
+    return Response("refused: open the address that tactable printed\n", 403, HEADERS)
+
+
+class AddressError(TactableError, OSError):
+    """No page can be served at an address; the message names it and the remedy."""
+
+
+def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPolicy]:
+    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises AddressError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        remedy = "give another --page-port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
+        raise AddressError(f"{host}, port {port}: no page can be served there ({error.strerror}); {remedy}") from error
+    return listening, AccessPolicy(host, listening.getsockname()[1], token)
+
+
+async def serve(
+    backend: PageBackend,
+    listening: socket.socket,
+    access: AccessPolicy,
+    on_start: Callable[[uvicorn.Server], Awaitable[None]] | None = None,
+) -> None:
+    """Serve a backend until a signal, or until `on_start` makes the server exit. Raises what the backend raised."""
+    page = PageServer(backend, access)
+    server = quiet_server(page.app, MOST_BYTES)
+    beside = [asyncio.create_task(backend.run()), asyncio.create_task(page.broadcast())]
+    for task in beside:
+        task.add_done_callback(lambda done: _end_if_broken(done, server))
+    try:
+        if on_start is not None:
+            await on_start(server)
+        await server.serve(sockets=[listening])
+    finally:
+        for task in beside:
+            task.cancel()
+        results = await asyncio.gather(*beside, return_exceptions=True)
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+
+
+def _end_if_broken(done: "asyncio.Task[None]", server: uvicorn.Server) -> None:
+    """A background task that failed ends the server; `serve` raises its error."""
+    if not done.cancelled():
+        server.should_exit = True

@@ -1,0 +1,143 @@
+"""Child process that runs the engine for the page: fingers from a pipe, commands to a port, records to a ring.
+
+It runs what `tactable run` runs. Orders come one after another from the page; each names table, port and switches, and
+ends the run of the order before.
+"""
+
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from base.child import Parent
+from engine.effects.rules import Drives
+from engine.loop.loop import SystemClock
+from engine.loop.ring import RingWriter
+from engine.render.renderer import WhenNotAchieved
+from engine.table import Table
+from engine.touch.sources.pointer import PointerSource
+from firmware_link.host.link_values import Capabilities
+from firmware_link.host.reopening import ReopeningPort
+from firmware_link.host.serial_port import SerialPort
+from tactable.control.slot import ControlOf, ControlProcess
+from tactable.page.choices import Choice, effects_of
+from tactable.rig.rig import PTY_BIT_RATE_HZ
+from tactable.run.click_process import ClickProcess
+from tactable.run.live_run import Live, LiveOptions
+from tactable.shipped import named_effects
+
+IN_PLACE_NS = 800_000_000
+"""Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """Order of the page to its engine: what to run."""
+
+    table: Path
+    port: str
+    choice: Choice
+    rule_file: Path | None
+    has_kernels: bool
+    """Whether the kernels of steady drives are compiled: without them drives are solved in NumPy."""
+    is_first: bool
+    """Whether the table is the first of a device: its clicks, if any, are solved as they are asked for."""
+
+
+@dataclass(frozen=True)
+class ProgramsAt:
+    """Where programs reach the demo; the ports are as in tactable.control.slot.ControlOf."""
+
+    socket: str
+    port: int | None = None
+    osc_port: int | None = None
+
+
+class Programs:
+    """The control process of all runs, so that programs stay connected, from the first run on.
+
+    `slot` is None where no channel was asked for.
+    """
+
+    def __init__(self, asked: ProgramsAt | None, ring: Path) -> None:
+        self.slot: ControlProcess | None = None
+        self._asked, self._ring = asked, ring
+        self._is_announced = False
+
+    @property
+    def are_wanted(self) -> bool:
+        """Whether a channel was asked for."""
+        return self._asked is not None
+
+    def open(self, table: Path) -> ControlProcess | None:
+        """The slot of the next run, which is told of it. Raises ChildError where a port or the socket is taken."""
+        if self.slot is not None:
+            self.slot.change_run(table)
+        elif self._asked is not None:
+            asked = self._asked
+            of = ControlOf(Path(asked.socket), self._ring, table, asked.port, asked.osc_port, is_watched=False)
+            self.slot = ControlProcess(of)
+        return self.slot
+
+    def begin_run(self, capabilities: Capabilities) -> list[str]:
+        """Say that the device of the run is connected; the first time what to print."""
+        if self.slot is None:
+            return []
+        self.slot.begin_steps(capabilities)
+        lines = [] if self._is_announced else self.slot.lines
+        self._is_announced = True
+        return lines
+
+    def close(self) -> None:
+        """End the process."""
+        if self.slot is not None:
+            self.slot.__exit__(None, None, None)
+
+
+class _NextOrder:
+    """Stops a run when another order has come, or the page asks for the end."""
+
+    def __init__(self, parent: Parent) -> None:
+        self.is_set = parent.has_spoken
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Play orders until the page asks for the end; says a line for each run."""
+    path = Path(arguments["ring"])
+    with RingWriter(path) as ring, closing(Programs(arguments["programs"], path)) as programs:
+        found = parent.read()
+        while found is not None:
+            _run(found["order"], arguments["pointer_pipe"], ring, programs, parent)
+            found = parent.read()
+
+
+def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: Parent) -> None:
+    """Play an order until the next one has come."""
+    clock = SystemClock()
+    with Table.open(order.table, verify=False) as table, ExitStack() as stack:
+        effects = effects_of(order.choice, table.device, order.rule_file)
+        if not table.best_rows:  # it has no sweep yet: drives are solved until a table comes that has one
+            effects = replace(effects, drives=Drives.POSITIONS)
+        if programs.are_wanted:
+            effects = replace(effects, others=tuple(named_effects().values()))
+        options = LiveOptions(
+            effects,
+            WhenNotAchieved.GO_ON,
+            reconnect=True,
+            bit_rate_hz=PTY_BIT_RATE_HZ,
+            has_kernels=order.has_kernels,
+            click_ns=IN_PLACE_NS if order.is_first else None,
+        )
+        port = SerialPort(order.port)
+        reopening = ReopeningPort(lambda: SerialPort(order.port), port)
+        stack.callback(reopening.close)
+        has_solver = order.has_kernels or order.is_first  # whose first click has compiled it
+        solves_clicks = has_solver and table.clicks and effects.have_clicks
+        solving = stack.enter_context(ClickProcess(order.table)) if solves_clicks else None
+        slot = programs.open(order.table)
+        source = PointerSource(pipe)
+        live = Live(table, source, port, clock, options, ring, reopening=reopening, solving=solving, control=slot)
+        lines = programs.begin_run(live.capabilities)
+        ring.begin_run(clock.now_ns())
+        parent.say({"clicks": live.clicks, "lines": lines, "first_record": ring.written})
+        live.run(_NextOrder(parent))

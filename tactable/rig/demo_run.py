@@ -1,0 +1,297 @@
+"""The demo: recorded touches through the engine, the wire and the emulated firmware to the simulated bar.
+
+The report says for every rendered command whether the simulated bar does, under the fingers where the recording has
+them, what was promised for these positions. JSON keys that begin with `measured_` hold simulated values; their names
+are kept, since programs read them.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from base.arrays import Array
+from base.plain import to_plain
+from engine.device import Device
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
+from engine.loop.command_latency import Stage
+from engine.steady import SteadyDrive
+from engine.table import Table
+from engine.table.best_rows import BestRow
+from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.sources.recording import Recording
+from firmware_link.emulator.drive_log import DriveEvent
+from precompute.builder.table_build import Progress, build_table
+from precompute.model.assembly import assemble
+from precompute.model.steady import compute_steady_state
+from precompute.parallel.pool import available_cores
+from tactable.explain.words import placement_json, zone_lists
+from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.first_table import early_options
+from tactable.rig.promises import Promises
+from tactable.rig.ready import early_path, open_cached
+from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
+from tactable.rig.simulated_bar import ENVELOPE_S, Felt, SimulatedBar
+
+MOST_DRIVES = 40
+"""Most steady drives of a run whose promise is compared with the simulation."""
+LONGEST_REPLAY_S = 12.0
+"""A longer recording is replayed faster, so that the demo ends within a minute."""
+
+
+@dataclass(frozen=True)
+class DemoReport:
+    """What the demo found. SIMULATED: digitizer (where it is the shipped recording), firmware and bar."""
+
+    device: Device
+    table: Path
+    recording: Recording
+    speed: float
+    run: LiveRun
+    drives: tuple[DriveReport, ...]
+    """Steady drives that were compared, at most MOST_DRIVES evenly over the run."""
+    clicks: tuple[ClickReport, ...]
+    """What was rendered by a click."""
+    drives_applied: int
+    """Number of different steady drives that the firmware applied."""
+    missed: tuple[Wanted, ...]
+    """Commands that were sent in time and never applied by the firmware."""
+    not_rendered: tuple[Wanted, ...]
+    """What ended before a stalled machine brought it to the firmware."""
+    felt: Felt | None
+    """What the fingers felt; None where no state changed."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every command that was compared keeps its promise, and none was missed."""
+        found = [each.disagreement for each in self.drives] + [each.disagreement for each in self.clicks]
+        return not self.missed and all(disagreement <= AGREEMENT for disagreement in found)
+
+
+def table_for(device: Device, path: Path, progress: Progress) -> Table:
+    """The table of `device` at `path`, or the early one beside it, which is built with clicks at few places if need be.
+
+    Such a table is there after seconds of processor time; the page of the demo builds the fine one.
+    """
+    found = open_cached(device, path)
+    if found is not None and found.clicks and not found.is_shipped:
+        return found
+    if found is not None:
+        found.close()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return table_at(device, early_path(path), progress, is_outdated=True)
+
+
+def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
+    """The table of `device` at `path`, built there with clicks at few places where there is none or it is outdated."""
+    if is_outdated or not path.exists():
+        build_table(device, path, click_options=early_options(), workers=available_cores(), progress=progress)
+    return Table.open(path, device=device, verify=False)
+
+
+def run_demo(table: Table, recording: Recording, effects: Effects = DEFAULT_EFFECTS) -> DemoReport:
+    """Replay, render and simulate. Raises what `tactable.rig.rig.play` raises."""
+    with threadpool_limits(1, "blas"):
+        return _run_demo(table, recording, effects)
+
+
+def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoReport:
+    times_s = [report.time_s for report in recording.reports]
+    duration_s = times_s[-1] - times_s[0] if times_s else 0.0
+    speed = max(1.0, duration_s / LONGEST_REPLAY_S)
+    run = play(table, recording, speed, effects)
+    reporter = Reporter(table, effects.drives)
+    applied = first_applied(run)
+    felt = reporter.bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
+    greatest = _greatest(run, felt) if felt else {}
+    # Each drive is held for seconds of simulated time, and a finger that drags under one gets hundreds of them.
+    held = [wanted for wanted, event in applied.items() if event.waveform is None]
+    compared = [held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), MOST_DRIVES))]
+    drives = tuple(
+        reporter.report_drive(wanted, applied[wanted], *greatest.get(wanted, (0.0, 0.0))) for wanted in compared
+    )
+    clicks = tuple(
+        reporter.report_click(wanted, event, *greatest.get(wanted, (0.0, 0.0)))
+        for wanted, event in applied.items()
+        if event.waveform is not None
+    )
+    missed, not_rendered = find_missed(run, applied)
+    return DemoReport(
+        table.device, table.path, recording, speed, run, drives, clicks, len(held), missed, not_rendered, felt
+    )
+
+
+class Reporter:
+    """Compares what commands of a table's runs promise with what the simulated bar does under their fingers."""
+
+    def __init__(self, table: Table, drives: Drives = Drives.POSITIONS) -> None:
+        self.bar, self._drives = SimulatedBar(table.device), drives
+        self._device, self._promises = table.device, Promises(table)
+        self._plant = assemble(table.device)
+        self._edges = ZoneEdges(table.device)
+
+    def report_drive(
+        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
+    ) -> DriveReport:
+        """Report a steady drive that the firmware got; the last two are the greatest accelerations in the run."""
+        placement = wanted.placement
+        drive: SteadyDrive | BestRow
+        if self._drives is Drives.ZONES:
+            drive, promise = self._promises.of_row(placement, wanted.level_db)
+        else:
+            strongest = max(event.channels, key=lambda channel: channel.amplitude)
+            drive, promise = self._promises.of_drive(placement, wanted.level_db, strongest.frequency_hz)
+        hz = np.array(drive.frequencies_hz)
+        loaded = self._plant.with_fingers(placement.position_m, self._device.finger)
+        zones = {self._edges.zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}
+        felt_zones = tuple(sorted(zone for zone in zones if zone is not None))
+        share = compute_steady_state(loaded, hz, drive.complex_amplitudes).share
+        return DriveReport(
+            promise,
+            felt_m_per_s2,
+            quiet_m_per_s2,
+            drive,
+            self.bar.simulate_held(event, placement.position_m),
+            felt_zones,
+            float(share[list(felt_zones)].sum()),
+        )
+
+    def report_click(
+        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
+    ) -> ClickReport:
+        """Report a click that the firmware got; the last two are the greatest accelerations in the run."""
+        placement = wanted.placement
+        click, promise = self._promises.of_click(placement, wanted.level_db)
+        simulated = self.bar.simulate_click(event, placement.position_m)
+        return ClickReport(promise, felt_m_per_s2, quiet_m_per_s2, click, simulated)
+
+
+def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
+    """What was wanted and not applied: first what should have been, then the rest.
+
+    The rest was replaced before it was sent, or refused because it came too late.
+    """
+    due = dict[Wanted, bool]()
+    for change in run.trace:
+        wanted = wanted_of(change)
+        if wanted is None or wanted in applied:
+            continue
+        due[wanted] = due.get(wanted, False) or (change.drive_sequence is not None and not run.came_late(change))
+    return tuple(wanted for wanted in due if due[wanted]), tuple(w for w in due if not due[w])
+
+
+def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
+    """Greatest acceleration under fingers that were to feel, and under others, m/s^2, until something else is felt."""
+    out: dict[Wanted, tuple[float, float]] = {}
+    changes = [(change.time_ns, wanted) for change in run.trace if (wanted := wanted_of(change)) is not None]
+    starts_s = [(time_ns - run.moments[0].time_ns) / 1e9 for time_ns, _ in changes]
+    for (_, wanted), start_s, stop_s in zip(changes, starts_s, [*starts_s[1:], np.inf], strict=True):
+        during = (felt.time_s >= start_s - ENVELOPE_S) & (felt.time_s + ENVELOPE_S <= stop_s)
+        found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
+        before = out.get(wanted, (0.0, 0.0))
+        out[wanted] = (max(before[0], next(found)), max(before[1], next(found)))
+    return out
+
+
+def demo_json(report: DemoReport) -> dict[str, Any]:
+    """The report as plain JSON values."""
+    run, latency = report.run, report.run.latency.summarise(Stage.AVAILABLE, Stage.WRITTEN)
+    return to_plain(
+        {
+            "simulated": True,
+            "device": report.device.name,
+            "fingerprint": report.device.fingerprint,
+            "table": report.table,
+            "recording": report.recording.name,
+            "speed": report.speed,
+            "reports": run.counters.reports,
+            "touch_frames": run.counters.frames,
+            "state_changes": run.counters.state_changes,
+            "commands_sent": run.counters.commands,
+            "commands_applied": sum(run.applied(change) is not None for change in run.trace),
+            "commands_late": sum(run.came_late(change) for change in run.trace),
+            "set_frames_on_the_wire": run.frames_sent,
+            "reconnects": run.counters.reconnects,
+            "report_to_command": latency,
+            "states": [_drive_json(report.device, drive) for drive in report.drives],
+            "steady_drives_applied": report.drives_applied,
+            "clicks": [_click_json(report.device, click) for click in report.clicks],
+            "missed_states": [_key_json(report.device, key) for key in report.missed],
+            "states_not_rendered": [_key_json(report.device, key) for key in report.not_rendered],
+            "agreement": AGREEMENT,
+            "agrees": report.agrees,
+        }
+    )
+
+
+def _key_json(device: Device, wanted: Wanted) -> dict[str, Any]:
+    fingers = placement_json(device, wanted.placement)
+    return {"fingers": fingers, "level_db": wanted.level_db, "click": wanted.is_click}
+
+
+def _drive_json(device: Device, report: DriveReport) -> dict[str, Any]:
+    drive = report.drive
+    return {
+        **zone_lists(device, report.placement),
+        "wanted_level_db": drive.wanted_level_db,
+        "level_db": drive.level_db if isinstance(drive, BestRow) else drive.weakest_felt_db,
+        "achieved": drive.achieved,
+        **_origin_json(drive),
+        "frequencies_hz": drive.frequencies_hz,
+        "amplitudes": drive.amplitudes,
+        "phases_rad": drive.phases_rad,
+        "promised_localized_factor": report.promised_factor,
+        "measured_localized_factor": report.simulated_factor,
+        **_levels_json(device, report, report.simulated.at_finger),
+    }
+
+
+def _origin_json(drive: SteadyDrive | BestRow) -> dict[str, Any]:
+    if isinstance(drive, BestRow):
+        return {
+            "drives": Drives.ZONES,
+            "row": {"group": drive.group, "index": drive.index, "localized_factor": drive.localized_factor},
+        }
+    objective = {"objective": drive.objective, "expected_contrast_db": drive.expected_contrast_db}
+    return {"drives": Drives.POSITIONS, **objective}
+
+
+def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
+    click = report.click
+    return {
+        **zone_lists(device, report.placement),
+        "places_m": click.placement.position_m,
+        "tolerance_m": click.tolerance_m,
+        "wanted_level_db": click.wanted_level_db,
+        "level_db": click.level_db,
+        "achieved": click.achieved,
+        "amplitude": click.amplitude,
+        "length_s": click.length_s,
+        "exceeds_s": click.exceeds_at_s(),
+        "felt_level_db": click.felt,
+        "quiet_level_db": click.quiet,
+        **_levels_json(device, report, report.simulated.at_finger),
+    }
+
+
+def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: Array) -> dict[str, Any]:
+    """Promise and simulation of every finger, and what was felt in the run."""
+    promise, (felt_db, quiet_db) = report.promise, report.in_run_db
+    return {
+        "fingers": [
+            {
+                **finger,
+                "promised_level_db": promise.level_db[k],
+                "promised_acceleration_at_finger_m_per_s2": promise.acceleration_m_per_s2[k],
+                "measured_acceleration_at_finger_m_per_s2": at_finger[k],
+            }
+            for k, finger in enumerate(placement_json(device, report.placement))
+        ],
+        "greatest_acceleration_under_a_finger_m_per_s2": max(report.felt_m_per_s2, report.quiet_m_per_s2),
+        "felt_level_in_run_db": felt_db,
+        "quiet_level_in_run_db": quiet_db,
+        "disagreement": report.disagreement,
+    }

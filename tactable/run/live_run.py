@@ -1,0 +1,161 @@
+"""A table, a source of touches and a port to a run of the engine: what `tactable run` and the simulated rig share."""
+
+import ctypes
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from engine.device import Device
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.fast_path import FastPath, PacketSource
+from engine.loop.fast.fast_session import FastLink, FastSession
+from engine.loop.fast.fast_table import with_fast_table
+from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.loop import Clock, Loop, StopRequest, connect
+from engine.loop.observer import Observer, Observers, Timing
+from engine.loop.pipeline import open_pipeline
+from engine.loop.program_steps import ControlSlot
+from engine.loop.realtime import Outcome, Step, real_time
+from engine.loop.reconnect import Reopening
+from engine.loop.table_swap import Updates
+from engine.render.limits import link_configuration
+from engine.render.prepared import render_table
+from engine.render.renderer import WhenNotAchieved
+from engine.table import Table
+from engine.touch.sources import Source
+from firmware_link.host.link import Link
+from firmware_link.host.link_values import Capabilities
+from firmware_link.host.session import Port, Session
+from tactable.shipped import cache_folder
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of a run: rules, what the loop does about losses, real-time settings, the compiled step."""
+
+    effects: Effects = DEFAULT_EFFECTS
+    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
+    reconnect: bool = False
+    """A device that stopped itself is greeted and armed again; otherwise that ends the run."""
+    bit_rate_hz: int = 115_200
+    steps: tuple[Step, ...] = (Step.COLLECTOR,)
+    """Real-time settings. The collector is off by default: the loop makes no cycles, and a collection takes 0.1 s."""
+    processor: int | None = None
+    """The processor of the affinity; None: the last."""
+    fast: ctypes.CDLL | None = None
+    """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
+    has_kernels: bool = True
+    """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
+    click_ns: int | None = None
+    """How long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks."""
+
+
+def fast_library() -> ctypes.CDLL | None:
+    """The compiled step, compiled at the first call; None where it cannot be compiled here."""
+    try:
+        return compile_fast_path(cache_folder())
+    except FastPathError:
+        return None
+
+
+class Live:
+    """The engine between a source and a port. Making one greets the device and encodes the table; `run` starts it.
+
+    With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
+    `watch`, called with the device's capabilities, it changes to new tables; with `solving` it gets the clicks that the
+    table does not hold, with `control` the steps of programs. `observer` gets the records of the run
+    beside its own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
+    DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
+    """
+
+    def __init__(
+        self,
+        table: Table,
+        source: Source,
+        port: Port,
+        clock: Clock,
+        options: LiveOptions,
+        observer: Observer | None = None,
+        reopening: Reopening | None = None,
+        watch: Callable[[Capabilities], Updates] | None = None,
+        solving: ClickSolving | None = None,
+        fast_path: Callable[..., FastPath] = FastPath,
+        control: ControlSlot | None = None,
+    ) -> None:
+        effects = options.effects
+        self.wants_clicks = effects.have_clicks
+        self.timing = Timing()
+        greeting = Link(link_configuration(table.device, options.bit_rate_hz))
+        self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
+        fits = effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz
+        rendering = render_table(table, *fits, has_kernels=options.has_kernels, click_ns=options.click_ns)
+        self.renderer = rendering.renderer
+        self.fit = rendering.fit
+        """How the first table's amplitudes are played on the board."""
+        self.renderer.steady.prepare()
+        self.link = FastLink(rendering.configuration)
+        self.no_fast_path = ""
+        """Why a fast path that was asked for cannot be had; "" otherwise."""
+        self.outcomes: tuple[Outcome, ...] = ()
+        """The outcome of each real-time step, once it runs."""
+        self._options, self._clock = options, clock
+        self._session = FastSession(self.link, port, clock.now_ns)
+        self.fast_counters = self._session.fast_counters
+        click_ns = rendering.click_length_ns
+        rules = effects, self.renderer, clock.now_ns, click_ns
+        pipeline = open_pipeline(source, table.device, *rules, source.report_id)
+        self._pipeline = pipeline
+        self.digitizer = pipeline.digitizer
+        dispatcher = Dispatcher(self._session, clock.now_ns)
+        observer = Observers(self.timing, observer)
+        edges: tuple[Source, Clock, Observer] = (source, clock, observer)
+        if options.fast is not None and isinstance(source, PacketSource):
+            try:
+                fast_rendering = with_fast_table(rendering, self.capabilities)
+                others = (clock, effects, fast_rendering, observer)
+                fast = fast_path(options.fast, source, pipeline, dispatcher, *others)
+                edges = (fast.source, fast, fast)
+            except FastPathError as error:
+                self.no_fast_path = str(error)
+        self.loop = Loop(
+            pipeline,
+            dispatcher,
+            *edges,
+            reconnect=options.reconnect,
+            reopening=reopening,
+            updates=None if watch is None else watch(self.capabilities),
+            solving=solving if self.clicks else None,
+            control=control,
+        )
+
+    @property
+    def device(self) -> Device:
+        """The device of the table that plays now."""
+        return self._pipeline.device
+
+    @property
+    def clicks(self) -> int:
+        """Number of the table's clicks that the device can play."""
+        return self.renderer.clicks.number
+
+    @property
+    def frames_sent(self) -> int:
+        """SET and PLAY frames, renewals of the lease included."""
+        return self.link.counters.sent + self.link.counters.renewed
+
+    def run(self, stop: StopRequest | None = None) -> None:
+        """Run until the source has ended or `stop` is set. Raises LinkError when the port or the device fails."""
+        with self.armed():
+            self.loop.run(stop)
+
+    @contextmanager
+    def armed(self) -> Iterator[None]:
+        """The real-time steps are in force and the device is armed: `loop` must run within 250 ms.
+
+        Only now, since to encode the drives of eight zones at three levels takes longer, as steps may.
+        """
+        with real_time(self._options.steps, processor=self._options.processor) as self.outcomes:
+            connect(self._session, self._clock)
+            yield

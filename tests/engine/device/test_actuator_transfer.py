@@ -1,0 +1,135 @@
+"""Laws of transfer functions: points of a causal system give it between them, beside them and off the axis."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device, DeviceError, Transfer
+from engine.device.actuator_transfer import GREATEST_GROWTH, _fitted
+from engine.device.description import MOST_TRANSFER_POINTS
+from tests.engine.device.test_description import TEXT
+
+Complex = NDArray[np.complexfloating[Any, Any]]
+HZ = np.linspace(60.0, 300.0, 13)
+FINE_HZ = np.linspace(60.0, 300.0, 481)
+TURN = 2 * np.pi
+
+
+def lag(s: Complex) -> Complex:
+    """An amplifier that falls from 400 Hz on, and half a millisecond of delay."""
+    out: Complex = np.exp(-5e-4 * s) / (1 + s / (TURN * 400))
+    return out
+
+
+def coupled(s: Complex) -> Complex:
+    """An amplifier that passes no direct current, and falls from 700 Hz on."""
+    out: Complex = s / (s + TURN * 20) / (1 + s / (TURN * 700))
+    return out
+
+
+def resonant(s: Complex) -> Complex:
+    """A suspension of its own, of 250 Hz and quality 6, in the band."""
+    w = TURN * 250
+    return np.asarray(w**2 / (s**2 + w * s / 6 + w**2), dtype=np.complex128)
+
+
+def points_of(
+    system: Callable[[Complex], Complex], frequency_hz: NDArray[np.float64] = HZ, noise: float = 0
+) -> Transfer:
+    random = np.random.default_rng(4)
+    value = system(1j * TURN * frequency_hz)
+    value = value * (1 + noise * (random.standard_normal(value.shape) + 1j * random.standard_normal(value.shape)))
+    phases_deg = np.degrees(np.angle(value))
+    return Transfer(tuple(frequency_hz.tolist()), tuple(abs(value).tolist()), tuple(phases_deg.tolist()))
+
+
+def rows_of(transfer: Transfer) -> str:
+    rows = zip(transfer.frequency_hz, transfer.magnitude, transfer.phase_deg, strict=True)
+    return "[" + ", ".join(f'["{hz!r} Hz", "{100 * size!r} %", "{deg!r} deg"]' for hz, size, deg in rows) + "]"
+
+
+def flat_rows(*hz: float) -> str:
+    return rows_of(Transfer(hz, (1.0,) * len(hz), (0.0,) * len(hz)))
+
+
+def text_with(rows: str) -> str:
+    """Reference-a whose first actuator has this transfer function."""
+    return TEXT.replace('name = "left"\n', f'name = "left"\ntransfer = {rows}\n')
+
+
+@pytest.mark.parametrize("system", [lag, coupled, resonant])
+def test_points_of_a_system_give_it_between_them_and_beside_the_imaginary_axis(
+    system: Callable[[Complex], Complex],
+) -> None:
+    transfer, s = points_of(system), 25.0 + 1j * TURN * FINE_HZ
+    assert transfer.misses().max() < 2e-3
+    assert abs(transfer.at(FINE_HZ) / system(1j * TURN * FINE_HZ) - 1).max() < 2e-3
+    assert abs(transfer.series.at(s) / system(s) - 1).max() < 2e-3
+    assert all(pole.real < 0 for pole in transfer.series.pole_per_s)
+
+
+@pytest.mark.parametrize("system", [lag, coupled, resonant])
+def test_noise_of_the_points_is_not_followed(system: Callable[[Complex], Complex]) -> None:
+    hz = np.linspace(60.0, 300.0, 97)
+    transfer = points_of(system, hz, noise=0.01)
+    off = abs(transfer.at(FINE_HZ) / system(1j * TURN * FINE_HZ) - 1)
+    assert off.max() < 0.01 < transfer.misses().max()
+
+
+def test_the_file_gives_the_points_and_its_fingerprint_them() -> None:
+    transfer, bare = points_of(lag), Device.parse(TEXT, "bare")
+    device = Device.parse(text_with(rows_of(transfer)), "bar")
+    found = device.actuators[0].transfer
+    assert found is not None
+    assert found.frequency_hz == transfer.frequency_hz
+    assert found.value == pytest.approx(transfer.value, rel=1e-12)
+    assert device.actuators[1].transfer is None
+    assert device.fingerprint != bare.fingerprint
+    other = Transfer(transfer.frequency_hz, transfer.magnitude, tuple(deg - 0.1 for deg in transfer.phase_deg))
+    assert Device.parse(text_with(rows_of(other)), "bar").fingerprint != device.fingerprint
+
+
+def test_a_device_without_transfer_functions_keeps_its_fingerprint() -> None:
+    """It is written in every table that was built before there were any."""
+    wanted = "2e16832afbecd6b348a3b7f6ecf674640fd22d605887c4f1c7553c59156bce3e"
+    assert Device.parse(TEXT, "reference-a").fingerprint == wanted
+
+
+def test_phases_of_the_wrong_sign_are_refused_with_the_remedy() -> None:
+    right = points_of(lag, np.linspace(60.0, 300.0, 25))
+    wrong = Transfer(right.frequency_hz, right.magnitude, tuple(-deg for deg in right.phase_deg))
+    assert right.growth() < 1.1
+    assert wrong.growth() > GREATEST_GROWTH
+    with pytest.raises(DeviceError, match=r"actuator\[1\].transfer: 25 points: .*turn their sign"):
+        Device.parse(text_with(rows_of(wrong)), "bar")
+
+
+def test_all_points_are_counted_before_a_function_is_fitted_to_any_of_them() -> None:
+    """Each of the two actuators has points enough to fit; the first one alone would be read."""
+    rows = rows_of(points_of(lag, np.linspace(60.0, 300.0, MOST_TRANSFER_POINTS // 2 + 1)))
+    fitted = _fitted.cache_info().misses
+    with pytest.raises(
+        DeviceError, match=r"actuator\[1\].transfer, actuator\[2\].transfer: 1002 points: .*every other"
+    ):
+        Device.parse(text_with(rows).replace('name = "right"\n', f'name = "right"\ntransfer = {rows}\n'), "bar")
+    assert _fitted.cache_info().misses == fitted
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ('"driver.csv"', r"expected points such as"),
+        ('[["60 Hz", "1"]]', r"expected points such as"),
+        (flat_rows(60, 300), r"'2 points': expected 3 to 1000"),
+        (flat_rows(60, 200, 200), r"'200 Hz': comes after 200 Hz; expected rising frequencies"),
+        (flat_rows(60, 200, 250), r"'60-250 Hz': expected points over all of the band, 60-300 Hz"),
+        ('[["60 Hz", "0 %", "0 deg"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"more than 0"),
+        ('[["60 Hz", "1 %", "10 %"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"'10 %' is no angle"),
+    ],
+)
+def test_a_wrong_transfer_is_refused_by_name(rows: str, message: str) -> None:
+    with pytest.raises(DeviceError, match=rf"actuator\[1\].transfer: .*{message}"):
+        Device.parse(text_with(rows), "bar")

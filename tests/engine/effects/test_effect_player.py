@@ -1,0 +1,400 @@
+"""Laws of what is to be felt while fingers come, rest, move and go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from engine.effects.effect_player import DRAG_REST_NS, STILL_M, EffectPlayer
+from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
+from engine.touch import Placement, Touch
+from engine.touch.placement import CLOSEST_M, MOST_FINGERS
+
+MS = 1_000_000
+MM = 1e-3
+ZONES = 5
+
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(20.0, 50)),))
+
+Moment = tuple[float, str, float | None]
+"""Time in ms; in each zone F: a finger feels, C: it feels a click, q: it is quiet, "-": neither; and the level."""
+
+
+def touch(contact_id: int, place_mm: float, zone: int | None = None) -> Touch:
+    """Zones of 50 mm from the bar's start, unless it is said otherwise."""
+    return Touch(contact_id, place_mm * MM, int(place_mm // 50) if zone is None else zone)
+
+
+@dataclass
+class Story:
+    """What a player says over time: a moment for each change."""
+
+    effects: Effects
+    moments: list[Moment] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.player = EffectPlayer(self.effects)
+
+    def at(self, time_ms: float, *touches: Touch) -> None:
+        """A frame, after all that is due before."""
+        self.until(time_ms)
+        self.player.take_touches(touches, round(time_ms * MS))
+        self.note(time_ms)
+
+    def until(self, time_ms: float) -> "Story":
+        player = self.player
+        while player.next_change_ns is not None and player.next_change_ns <= time_ms * MS:
+            due_ns = player.next_change_ns
+            player.advance_effects(due_ns)
+            assert player.next_change_ns is None or player.next_change_ns > due_ns
+            self.note(due_ns / MS)
+        return self
+
+    def note(self, time_ms: float) -> None:
+        felt = "F" if self.player.click_ns is None else "C"
+        now = (letters(self.player.placement, felt), self.player.level_db)
+        before = self.moments[-1][1:] if self.moments else ("-----", None)
+        if now != before:
+            self.moments.append((time_ms, *now))
+
+
+def letters(placement: Placement | None, felt: str = "F") -> str:
+    zones = ["-"] * ZONES
+    if placement is not None:
+        for at_m, is_felt in sorted(
+            zip(placement.position_m, placement.is_felt, strict=True), key=lambda each: each[1]
+        ):
+            zones[int(at_m.real / MM // 50)] = felt if is_felt else "q"
+    return "".join(zones)
+
+
+def story(*rules: Rule) -> Story:
+    return Story(Effects(rules))
+
+
+def pulse(*segments: tuple[float | None, float | None]) -> Effect:
+    """Durations in ms, None for held; levels."""
+    return Effect("pulse", tuple(Segment(None if d is None else round(d * MS), level) for d, level in segments))
+
+
+HELD = pulse((None, 20.0))
+
+
+@pytest.mark.parametrize(("to_mm", "held_mm"), [(60.0, 59.7), (0.1, 0.0), (100.0, 99.7), (99.9, 99.6)])
+def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_mm: float, held_mm: float) -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
+    player.take_touches([touch(1, 20)], 0)
+    player.take_touches([touch(1, 20.3)], MS)  # too little to be followed
+    player.change_bar([touch(1, to_mm)], 100 * MM)
+    assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
+
+
+def test_each_finger_has_its_own_time() -> None:
+    seen = Story(BURSTS)
+    seen.at(0, touch(1, 10))
+    seen.at(30, touch(1, 10), touch(2, 110))
+    assert seen.until(1000).moments == [
+        (0, "F----", 20.0),
+        (30, "F-F--", 20.0),
+        (50, "q-F--", 20.0),
+        (80, "-----", None),
+    ]
+
+
+def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
+    seen = Story(BURSTS)
+    seen.at(0, touch(1, 10))
+    seen.at(16, touch(1, 60))
+    seen.at(64, touch(1, 110))
+    assert seen.moments == [(0, "F----", 20.0), (16, "-F---", 20.0), (50, "-----", None)]
+
+
+def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone() -> None:
+    seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.05)))
+    seen.at(0, Touch(1, 0.02, None), Touch(2, 0.03, 0), Touch(3, 0.06, 0), Touch(4, 0.12, None))
+    assert seen.player.placement == Placement((0.02, 0.03, 0.06, 0.12), (True, True, False, False))
+
+
+@given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
+def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, int | None]]) -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, pulse(*segments)),)))
+    player.take_touches([touch(1, 10)], 0)
+    levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
+    for time_ms, level in enumerate(levels):
+        player.advance_effects(time_ms * MS)
+        assert (player.level_db, letters(player.placement)[0]) == (level, "-" if level is None else "F")
+
+
+def test_what_a_touch_holds_lasts_as_long_as_the_finger() -> None:
+    seen = story(Rule(Trigger.TOUCH, pulse((20, 30.0), (None, 10.0))))
+    for time_ms in range(0, 5000, 100):
+        seen.at(time_ms, touch(1, 10 + time_ms / 100))
+    seen.at(5000)
+    assert seen.moments == [(0, "F----", 30.0), (20, "F----", 10.0), (4000, "-F---", 10.0), (5000, "-----", None)]
+
+
+def test_the_first_rule_that_covers_the_finger_wins() -> None:
+    rules = [
+        Rule(Trigger.TOUCH, pulse((None, 1.0)), region_m=(0.0, 0.02)),
+        Rule(Trigger.LIFT, burst(2.0, 5)),
+        Rule(Trigger.TOUCH, pulse((None, 3.0)), zones=frozenset({0, 1})),
+        Rule(Trigger.TOUCH, pulse((None, 4.0))),
+    ]
+    levels = []
+    for place_mm in (10, 30, 60, 110):
+        seen = story(*rules)
+        seen.at(0, touch(1, place_mm))
+        levels.append(seen.player.level_db)
+    assert levels == [1.0, 3.0, 3.0, 4.0]
+
+
+def test_of_several_levels_the_greatest_is_played() -> None:
+    seen = story(
+        Rule(Trigger.TOUCH, pulse((None, 10.0)), zones=frozenset({0})),
+        Rule(Trigger.TOUCH, pulse((40, 30.0), (None, 5.0))),
+    )
+    seen.at(0, touch(1, 10))
+    seen.at(10, touch(1, 10), touch(2, 60))
+    assert seen.until(100).moments == [(0, "F----", 10.0), (10, "FF---", 30.0), (50, "FF---", 10.0)]
+
+
+def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
+    seen = story(Rule(Trigger.HOLD, burst(20.0, 50), after_ns=300 * MS))
+    for time_ms in range(0, 1000, 100):
+        seen.at(time_ms, touch(1, STILL_M / MM * (time_ms // 100 % 2)))
+    for time_ms in range(1000, 1500, 100):
+        seen.at(time_ms, touch(1, 20))
+    assert seen.moments == [(300, "F----", 20.0), (350, "-----", None), (1300, "F----", 20.0), (1350, "-----", None)]
+
+
+def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
+    seen = story(Rule(Trigger.HOLD, pulse((200, 30.0), (None, 20.0)), after_ns=100 * MS))
+    seen.at(0, touch(1, 10))
+    seen.at(400, touch(1, 14))
+    seen.at(550, touch(1, 18))
+    seen.at(640, touch(1, 22))
+    assert seen.until(2000).moments == [
+        (100, "F----", 30.0),
+        (300, "F----", 20.0),
+        (400, "-----", None),
+        (500, "F----", 30.0),
+        # It moved on at 550: what has a duration plays to its end, what would be held never begins, but it rests anew.
+        (700, "-----", None),
+        (740, "F----", 30.0),
+        (940, "F----", 20.0),
+    ]
+
+
+def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
+    path_mm = [10, 12, 14, 16, 18, 14.5, 9.9, 14.9, 15.1, 26]
+    for frame, place_mm in enumerate(path_mm):
+        seen.at(10 * frame, touch(1, place_mm))
+    felt_ms = [time_ms for time_ms, _, level_db in seen.moments if level_db is not None]
+    # Marks at 10, 15, 20, 25 mm, each felt when it is reached from another one: 15, 10, 15, then 25 past 20.
+    assert felt_ms == [30, 60, 80, 90]
+
+
+def test_what_a_drag_holds_lasts_until_it_rests() -> None:
+    seen = story(Rule(Trigger.DRAG, HELD, every_m=1 * MM))
+    for frame in range(20):
+        seen.at(50 * frame, touch(1, 10 + 1.5 * frame))
+    last_mark_ms = 950
+    assert seen.until(5000).moments == [(50, "F----", 20.0), (last_mark_ms + DRAG_REST_NS / MS, "-----", None)]
+
+
+def test_the_way_to_a_drag_rule_does_not_count() -> None:
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=10 * MM, region_m=(0.05, 0.1)))
+    for frame, place_mm in enumerate([10, 30, 45, 51, 54, 56, 70]):
+        seen.at(10 * frame, touch(1, place_mm))
+    # The last place before the region is 45 mm: the first mark in it is at 55 mm.
+    assert [time_ms for time_ms, _, level_db in seen.moments if level_db is not None] == [50, 60]
+
+
+def test_a_lift_is_felt_where_the_finger_was_and_only_while_it_is_felt() -> None:
+    held = Rule(Trigger.TOUCH, pulse((None, 5.0)), zones=frozenset({4}))
+    seen = story(Rule(Trigger.LIFT, pulse((20, 20.0), (10, None), (20, 10.0))), held)
+    seen.at(0, touch(1, 10), touch(2, 210))
+    seen.at(8, touch(1, 60), touch(2, 210))
+    seen.at(16, touch(2, 210))
+    assert seen.until(1000).moments == [
+        (0, "q---F", 5.0),
+        (8, "-q--F", 5.0),
+        (16, "-F--F", 20.0),
+        (36, "----F", 5.0),
+        (46, "-F--F", 10.0),
+        (66, "----F", 5.0),
+    ]
+    assert (seen.player.next_change_ns, seen.player.lifted) == (None, [])
+
+
+def test_a_finger_that_comes_back_does_not_end_what_the_lifted_one_left() -> None:
+    seen = story(Rule(Trigger.LIFT, burst(20.0, 100)))
+    seen.at(0, touch(1, 10))
+    seen.at(10)
+    seen.at(20, touch(1, 60))
+    assert seen.until(1000).moments == [(10, "F----", 20.0), (20, "Fq---", 20.0), (110, "-----", None)]
+
+
+def test_one_finger_for_another_in_one_frame_is_a_lift_and_a_touch() -> None:
+    seen = story(Rule(Trigger.TOUCH, burst(10.0, 50)), Rule(Trigger.LIFT, burst(30.0, 20)))
+    seen.at(0, touch(1, 10))
+    seen.at(100, touch(2, 60))
+    assert seen.until(1000).moments == [
+        (0, "F----", 10.0),
+        (50, "-----", None),
+        (100, "FF---", 30.0),
+        (120, "-F---", 10.0),
+        (150, "-----", None),
+    ]
+
+
+def test_the_newest_effect_takes_the_place_of_the_one_under_way() -> None:
+    seen = story(
+        Rule(Trigger.TOUCH, HELD),
+        Rule(Trigger.DRAG, burst(30.0, 10), every_m=5 * MM),
+        Rule(Trigger.HOLD, burst(5.0, 10), after_ns=200 * MS),
+    )
+    seen.at(0, touch(1, 10))
+    seen.at(50, touch(1, 16))
+    assert seen.until(1000).moments == [
+        (0, "F----", 20.0),
+        (50, "F----", 30.0),
+        (60, "-----", None),
+        (250, "F----", 5.0),
+        (260, "-----", None),
+    ]
+
+
+def all_triggers() -> Sequence[Rule]:
+    return (
+        Rule(Trigger.TOUCH, pulse((20, 10.0), (None, 5.0)), zones=frozenset({0, 2, 4})),
+        Rule(Trigger.HOLD, pulse((30, 30.0), (None, 2.0)), after_ns=60 * MS),
+        Rule(Trigger.DRAG, pulse((7, 20.0), (None, 1.0)), every_m=4 * MM),
+        Rule(Trigger.LIFT, pulse((25, 15.0), (5, None), (5, 25.0))),
+    )
+
+
+frames = st.lists(
+    st.tuples(st.integers(1, 80), st.dictionaries(st.integers(1, 3), st.integers(0, 249), max_size=3)), max_size=25
+)
+
+
+@given(frames)
+def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(path: list[tuple[int, dict[int, int]]]) -> None:
+    seen = story(*all_triggers())
+    time_ms = 0
+    for step_ms, places_mm in path:
+        time_ms += step_ms
+        seen.at(time_ms, *(touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()))
+        shown = letters(seen.player.placement)
+        if seen.player.level_db is not None and not seen.player.joined:
+            assert all(shown[place_mm // 50] != "-" for place_mm in places_mm.values())
+        assert ("F" in shown) == (seen.player.level_db is not None)
+    seen.at(time_ms + 1)
+    seen.until(time_ms + 1000)
+    assert (seen.player.placement, seen.player.level_db, seen.player.next_change_ns) == (None, None, None)
+
+
+@given(frames)
+def test_looking_more_often_changes_nothing(path: list[tuple[int, dict[int, int]]]) -> None:
+    seldom, often = story(*all_triggers()), story(*all_triggers())
+    time_ms = 0
+    for step_ms, places_mm in path:
+        touches = [touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()]
+        for between_ms in range(time_ms + 1, time_ms + step_ms):
+            often.player.advance_effects(between_ms * MS)
+            often.note(between_ms)
+        time_ms += step_ms
+        seldom.at(time_ms, *touches)
+        often.at(time_ms, *touches)
+    assert often.moments == seldom.moments
+
+
+CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0)),))
+
+
+def test_fingers_that_come_together_click_together_and_a_later_click_quiets_them() -> None:
+    both = [touch(1, 10), touch(2, 210)]
+    seen = Story(CLICKS)
+    seen.at(0, *both)
+    seen.at(20, *both, touch(3, 110))
+    assert seen.until(100).moments == [(0, "C---C", 20.0), (20, "q-C-q", 20.0), (50, "-----", None)]
+
+
+def test_a_click_interrupts_what_is_held_for_its_length() -> None:
+    seen = story(Rule(Trigger.TOUCH, HELD, zones=frozenset({0})), Rule(Trigger.TOUCH, click(15.0)))
+    seen.at(0, touch(1, 10))
+    seen.at(50, touch(1, 10), touch(2, 110))
+    assert seen.until(200).moments == [(0, "F----", 20.0), (50, "q-C--", 15.0), (80, "F-q--", 20.0)]
+
+
+def test_a_texture_is_a_click_for_each_distance() -> None:
+    seen = story(Rule(Trigger.DRAG, click(20.0), every_m=4 * MM))
+    for time_ms in range(0, 100, 8):
+        seen.at(time_ms, touch(1, 10.01 + time_ms / 7.9))  # a little more than 1 mm each 8 ms
+    assert [time_ms for time_ms, zones, _ in seen.moments if "C" in zones] == [32, 64, 96]
+
+
+def test_a_click_lasts_as_long_as_the_table_says() -> None:
+    player = EffectPlayer(CLICKS, click_length_ns=12 * MS)
+    player.take_touches([touch(1, 10)], 5 * MS)
+    assert player.next_change_ns == 17 * MS
+
+
+def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make() -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD),)))
+    placed, changed = list[float](), list[bool]()
+    for place_mm in (40.0, 40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0):
+        changed.append(player.take_touches([touch(1, place_mm)], 0))
+        assert player.placement is not None
+        placed.append(round(player.placement.position_m[0].real / MM, 3))
+    assert placed == [40.0, 40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
+    assert changed == [True, *(later != earlier for earlier, later in pairwise(placed))]
+
+
+def test_a_click_keeps_the_placement_that_it_began_with() -> None:
+    feels = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({0})),))
+    player = EffectPlayer(feels)
+    player.take_touches([touch(2, 110)], 0)
+    player.take_touches([touch(2, 110), touch(1, 10)], 10 * MS)
+    began = player.placement
+    assert began == Placement((0.01, 0.11), (True, False))
+    for touches in ([touch(2, 130), touch(1, 20)], [touch(2, 130), touch(1, 20), touch(3, 200)], [touch(1, 20)]):
+        player.take_touches(touches, 20 * MS)
+        assert (player.placement, player.level_db, player.click_ns) == (began, 20.0, 10 * MS)
+    player.advance_effects(40 * MS)
+    assert (player.placement, player.click_ns) == (None, None)
+
+
+def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
+    player = EffectPlayer(CLICKS)
+    player.take_touches([touch(1, 10)], 0)
+    player.take_touches([touch(1, 10), touch(2, 110)], 5 * MS)
+    player.take_touches([touch(1, 10)], 10 * MS)
+    assert (player.placement, player.click_ns) == (None, None)
+    player.take_touches([touch(1, 10), touch(3, 110)], 15 * MS)
+    assert player.placement == Placement((0.01, 0.11), (False, True)) and player.click_ns == 15 * MS
+
+
+def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
+    near_mm = 0.9 * CLOSEST_M / MM
+    first_feels = Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)),))
+    player = EffectPlayer(first_feels)
+    player.take_touches([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
+    assert (player.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
+    last_feels = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)),)))
+    last_feels.take_touches([touch(1, 15), touch(2, 15 + near_mm)], 0)
+    assert last_feels.placement == Placement(((15 + near_mm) * MM,), (True,))
+
+
+def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
+    player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)),)))
+    player.take_touches([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
+    placement = player.placement
+    assert placement is not None
+    assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
+    assert placement.position_m[-1] == 0.23 and 0.17 not in placement.position_m

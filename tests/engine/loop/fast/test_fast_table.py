@@ -1,0 +1,94 @@
+"""The clicks as the compiled step reads them: what is in the arrays, what is left out, and how small they travel."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.loop.fast.fast_layout import NONE
+from engine.loop.fast.fast_table import FastTable, with_fast_table
+from engine.render.link_commands import PlayCommand
+from engine.render.renderer import WhenNotAchieved
+from engine.touch.places import Places
+from firmware_link.protocol.basis import Basis, BasisSet
+from firmware_link.protocol.messages import encode_play
+from tests.engine.loop.fast.scripts import LOUD_DB, varied_clicks
+from tests.engine.loop.rig import DEVICE, Rig, recording_of, report
+from tests.engine.made_clicks import click_of, every_click, made_clicks, places_of
+from tests.engine.made_states import LEVEL_DB
+
+LEVELS_DB = (LEVEL_DB, LOUD_DB, float("inf"))
+EFFECTS = Effects(tuple(Rule(Trigger.TOUCH, click(level_db)) for level_db in LEVELS_DB))
+IDLE = recording_of((0.0, report()))
+
+
+def table_of(rig: Rig) -> FastTable:
+    assert rig.rendering.fast_table is not None
+    return rig.rendering.fast_table
+
+
+@pytest.mark.parametrize("when_not_achieved", [WhenNotAchieved.WARN, WhenNotAchieved.REFUSE])
+def test_every_click_of_every_level_is_the_one_that_the_renderer_gives(when_not_achieved: WhenNotAchieved) -> None:
+    clicks = varied_clicks(DEVICE)
+    rig = Rig(IDLE, effects=EFFECTS, clicks=clicks, when_not_achieved=when_not_achieved)
+    table, refused = table_of(rig), 0
+    for level, level_db in enumerate(table.levels_db):
+        for row in range(len(clicks)):
+            command = rig.renderer.render(clicks[row].placement, level_db, is_click=True)
+            basis_set, fraction_bits, count = table.head[row].tolist()
+            amplitude = int(table.amplitude[level, row])
+            if isinstance(command, PlayCommand):
+                weights = table.weights[row, :count].tolist()
+                assert encode_play(basis_set, fraction_bits, amplitude, weights) == command.click.play
+            else:
+                refused += 1
+                assert amplitude == NONE
+    assert (refused > 0) == (when_not_achieved is WhenNotAchieved.REFUSE)
+
+
+def test_a_set_that_the_device_does_not_hold_is_not_played() -> None:
+    clicks = varied_clicks(DEVICE)
+    rig = Rig(IDLE, effects=EFFECTS, clicks=clicks)
+    rig.renderer.clicks.basis = replace(rig.renderer.clicks.basis, sets={1: 0})
+    assert rig.session.link.capabilities is not None
+    table = with_fast_table(rig.rendering, rig.session.link.capabilities).fast_table
+    assert table is not None
+    assert ((table.amplitude == NONE) == (clicks.basis_set == 0)).all()
+    assert (table.head[clicks.basis_set == 1, 0] == 0).all()
+
+
+def test_places_of_a_plate_and_more_places_or_zones_than_there_is_room_for_take_the_long_way() -> None:
+    rig = Rig(IDLE, effects=EFFECTS, clicks=every_click(DEVICE))
+    assert rig.session.link.capabilities is not None
+    zones = tuple(replace(DEVICE.zones[0], name=str(number)) for number in range(17))
+    rendering = replace(rig.rendering, device=replace(DEVICE, zones=zones))
+    assert with_fast_table(rendering, rig.session.link.capabilities).fast_table is None
+    for places in (Places(DEVICE.bar.length_m, 1100), Places(0.3 + 0.18j, 3, 4)):
+        other = replace(every_click(DEVICE), places=places)
+        assert Rig(IDLE, effects=EFFECTS, clicks=other).rendering.fast_table is None
+
+
+def test_a_click_too_long_for_a_frame_of_one_block_is_left_to_the_loop() -> None:
+    placement = places_of(DEVICE).placement((5,))
+    few = click_of(DEVICE, placement)
+    many = replace(few, weights=np.ones(121, np.int16), basis=_wide_basis(few.basis.sample_rate_hz))
+    table = table_of(Rig(IDLE, effects=EFFECTS, clicks=made_clicks(DEVICE, [many])))
+    assert (table.amplitude == NONE).all()
+
+
+def _wide_basis(sample_rate_hz: int) -> Basis:
+    return Basis(sample_rate_hz, (BasisSet(np.zeros((121, 11), np.int16), np.arange(121, dtype=np.uint8) % 2),))
+
+
+def test_what_the_renderer_holds_already_travels_once() -> None:
+    rendering = Rig(IDLE, effects=EFFECTS, clicks=varied_clicks(DEVICE)).rendering
+    alone = replace(rendering, fast_table=None)
+    table, received = rendering.fast_table, pickle.loads(pickle.dumps(rendering))
+    assert table is not None
+    more = len(pickle.dumps(rendering)) - len(pickle.dumps(alone))
+    assert more < table.amplitude.nbytes + table.head.nbytes + 1000
+    assert received.fast_table.pair is received.renderer.clicks.clicks.pair

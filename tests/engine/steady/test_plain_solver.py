@@ -1,0 +1,57 @@
+"""Steady drives without kernels beside those of the compiled solver, from the same modes."""
+
+import numpy as np
+import pytest
+
+from engine.steady.plain_solver import PlainSolver
+from tests.engine.steady.solvers import DEVICES, designer_of
+
+MOST_LOST_DB, MEDIAN_LOST_DB = 4.0, 1.0
+"""Of the expected contrast, or of the level where the loudest drive is asked for."""
+ENOUGH_DB = 25.0
+"""With it a finger beside one at 20 dB is 5 dB below the threshold: more is not felt."""
+
+
+@pytest.mark.parametrize("name", ["reference-a", "reference-t"])
+def test_drives_are_nearly_as_good_as_those_of_the_compiled_solver(name: str) -> None:
+    device = DEVICES[name]
+    exact, random, lost_db = designer_of(device).solver, np.random.default_rng(7), list[float]()
+    plain = PlainSolver(device, designer_of(device).modes)
+    for fingers in (2, 2, 2, 2, 3, 3, 4):
+        position_m = (np.arange(fingers) + random.uniform(0.2, 0.8, fingers)) * device.bar.length_m / fingers
+        felt = [finger != fingers - 1 if fingers == 4 else finger == 0 for finger in range(fingers)]
+        best, found = (each.solve(position_m.tolist(), felt, 20.0) for each in (exact, plain))
+        assert (found.objective, found.achieved) == (best.objective, best.achieved)
+        assert found.weakest_felt_db == pytest.approx(20.0, abs=1e-6)
+        assert found.expected_contrast_db is not None and best.expected_contrast_db is not None
+        lost_db.append(min(best.expected_contrast_db, ENOUGH_DB) - found.expected_contrast_db)
+    assert max(lost_db) < MOST_LOST_DB
+    assert np.median(lost_db) < MEDIAN_LOST_DB
+
+
+def test_a_level_out_of_reach_and_full_scale_are_answered_by_the_loudest_drive() -> None:
+    device = DEVICES["reference-t"]
+    exact, plain = designer_of(device).solver, PlainSolver(device, designer_of(device).modes)
+    for felt in ([True, False], [True, True]):
+        for level_db in (np.inf, 90.0):
+            best, found = (each.solve([0.06, 0.21], felt, level_db) for each in (exact, plain))
+            assert (found.objective, found.achieved) == ("level", best.achieved)
+            assert max(found.amplitudes) == pytest.approx(device.limits.amplitude)
+            assert found.weakest_felt_db > best.weakest_felt_db - MOST_LOST_DB
+
+
+def test_an_actuator_is_still_outside_its_band() -> None:
+    device = DEVICES["reference-a"].with_values({"actuator[1].band": ["60 Hz", "120 Hz"]})
+    plain = PlainSolver(device, designer_of(DEVICES["reference-a"]).modes)
+    for position_m in ([0.03, 0.2], [0.1, 0.25]):
+        drive = plain.solve(position_m, [True, False], 20.0)
+        assert drive.frequency_hz <= 120.0 or drive.amplitudes[0] == 0.0
+
+
+def test_a_finger_alone_gets_the_share_of_its_zone() -> None:
+    device = DEVICES["reference-a"]
+    exact, plain = designer_of(device).solver, PlainSolver(device, designer_of(device).modes)
+    for at_m in (0.03, 0.14, 0.25):
+        best, found = (each.solve([at_m], [True], 20.0) for each in (exact, plain))
+        assert found.objective == best.objective == "localized factor"
+        assert 0.8 * best.value < found.value < 1.05 * best.value

@@ -1,0 +1,105 @@
+"""Laws of the clicks of a table: found by the places and roles of fingers, and given back as they were written."""
+
+import pickle
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.table import ClickEntry, Clicks, Table, TableError
+from engine.table.click_grid import NO_ROW
+from engine.touch import Placement, PlacementError
+from firmware_link.protocol.basis import Basis, BasisSet
+from tests.engine.made_clicks import click_of, every_click, in_zones, made_clicks, places_of
+from tests.engine.made_table import write_table
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+PLACES = places_of(DEVICE)
+PLACEMENTS = [in_zones(DEVICE, *each) for each in (([2],), ([0], [3]), ([3], [0]), ([0, 4],), ([1], [0, 4]))]
+
+
+def same(one: ClickEntry, other: ClickEntry) -> bool:
+    """Equal in everything, basis and samples too."""
+    arrays = ("basis", "weights", "samples")
+    fields = [{key: value for key, value in click.__dict__.items() if key not in arrays} for click in (one, other)]
+    assert one.weights.dtype == other.weights.dtype and one.samples.dtype == other.samples.dtype
+    is_alike = np.array_equal(one.weights, other.weights) and np.array_equal(one.samples, other.samples)
+    return fields[0] == fields[1] and is_alike and one.basis.hash == other.basis.hash
+
+
+def varied_clicks() -> list[ClickEntry]:
+    """Clicks of two sets of a basis, with chance weights; the third passes no threshold at two levels."""
+    chance = np.random.default_rng(1)
+    sets = []
+    for functions, samples in ((7, 61), (12, 121)):
+        values = chance.integers(-32_767, 32_767, (functions, samples)).astype(np.int16)
+        values[:, [0, -1]] = 0
+        sets.append(BasisSet(values, (np.arange(functions) % 2).astype(np.uint8)))
+    basis, clicks = Basis(4000, tuple(sets)), []
+    for i, placement in enumerate(PLACEMENTS):
+        weights = chance.integers(-2_000, 2_000, len(sets[i % 2].actuators)).astype(np.int16)
+        made = replace(click_of(DEVICE, placement), basis=basis, basis_set=i % 2, weights=weights, fraction_bits=14)
+        clicks.append(made)
+    clicks[3] = replace(clicks[3], exceeds_s={10.0: None, 20.0: None, inf: 0.01})
+    return clicks
+
+
+def test_a_table_gives_its_clicks_back(tmp_path: Path) -> None:
+    clicks = varied_clicks()
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE, clicks)) as table:
+        assert all(same(one, other) for one, other in zip(table.clicks, clicks, strict=True))
+        assert table.places == PLACES and table.clicks.tolerance_m == clicks[0].tolerance_m
+    found = table.click_for(["I"], ["IV"], 20.0)
+    assert (found.placement, found.level_db) == (PLACEMENTS[1], 20.0)
+    assert table.click_for(["30 mm"], [0.19]).placement == PLACEMENTS[1]
+    with pytest.raises(TableError, match=r"no click for fingers at 27\.94 mm, 251\.46 mm"):
+        table.click_for(["I"], ["V"])
+    with pytest.raises(PlacementError, match="one finger to the surface"):
+        table.click_for(["I"], ["I"])
+    assert table.click_at(Placement.on(DEVICE, [0.01]), 20.0) is None
+
+
+def test_a_table_without_clicks_has_places_and_solves_drives_all_the_same(tmp_path: Path) -> None:
+    with Table.open(write_table(tmp_path / "bar.nc", DEVICE)) as table:
+        assert not table.clicks and list(table.clicks) == [] and table.clicks.basis is None
+        assert table.places == PLACES and table.click_at(PLACEMENTS[0], 20.0) is None
+        assert (table.clicks.pair == NO_ROW).all()
+        drive = table.drive_for(["35 mm"], ["IV"], 14.0)
+    assert drive.felt == (True, False) and drive.wanted_level_db == 14.0
+    assert drive.level_db[0] > drive.level_db[1]
+
+
+def test_every_row_is_found_by_its_key_and_no_other_key_finds_it() -> None:
+    clicks = every_click(DEVICE)
+    for row in range(len(clicks)):
+        assert clicks.row_of(clicks.key_of(row)) == row
+        assert PLACES.key(clicks[row].placement) == clicks.key_of(row)
+    assert sorted(np.unique(clicks.pair).tolist()) == [NO_ROW, *range(len(clicks))]
+    assert clicks.row_of((0,)) is None  # a quiet finger alone has no click
+    assert clicks.row_of((2, 3)) is None  # two fingers at one place
+
+
+def test_clicks_are_given_by_number_slice_and_key_and_the_renderer_reads_the_same() -> None:
+    clicks = made_clicks(DEVICE, varied_clicks())
+    assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
+    with pytest.raises(IndexError):
+        clicks[5]
+    three_fingers = PLACES.key(PLACEMENTS[4])
+    assert clicks.row_of(three_fingers) == 4 and clicks.row_of(tuple(code ^ 1 for code in three_fingers)) is None
+    for row, click in enumerate(clicks):
+        own = len(click.weights)
+        assert np.array_equal(clicks.weights[row, :own], click.weights) and not clicks.weights[row, own:].any()
+        assert clicks.fraction_bits[row] == click.fraction_bits and clicks.basis_set[row] == click.basis_set
+        assert clicks.felt_low_db[row] == click.level_db
+
+
+def test_clicks_travel_to_another_process_as_arrays() -> None:
+    clicks = every_click(DEVICE)
+    data = pickle.dumps(clicks)
+    arrays = sum(value.nbytes for value in vars(clicks).values() if isinstance(value, np.ndarray))
+    assert len(data) < arrays + 10_000
+    again: Clicks = pickle.loads(data)
+    assert all(same(one, other) for one, other in zip(again, clicks, strict=True))

@@ -1,0 +1,98 @@
+"""Laws of a plan: each reading shrinks what is unknown as predicted, the best first, nodes avoided, bands kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from precompute.calibration.confidence import Confidence
+from precompute.calibration.measuring_plan import (
+    Accuracy,
+    Criterion,
+    plan_after,
+    plan_first,
+    plan_readings,
+    prior_information,
+    propose_candidates,
+)
+from precompute.measurements.model import MeasurementModel
+from precompute.measurements.parameters import find_parameters, paper_names
+from precompute.measurements.types import lay_out
+from tests.precompute.calibration.calibrations import noisy_calibration
+from tests.precompute.devices import random_device, shipped
+
+DEVICE = shipped("reference-a")
+PARAMETERS = find_parameters(DEVICE, paper_names(DEVICE), {}, 0.0)
+START = np.array([parameter.coordinate(parameter.start) for parameter in PARAMETERS])
+CANDIDATES = propose_candidates(DEVICE, PARAMETERS, START, 2e-3, Accuracy())
+PRIOR = prior_information(PARAMETERS)
+
+
+@pytest.mark.parametrize("index", [(5, 7), (500, 3), (1500, 20)])
+def test_a_candidate_has_the_slope_that_its_reading_would_have(index: tuple[int, int]) -> None:
+    drive, point = index
+    row = lay_out(CANDIDATES.frequency_hz[[drive]], CANDIDATES.position_m[[point]], 2e-3)
+    found = MeasurementModel(DEVICE, row, PARAMETERS).predict(np.array([p.start for p in PARAMETERS]))
+    rate = np.array([p.rate_at(x) for p, x in zip(PARAMETERS, START, strict=True)])
+    slope = found.by_parameter[0].real * rate
+    ratio = CANDIDATES.slope[drive, point] / slope
+    assert ratio == pytest.approx(ratio[0], rel=1e-6)
+    assert 0 < ratio[0] <= 1 / Accuracy().relative
+
+
+def test_candidates_keep_to_the_bands_and_do_not_beat() -> None:
+    device = random_device(seed=4)
+    parameters = find_parameters(device, ["actuator.full_scale"], {}, 0.0)
+    start = np.array([parameters[0].coordinate(parameters[0].start)])
+    hz = propose_candidates(device, parameters, start, 0.0, Accuracy()).frequency_hz
+    moved = (~np.isnan(hz)).sum(axis=1)
+    assert set(moved.tolist()) == {1, 2}
+    assert np.nanmin(hz) >= 60 and np.nanmax(hz) <= 300
+    pairs = np.sort(hz[moved == 2], axis=1)
+    assert (pairs[:, 1] - pairs[:, 0]).min() >= 10
+
+
+@pytest.mark.parametrize("criterion", Criterion)
+def test_readings_shrink_what_is_unknown_as_the_inverse_says(criterion: Criterion) -> None:
+    steps = plan_readings(CANDIDATES, PRIOR, 6, criterion)
+    information = PRIOR.copy()
+    for step in steps:
+        assert step.before == pytest.approx(np.sqrt(np.diag(np.linalg.inv(information))), rel=1e-6)
+        same = np.nan_to_num(CANDIDATES.frequency_hz) == np.nan_to_num(np.array(step.drive_hz))
+        drive = int(np.flatnonzero(same.all(axis=1))[0])
+        slope = CANDIDATES.slope[drive, int(np.abs(CANDIDATES.position_m - step.position_m).argmin())]
+        information += np.outer(slope, slope)
+        assert step.after == pytest.approx(np.sqrt(np.diag(np.linalg.inv(information))), rel=1e-6)
+        assert (step.after <= step.before * (1 + 1e-12)).all()
+    assert len({(str(step.drive_hz), step.position_m) for step in steps}) == 6
+
+
+def test_the_first_reading_is_the_best_of_all_by_its_criterion() -> None:
+    slope = CANDIDATES.slope.reshape(-1, len(PARAMETERS))
+    prior = np.linalg.inv(PRIOR)
+    told = np.einsum("cp,pq,cq->c", slope, prior, slope)
+    trace = np.einsum("cp,cp->c", slope @ prior, slope @ prior) / (1 + told)
+    volume, variance = (plan_readings(CANDIDATES, PRIOR, 1, criterion)[0] for criterion in Criterion)
+    ratio = np.linalg.det(PRIOR + np.outer(slope[told.argmax()], slope[told.argmax()])) / np.linalg.det(PRIOR)
+    assert ratio == pytest.approx(1 + told.max(), rel=1e-6)
+    assert (variance.before**2 - variance.after**2).sum() == pytest.approx(trace.max(), rel=1e-6)
+    assert (volume.before**2 - volume.after**2).sum() <= trace.max() * (1 + 1e-9)
+
+
+def test_a_plan_after_measurements_begins_where_they_end() -> None:
+    found = noisy_calibration()
+    plan = plan_after(found, Accuracy(), 4, Criterion.VOLUME)
+    confidence = Confidence(found.information, found.information, np.array([p.prior for p in found.parameters]), 60)
+    assert plan.steps[0].before == pytest.approx(np.sqrt(np.diag(confidence.covariance)), rel=1e-6)
+    summary = plan.summary()
+    assert len(summary["readings"]) == 4
+    for parameter in summary["parameters"]:
+        assert parameter["standard_error_after"] <= parameter["standard_error"]
+    assert all(0 <= shrunk < 1 for step in summary["readings"] for shrunk in step["shrinks"].values())
+
+
+def test_a_plan_with_nothing_measured_begins_with_the_bounds() -> None:
+    plan = plan_first(DEVICE, ["bar.density"], {"bar.density": (2600, 2800)}, 0.0, Accuracy(), 1, Criterion.VARIANCE)
+    (parameter,) = plan.parameters
+    assert plan.steps[0].before[0] == pytest.approx(parameter.prior)
+    assert replace(parameter, low=1.0).prior > parameter.prior

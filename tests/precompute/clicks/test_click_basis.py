@@ -1,0 +1,55 @@
+"""Laws of the tones: in their band, evenly spaced, at rest at both ends."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.device import Device
+from precompute.clicks.click_basis import (
+    SAMPLE_RATE_HZ,
+    interpolated,
+    make_tones,
+    orthogonalised,
+)
+from tests.precompute.devices import any_device, shipped
+
+Array = NDArray[np.float64]
+LENGTH_S = 0.02
+
+
+@any_device
+@pytest.mark.parametrize("length_s", [0.01, 0.02, 0.03, 0.04])
+@pytest.mark.parametrize("crowding", [1.0, 1.5])
+def test_tones_lie_in_the_band_evenly_as_close_as_asked(device: Device, length_s: float, crowding: float) -> None:
+    tones = make_tones(device, length_s, crowding)
+    time_s = (np.arange(tones.wave.shape[1]) - (tones.wave.shape[1] - 1) / 2) / SAMPLE_RATE_HZ
+    window = np.cos(np.pi * time_s[1:-1] / length_s)
+    for index, actuator in enumerate(device.actuators):
+        cosines = tones.wave[tones.actuator == index][::2, 1:-1] / window
+        step = np.arccos(np.clip(cosines[:, len(time_s) // 2], -1, 1))  # one sample after the middle
+        found_hz = step * SAMPLE_RATE_HZ / (2 * np.pi)
+        low_hz, high_hz = actuator.band_hz
+        assert found_hz[0] - low_hz == pytest.approx(high_hz - found_hz[-1], abs=1e-6)
+        assert 0 <= found_hz[0] - low_hz <= 0.5 / (crowding * length_s) + 1e-6
+        assert all(b - a == pytest.approx(1 / (crowding * length_s)) for a, b in pairwise(found_hz.tolist()))
+
+
+@pytest.mark.parametrize("crowding", [1.0, 1.5, 4.0])
+def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> None:
+    tones = make_tones(shipped("reference-a"), LENGTH_S, crowding)
+    apart = orthogonalised(tones)
+    for actuator in range(2):
+        wave, new = (each.wave[each.actuator == actuator] for each in (tones, apart))
+        products = new @ new.T
+        assert products == pytest.approx(products[0, 0] * np.eye(len(new)), abs=1e-9 * products[0, 0])
+        left = wave - (wave @ new.T / products[0, 0]) @ new
+        assert abs(left).max() <= 1e-2
+    assert len(apart.wave) <= len(tones.wave) and not apart.wave[:, [0, -1]].any()
+
+
+def test_between_samples_there_are_straight_lines() -> None:
+    wave = np.random.default_rng(0).normal(size=(2, 7))
+    fine = interpolated(wave)
+    assert fine == pytest.approx(np.stack([np.interp(np.arange(13) / 2, np.arange(7), row) for row in wave]))

@@ -1,0 +1,157 @@
+"""Laws of planning: folder, manifest and study name the same units, and what is wrong in them is refused by name."""
+
+from pathlib import Path
+
+import pytest
+
+from engine.device import Device, DeviceError
+from engine.device.texts import text_with_values
+from precompute.fleet.fleet_plan import plan_fleet
+from precompute.fleet.units import FleetError, Unit
+from tests.precompute.fleet.small_fleet import small_text
+
+
+def written(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_subfolder_is_a_unit(tmp_path: Path) -> None:
+    for name in (
+        "b/device.toml",
+        "b/other.toml",
+        "a/bar.toml",
+        "a/measurements.nc",
+        "a/notes.csv",
+        ".hidden/device.toml",
+    ):
+        written(tmp_path / name, "")
+    written(tmp_path / "loose.toml", "")
+    (tmp_path / "empty").mkdir()
+    assert plan_fleet(tmp_path) == [
+        Unit("a", tmp_path / "a/bar.toml", tmp_path / "a/measurements.nc"),
+        Unit("b", tmp_path / "b/device.toml"),
+        Unit("empty", tmp_path / "empty/device.toml"),
+    ]
+
+
+def test_toml_and_csv_say_the_same(tmp_path: Path) -> None:
+    toml = """
+        [[unit]]
+        name = "4000"
+        device = "bars/4000.toml"
+        measurements = "data/4000.csv"
+        [[unit]]
+        name = "4001"
+        device = "/elsewhere/4001.toml"
+        values = { "actuator[1].stiffness" = "19 kN/m", "zones.count" = "4" }
+    """
+    text = """name,device,measurements,actuator[1].stiffness, zones.count
+        4000,bars/4000.toml,data/4000.csv,,
+
+        4001,/elsewhere/4001.toml,,19 kN/m,4
+    """
+    expected = [
+        Unit("4000", tmp_path / "bars/4000.toml", tmp_path / "data/4000.csv"),
+        Unit("4001", Path("/elsewhere/4001.toml"), None, {"actuator[1].stiffness": "19 kN/m", "zones.count": "4"}),
+    ]
+    assert plan_fleet(written(tmp_path / "fleet.toml", toml)) == expected
+    assert plan_fleet(written(tmp_path / "fleet.csv", text)) == expected
+
+
+STUDY = """
+[study]
+device = "bar.toml"
+{}
+[study.values]
+"bar.thickness" = ["0.7 mm", "0.9 mm"]
+"zones.count" = ["3", "4"]
+"""
+
+
+def test_a_study_without_a_count_is_every_combination(tmp_path: Path) -> None:
+    units = plan_fleet(written(tmp_path / "study.toml", STUDY.format("").replace('"0.9 mm"', '"0.8 mm", "0.9 mm"')))
+    assert [unit.name for unit in units] == ["0", "1", "2", "3", "4", "5"]
+    assert {tuple(unit.values.values()) for unit in units} == {
+        (f"{thickness} mm", count) for thickness in ("0.7", "0.8", "0.9") for count in ("3", "4")
+    }
+    assert {unit.device for unit in units} == {tmp_path / "bar.toml"}
+
+
+def test_a_sample_fills_the_box_evenly_and_the_same_seed_gives_the_same(tmp_path: Path) -> None:
+    text = STUDY.format("count = 20\nseed = 5").replace(
+        '"zones.count" = ["3", "4"]', '"finger.mass" = ["1e-1 g", "3e-1 g"]'
+    )
+    units = plan_fleet(written(tmp_path / "study.toml", text))
+    assert [unit.name for unit in units] == [f"{i:02d}" for i in range(20)]
+    for key, low, high, unit in (("bar.thickness", 0.7, 0.9, "mm"), ("finger.mass", 0.1, 0.3, "g")):
+        numbers = [float(each.values[key].removesuffix(f" {unit}")) for each in units]
+        assert sorted(int((number - low) / (high - low) * 20) for number in numbers) == list(range(20))
+    assert plan_fleet(written(tmp_path / "again.toml", text)) == units
+    assert plan_fleet(written(tmp_path / "other.toml", text.replace("seed = 5", "seed = 6"))) != units
+
+
+UNIT = '[[unit]]\nname = "a"\ndevice = "a.toml"\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "parts"),
+    [
+        ("f.toml", "", ("no key 'unit'",)),
+        ("f.toml", "name", ("not TOML",)),
+        ("f.toml", UNIT + 'devise = "x"', ("unit[1].devise", "unknown key", "device")),
+        ("f.toml", UNIT + "measurements = 3", ("unit[1].measurements", "3", "file")),
+        ("f.toml", UNIT + "values = { a = 3 }", ("unit[1].values.a", "3", "unit")),
+        ("f.toml", UNIT + UNIT, ("'a'", "two units")),
+        ("f.toml", UNIT.replace('"a"', '".."'), ("'..'", "folder")),
+        ("f.csv", "", ("no column 'name'",)),
+        ("f.csv", "name,device\na,b,c\n", ("line 2", "3 cells", "2")),
+        ("f.csv", "name,device\na,\n", ("line 2", "device")),
+        ("f.csv", "name,device\n", ("no unit",)),
+        ("f.yaml", "", (".toml or .csv",)),
+        ("s.toml", STUDY.format("count = 0"), ("study.count", "0")),
+        ("s.toml", STUDY.format("cuont = 3"), ("study.cuont", "count")),
+        ("s.toml", STUDY.format("").replace('["3", "4"]', "[]"), ("study.values.zones.count", "[]")),
+        ("s.toml", STUDY.format("count = 3").replace('"0.9 mm"', '"0.9 cm"'), ("values.bar.thickness", "same unit")),
+        ("s.toml", '[study]\ndevice = "bar.toml"\n[study.values]\n', ("study.values", "at least one")),
+    ],
+)
+def test_what_is_wrong_is_refused_by_name(tmp_path: Path, name: str, text: str, parts: tuple[str, ...]) -> None:
+    with pytest.raises(FleetError) as error:
+        plan_fleet(written(tmp_path / name, text))
+    for part in (name, *parts):
+        assert part in str(error.value)
+
+
+def test_a_folder_without_folders_is_no_fleet(tmp_path: Path) -> None:
+    with pytest.raises(FleetError, match="no unit"):
+        plan_fleet(tmp_path)
+
+
+def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
+    text = small_text()
+    values = {
+        "bar.thickness": "0.8 mm",
+        "actuator[2].mass": "10 g",
+        "actuator.damping": "0.1 N*s/m",
+        "finger.mass": "0.2 g",
+        "name": "other",
+        "zones.count": "3",
+    }
+    changed = text_with_values(text, values, "bar")
+    device = Device.parse(changed, "bar")
+    assert [actuator.mass_kg for actuator in device.actuators] == pytest.approx([0.0095, 0.01])
+    assert [actuator.damping_n_s_per_m for actuator in device.actuators] == [0.1, 0.1]
+    assert device.bar.thickness_m == pytest.approx(0.8e-3)
+    assert (device.name, len(device.zones)) == ("other", 3)
+    lines, changed_lines = text.splitlines(), changed.splitlines()
+    assert sum(a != b for a, b in zip(lines, changed_lines, strict=True)) == len(values) + 1  # at each actuator
+
+
+@pytest.mark.parametrize(
+    "key", ["actuator[3].mass", "actuator[0].mass", "bar[1].width", "nowhere.mass", "bar.", "a.b.c", ""]
+)
+def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
+    with pytest.raises(DeviceError, match="bar: "):
+        text_with_values(small_text(), {key: "1 g"}, "bar")

@@ -1,0 +1,196 @@
+"""Laws of the plate: published and independent solutions, a beam, convergence, reciprocity, power, mirrors, clicks."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.typing import NDArray
+from skfem import Basis, BilinearForm, ElementTriArgyris, MeshTri
+
+from base.arrays import even_points
+from engine.device import Actuator, Device, Zone
+from engine.device.parts import Plate
+from engine.touch import Placement
+from precompute.clicks.nominal import NominalFingers
+from precompute.model.modes import compute_modes, seen_points
+from precompute.model.plate import PlatePlant, Ritz, assemble_plate, degrees_of, plate_matrices
+from precompute.model.response import solve_response
+from precompute.model.steady import compute_steady_state
+from tests.precompute.clicks.click_cases import solver_of
+from tests.precompute.devices import shipped
+
+TABLET = shipped("reference-p")
+POINTS_M = np.array([0.04 + 0.03j, 0.1 + 0.06j, 0.21 + 0.11j, 0.29 + 0.17j])
+HZ = np.array([60.0, 118.0, 187.0, 300.0])
+
+
+@cache
+def plant_of(device: Device) -> PlatePlant:
+    return assemble_plate(device)
+
+
+def frequencies_hz(plate: Plate, degrees: tuple[int, int], actuators: tuple[Actuator, ...] = ()) -> NDArray[np.float64]:
+    ritz = Ritz.of(plate, degrees)
+    K, M = plate_matrices(plate, ritz)
+    if actuators:
+        rows = ritz.at(np.array([actuator.position_m for actuator in actuators]))
+        K = K + (rows.T * [actuator.stiffness_n_per_m for actuator in actuators]) @ rows
+        M = M + (rows.T * [actuator.mass_kg for actuator in actuators]) @ rows
+    square = scipy.linalg.eigh(K, M, eigvals_only=True)
+    return np.sqrt(np.maximum(square, 0.0)) / (2 * np.pi)
+
+
+def test_a_free_square_plate_has_the_published_frequencies() -> None:
+    """Leissa, NASA SP-160, table 4.74: omega a^2 sqrt(rho h / D) for a Poisson's ratio of 0.3, after rigid ones."""
+    assert isinstance(TABLET.surface, Plate)
+    plate = replace(TABLET.surface, length_m=0.3, width_m=0.3, poissons_ratio=0.3)
+    unit = 2 * np.pi * 0.3**2 * np.sqrt(plate.density_kg_per_m3 * plate.thickness_m / plate.bending_n_m)
+    found = frequencies_hz(plate, (14, 14)) * unit
+    assert found[:3] == pytest.approx(0, abs=1e-2)
+    assert found[3:8] == pytest.approx([13.468, 19.596, 24.270, 34.801, 34.801], rel=1e-3)
+
+
+def test_a_strip_without_poissons_ratio_has_the_modes_of_the_bar() -> None:
+    """The strip also twists; actuators on its middle line do not move it so."""
+    device = shipped("reference-a")
+    bar, middle_m = device.bar, 0.5j * device.bar.width_m
+    values = {key: value for key, value in vars(bar).items() if key != "largest_element_m"}
+    strip = replace(
+        device,
+        surface=Plate(**values, poissons_ratio=0.0),
+        actuators=tuple(replace(each, position_m=each.position_m + middle_m) for each in device.actuators),
+        zones=tuple(replace(z, start_m=complex(z.start_m), stop_m=z.stop_m + 2 * middle_m) for z in device.zones),
+    )
+    assert isinstance(strip.surface, Plate)
+    modes, expected = (compute_modes(each, seen_points(each)[:1], 1000.0) for each in (strip, device))
+    assert len(expected) >= 6
+    for mode in expected:
+        near = min(modes, key=lambda other: abs(other.frequency_hz - mode.frequency_hz))  # used at once
+        assert near.frequency_hz == pytest.approx(mode.frequency_hz, rel=2e-3)
+        assert near.damping_ratio == pytest.approx(mode.damping_ratio, rel=0.02)
+
+
+def test_with_more_functions_frequencies_fall_less_and_less() -> None:
+    """Ritz's frequencies are upper bounds; with those that are used the ones in the band are converged."""
+    plate = TABLET.surface
+    assert isinstance(plate, Plate)
+    used = degrees_of(plate, TABLET.sweep.stop_hz)
+    few, many, more = (
+        frequencies_hz(plate, degrees, TABLET.actuators)[:12]
+        for degrees in ((12, 10), used, (used[0] + 12, used[1] + 12))
+    )
+    assert (few >= many * (1 - 1e-9)).all() and (many >= more * (1 - 1e-9)).all()
+    assert (many - more).max() < 0.1 * (few - more).max()
+    assert many == pytest.approx(more, rel=2e-3)
+
+
+def test_what_a_point_gets_of_a_force_at_another_it_gives_back() -> None:
+    plant = plant_of(TABLET).with_fingers([0.15 + 0.09j], TABLET.finger)
+    response = solve_response(plant, HZ, POINTS_M)
+    mutual = plant.sampler(POINTS_M).sample(response.displacement_m)[:, len(TABLET.actuators) :]
+    assert mutual == pytest.approx(mutual.transpose(0, 2, 1), rel=1e-9, abs=1e-12 * abs(mutual).max())
+
+
+def test_the_power_of_a_force_is_what_the_dampers_take() -> None:
+    plant = plant_of(TABLET).with_fingers([0.15 + 0.09j], TABLET.finger)
+    field = solve_response(plant, HZ, POINTS_M[:1]).displacement_m[:, -1]
+    omega = 2 * np.pi * HZ
+    moved = plant.sampler(POINTS_M[:1]).sample(field)[:, 0]
+    put_in = 0.5 * (1j * omega * moved).real
+    taken = 0.5 * omega**2 * np.einsum("fi,ij,fj->f", field.conj(), plant.C, field).real
+    assert put_in == pytest.approx(taken, rel=1e-6)
+
+
+def test_zones_share_what_the_whole_plate_has_and_a_zones_integral_is_that_of_its_points() -> None:
+    plant = plant_of(replace(TABLET, zones=(*TABLET.zones[:2], *TABLET.zones[3:])))
+    field = solve_response(plant, HZ).displacement_m
+    gram, zones = plant.gram(field), plant.device.zones
+    whole = np.einsum("fai,ij,fbj->fab", field.conj(), plant.integral_over(0j, TABLET.surface.corner_m), field)
+    assert gram.sum(axis=1) == pytest.approx(whole, rel=1e-9, abs=1e-12 * abs(whole).max())
+    missing = TABLET.zones[2]
+    beside = np.einsum("fai,ij,fbj->fab", field.conj(), plant.integral_over(missing.start_m, missing.stop_m), field)
+    assert gram[:, -1] == pytest.approx(beside, rel=1e-7, abs=1e-9 * abs(whole).max())
+    node, weight = np.polynomial.legendre.leggauss(40)
+    span_m = zones[1].stop_m - zones[1].start_m
+    x_m, y_m = (0.5 * (1 + node) * side for side in (span_m.real, span_m.imag))
+    seen = plant.sampler(zones[1].start_m + (x_m[:, None] + 1j * y_m).ravel()).sample(field)
+    area = 0.25 * span_m.real * span_m.imag * np.outer(weight, weight).ravel()
+    assert gram[:, 1] == pytest.approx(np.einsum("fap,p,fbp->fab", seen.conj(), area, seen), rel=1e-9, abs=1e-20)
+
+
+def test_a_mirrored_plate_moves_as_the_mirror_shows_it() -> None:
+    width_m = 1j * TABLET.surface.width_m
+
+    def mirror(point_m: complex) -> complex:
+        return point_m.conjugate() + width_m
+
+    zones = tuple(
+        Zone(zone.name, complex(a.real, b.imag), complex(b.real, a.imag))
+        for zone in TABLET.zones
+        for a, b in [(mirror(zone.start_m), mirror(zone.stop_m))]
+    )
+    actuators = tuple(replace(each, position_m=mirror(each.position_m)) for each in TABLET.actuators)
+    mirrored = plant_of(replace(TABLET, zones=zones, actuators=actuators))
+    own = solve_response(plant_of(TABLET), HZ)
+    other = solve_response(mirrored, HZ)
+    expected = own.acceleration(POINTS_M)
+    found = other.acceleration(np.array([mirror(point_m) for point_m in POINTS_M.tolist()]))
+    assert found == pytest.approx(expected, rel=1e-5, abs=1e-7 * abs(expected).max())
+
+
+def _bending(u: Any, v: Any, w: Any) -> Any:
+    both = (u.hess[0, 0] + u.hess[1, 1]) * (v.hess[0, 0] + v.hess[1, 1])
+    each = sum(u.hess[i, j] * v.hess[i, j] for i in range(2) for j in range(2))
+    return w.nu * both + (1 - w.nu) * each
+
+
+def test_its_responses_are_those_of_argyris_elements() -> None:
+    """Finite elements of degree five with a node at every actuator and at every point that is looked at."""
+    plate = TABLET.surface
+    assert isinstance(plate, Plate)
+    places_m = np.concatenate([np.array([each.position_m for each in TABLET.actuators]), POINTS_M[1:3]])
+    x_m, y_m = ([0.0, *side, end] for side, end in ((places_m.real, 0.3), (places_m.imag, 0.18)))
+    basis = Basis(MeshTri.init_tensor(np.unique(x_m), np.unique(y_m)), ElementTriArgyris(), intorder=8)
+    K = plate.bending_n_m * BilinearForm(_bending).assemble(basis, nu=plate.poissons_ratio).toarray()
+    M = plate.density_kg_per_m3 * plate.thickness_m * BilinearForm(lambda u, v, _: u * v).assemble(basis).toarray()
+    C = plate.mass_damping_per_s * M + plate.stiffness_damping_s * K
+    nodes_m = basis.mesh.p[0] + 1j * basis.mesh.p[1]
+    dof = basis.nodal_dofs[0, abs(nodes_m[:, None] - places_m).argmin(axis=0)]
+    for at, actuator in zip(dof[:4], TABLET.actuators, strict=True):
+        K[at, at] += actuator.stiffness_n_per_m
+        C[at, at] += actuator.damping_n_s_per_m
+        M[at, at] += actuator.mass_kg
+    found = solve_response(plant_of(TABLET), HZ).acceleration(places_m[4:])
+    for hz, moved in zip(HZ, found, strict=True):
+        w = 2 * np.pi * hz
+        force = np.zeros((len(K), 4), dtype=np.complex128)
+        force[dof[:4], range(4)] = [
+            (a.stiffness_n_per_m + 1j * w * a.damping_n_s_per_m) * a.full_scale_m for a in TABLET.actuators
+        ]
+        expected = -(w**2) * np.linalg.solve(K + 1j * w * C - w**2 * M, force)[dof[4:]].T
+        assert abs(moved - expected).max() <= 0.02 * abs(expected).max()
+
+
+def test_a_peak_lies_where_no_other_point_of_its_zone_moves_more() -> None:
+    plant, hz = plant_of(TABLET), np.full(4, 187.0)
+    amplitude = np.array([1.0, 0.4j, -0.7, 0.2])
+    state = compute_steady_state(plant, hz, amplitude)
+    field = np.einsum("a,ap->p", amplitude, solve_response(plant, hz[:1]).displacement_m[0])
+    for zone, peak, at_m in zip(TABLET.zones, state.peak, state.peak_position_m, strict=True):
+        fine_m = even_points(zone.start_m, zone.stop_m, 101, 91)
+        level = (2 * np.pi * 187.0) ** 2 * abs(plant.sampler(fine_m).sample(field))
+        assert peak == pytest.approx(level.max(), rel=2e-3)
+        assert abs(at_m - fine_m[level.argmax()]) < 3e-3
+    assert state.share.sum() == pytest.approx(1.0)
+
+
+def test_a_clicks_promise_is_kept_by_the_plate_in_time() -> None:
+    solver = solver_of("reference-p")
+    click = solver.solve_entry(Placement.named(TABLET, ["100 x 60 mm"], ["200 x 120 mm"]))
+    found = NominalFingers(TABLET).under(click, click.placement.position_m)
+    for finger, promised in zip(found, click.fingers, strict=True):
+        assert finger.level_db == pytest.approx(promised.level_db, abs=0.05)
+    assert click.felt.low_db > 14 and click.quiet is not None and click.quiet.high_db < 1

@@ -1,0 +1,58 @@
+"""The greatest acceleration of each place: a bound on every drive, met by the best one."""
+
+import numpy as np
+import pytest
+
+from precompute.model.assembly import assemble
+from precompute.model.frequencies import fine_frequencies
+from precompute.model.response import solve_response
+from precompute.studies.reach_along import compute_reach
+from tests.precompute.devices import every_device, shipped, with_actuators
+
+TENTH_DB = 10 ** (0.1 / 20)
+"""What may lie between two frequencies (tests/precompute/model/test_frequencies.py)."""
+
+
+@pytest.mark.parametrize("name", every_device())
+def test_no_drive_gives_a_place_more(name: str) -> None:
+    device = every_device()[name]
+    plant, place_m = assemble(device), np.linspace(0.0, device.bar.length_m, 21)
+    reach = compute_reach(plant, place_m)
+    random = np.random.default_rng(5)
+    for _ in range(40):
+        hz = random.uniform(60.0, 300.0, len(device.actuators))
+        amplitude = random.uniform(0.0, 1.0, len(hz))
+        each = abs(solve_response(plant, hz).acceleration(place_m))[np.arange(len(hz)), np.arange(len(hz))]
+        assert (amplitude @ each <= TENTH_DB * reach.tones).all()
+        together = np.exp(2j * np.pi * random.random(len(hz))) @ solve_response(plant, hz[:1]).acceleration(place_m)[0]
+        assert (abs(together) <= TENTH_DB * reach.one_tone).all()
+
+
+def test_the_drive_that_it_names_gives_what_it_says() -> None:
+    device = shipped("reference-t")
+    plant, place_m = assemble(device), np.array([0.03, 0.2])
+    reach = compute_reach(plant, place_m)
+    for k, at in enumerate(place_m):
+        each = abs(solve_response(plant, reach.tones_hz[k]).acceleration(np.array([at])))[:, :, 0]
+        assert np.diag(each).sum() == pytest.approx(reach.tones[k], rel=1e-9)
+        together = abs(solve_response(plant, reach.one_tone_hz[k : k + 1]).acceleration(np.array([at]))).sum()
+        assert together == pytest.approx(reach.one_tone[k], rel=1e-9)
+        assert reach.one_tone[k] <= reach.tones[k]
+
+
+def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
+    device = shipped("reference-a")
+    place_m = np.array([0.0, 0.05, 0.141, 0.2794])
+    reach = compute_reach(assemble(device), place_m, device.finger)
+    for k, at in enumerate(place_m):
+        plant = assemble(device).with_fingers([float(at)], device.finger)
+        hz = fine_frequencies(assemble(device))
+        under = abs(solve_response(plant, hz).acceleration(np.array([at])))[:, :, 0]
+        assert reach.tones[k] == pytest.approx(under.max(axis=0).sum(), rel=1e-9)
+
+
+def test_out_of_its_band_an_actuator_gives_nothing() -> None:
+    device = with_actuators(shipped("reference-a"), band_hz=(100.0, 110.0))
+    reach = compute_reach(assemble(device), np.array([0.05, 0.15]))
+    assert ((reach.tones_hz >= 100.0) & (reach.tones_hz <= 110.0)).all()
+    assert ((reach.one_tone_hz >= 100.0) & (reach.one_tone_hz <= 110.0)).all()

@@ -1,0 +1,35 @@
+"""Narrower zones: mirror laws, and the same figures as for the device itself."""
+
+import pytest
+
+from precompute.model.assembly import assemble
+from precompute.predict.untouched import greatest_factors
+from precompute.studies.placement_search import even_places, own_places
+from precompute.studies.two_fingers import solve_two_fingers
+from precompute.studies.zone_resolution import study_resolution, with_equal_zones
+from tests.precompute.devices import coarsely_swept, shipped
+
+
+def test_equal_zones_cover_the_bar() -> None:
+    device = with_equal_zones(shipped("reference-a"), 7)
+    assert [zone.name for zone in device.zones][-1] == "VII"
+    assert sum(zone.length_m for zone in device.zones) == pytest.approx(device.bar.length_m)
+    assert with_equal_zones(device, 5).zones == shipped("reference-a").zones
+
+
+def test_the_device_itself_has_its_own_figures() -> None:
+    device = with_equal_zones(coarsely_swept(shipped("reference-d")), 3)
+    (found,) = study_resolution(device, [own_places(device)], [3], 20.0, lambda _: None)
+    assert found.fingers.worst_db == pytest.approx(solve_two_fingers(device, 20.0).worst_db, abs=1e-9)
+    assert found.factor == pytest.approx(greatest_factors(assemble(device)), rel=1e-9)
+    assert found.zone_length_m == pytest.approx(device.bar.length_m / 3)
+
+
+def test_one_actuator_in_the_middle_cannot_tell_mirrored_fingers_apart() -> None:
+    device, done = coarsely_swept(shipped("reference-a")), list[float]()
+    two, three = study_resolution(device, [even_places(device, 1)], [2, 3], 20.0, done.append)
+    assert two.fingers.worst_db == pytest.approx(0.0, abs=0.5)  # sampled fingers are no mirror images
+    assert two.factor == pytest.approx([0.5, 0.5])
+    mirrored = [three.fingers.contrast_db[i, 2 - i] for i in (0, 2)]
+    assert mirrored == pytest.approx([0.0, 0.0], abs=0.5)
+    assert done == [0.5, 1.0]

@@ -1,0 +1,107 @@
+"""Laws of the page about a click: it says what the table promises, at every level, and where the click came from."""
+
+import json
+from dataclasses import astuple, replace
+from io import StringIO
+from math import inf
+
+import pytest
+from rich.console import Console
+
+from engine.touch import Placement
+from tactable.explain.click_source import ClickSource
+from tactable.explain.explained_click import Explained, click_json, explain_click, print_click
+from tests.tactable.click_table import placed
+
+
+def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf, rivals: bool = False) -> Explained:
+    return explain_click(source, placed(source, felt, quiet), level_db, rivals=rivals)
+
+
+def page_of(source: ClickSource, explained: Explained) -> str:
+    page = StringIO()
+    print_click(Console(file=page, width=80), source.table, explained)
+    return page.getvalue()
+
+
+def test_the_values_are_the_table_s(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III")
+    values, click = click_json(source.table, explained), source.table.click_for(["I"], ["III"], inf)
+    assert json.loads(json.dumps(values, allow_nan=False)) == values
+    assert click.quiet is not None
+    assert values["felt_db"] == dict(zip(("nominal", "5 %", "50 %", "95 %"), astuple(click.felt)[:4], strict=True))
+    assert values["quiet_db"]["95 %"] == click.quiet.high_db
+    assert values["wanted_level_db"] is None
+    assert (values["felt_zones"], values["quiet_zones"]) == (["I"], ["III"])
+    assert values["exceeds_s"] == click.exceeds_s[inf]
+    assert values["options"]["judged"] == 20
+
+
+def test_the_table_s_own_click_is_judged_under_the_same_fingers(source: ClickSource) -> None:
+    """At a place of the table it is the same click; elsewhere it is weaker, or less quiet."""
+    at_place = explained_of(source, "I", "III")
+    own = at_place.tabulated
+    assert own is not None and own.click.placement.position_m == pytest.approx(at_place.placement.position_m)
+    assert own.finger_db == pytest.approx(at_place.finger_db)
+    beside = explain_click(
+        ClickSource(source.table), Placement.named(source.table.device, ["60 mm"], ["215 mm"]), inf, rivals=False
+    )
+    values = click_json(source.table, beside)
+    assert values["table"]["places_m"] == pytest.approx(at_place.placement.position_m)
+    assert values["table"]["tolerance_m"] == pytest.approx(source.table.clicks.tolerance_m)
+    here, tables = (values["fingers"], values["table"]["fingers"])
+    assert [finger["position_m"] for finger in tables] == [finger["position_m"] for finger in here] == [0.06, 0.215]
+    lost_db = here[0]["level_db"]["5 %"] - tables[0]["level_db"]["5 %"]
+    gained_db = tables[1]["level_db"]["95 %"] - here[1]["level_db"]["95 %"]
+    assert max(lost_db, gained_db) > 3
+
+
+def test_fingers_that_the_table_does_not_hold_are_said(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "II III")
+    assert explained.tabulated is None
+    assert click_json(source.table, explained)["table"] is None
+    assert "the table has no click for these fingers" in page_of(source, explained)
+    assert "the table plays its click of 46.57 mm (I) felt" in page_of(source, explained_of(source, "I", "III"))
+
+
+def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III", 1.0, rivals=True)
+    values = click_json(source.table, explained)
+    assert [rival["name"] for rival in values["alternatives"]] == ["energy contrast", "gated steady drive"]
+    page = page_of(source, explained)
+    for part in ("this click", f"{explained.strongest.felt.low_db:z.1f}", "lost", "dB less"):
+        assert part in page
+
+
+def test_softer_is_the_same_waveform_smaller(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III", 1.0)
+    loud, strongest = explained.click, explained.strongest
+    assert loud.level_db == pytest.approx(1.0) and loud.quiet is not None and strongest.quiet is not None
+    change_db = loud.level_db - strongest.level_db
+    assert loud.amplitude == pytest.approx(10 ** (change_db / 20))
+    assert loud.quiet.high_db == pytest.approx(strongest.quiet.high_db + change_db)
+    alone = explained_of(source, "I", "")
+    lower_db = [level_db for level_db in source.table.device.levels_db if level_db < alone.click.level_db]
+    assert [each.level_db for each in alone.softer] == pytest.approx(lower_db) and lower_db
+
+
+def test_the_page_names_the_promise_what_is_missed_and_what_is_not_known(source: ClickSource) -> None:
+    explained = explained_of(source, "I", "III")
+    click, device = explained.click, source.table.device
+    passed_s = click.exceeds_s[inf]
+    assert click.quiet is not None and passed_s is not None
+    never = replace(click, exceeds_s={10.0: None, inf: None})
+    options = replace(source.options, length_s=0.05, crowding=2.0)
+    promise = (f"{click.felt.low_db:z.1f} dB", f"{click.quiet.high_db:z.1f} dB", f"{1e3 * passed_s:.1f} ms")
+    made = (f"{1e3 * click.peak_s:.1f} ms", "with 90 plants", "on 20 others")
+    estimates = f"ESTIMATES: {', '.join([*device.estimated_values, device.threshold.title])}"
+    for case, parts in (
+        (explained, (*promise, *made, estimates, "temporal summation")),
+        (explained_of(source, "I", "III", 60.0), ("60 dB wanted", "NOT ACHIEVED")),
+        (explained_of(source, "I", "III", 1.0), ("not known below 10 dB",)),
+        (replace(explained, click=never), ("never by a felt finger",)),
+        (replace(explained, options=options), ("50 ms", "0.5/length")),
+    ):
+        page = page_of(source, case)
+        assert all(part in page for part in parts), parts
+        assert max(len(line) for line in page.splitlines() if line[:1] in "┏┃┡│└") <= 80

@@ -1,0 +1,61 @@
+"""Responses along the bar: what is drawn is the model's acceleration, and readings lie where they were read."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.types import Measurements, lay_out
+from precompute.model.assembly import assemble
+from precompute.model.response import solve_response
+from tactable.figures.response_picture import find_nodes, plot_response, reading_along
+from tests.precompute.devices import shipped
+
+DEVICE = shipped("reference-a")
+NAN = np.nan
+
+
+def drives(*hz: tuple[float, float]) -> Measurements:
+    return lay_out(np.array(hz), np.zeros(1), 0.0)
+
+
+def readings(*hz: tuple[float, float]) -> Measurements:
+    return simulate_measurements(DEVICE, lay_out(np.array(hz), even_places(DEVICE), 2e-3), Flaws(), seed=0)
+
+
+def test_magnitudes_of_different_frequencies_add_and_fields_of_one() -> None:
+    columns = plot_response(DEVICE, drives((150.0, 130.0), (150.0, 150.0), (NAN, 140.0)), has_readings=False).columns
+    place_m, two, one, single = (np.asarray(column) for column in columns.values())
+    field = solve_response(assemble(DEVICE), np.array([130.0, 140.0, 150.0])).acceleration(place_m)
+    assert two == pytest.approx(abs(field[2, 0]) + abs(field[0, 1]), rel=1e-6)
+    assert one == pytest.approx(abs(field[2].sum(axis=0)), rel=1e-6)
+    assert single == pytest.approx(abs(field[1, 1]), rel=1e-6)
+
+
+def test_a_node_is_a_low_minimum_inside_the_bar() -> None:
+    place_m = np.linspace(0.0, 1.0, 101)
+    assert find_nodes(place_m, abs(place_m - 0.3)) == pytest.approx([0.3])
+    assert len(find_nodes(place_m, 0.2 + abs(place_m - 0.3))) == 0
+    assert len(find_nodes(place_m, place_m)) == 0, "an end is no node"
+
+
+def test_noiseless_readings_lie_on_the_curve_that_has_the_sensor_at_each_place() -> None:
+    read = readings((150.0, 130.0), (NAN, 200.0))
+    picture = plot_response(DEVICE, read, has_readings=True)
+    assert np.asarray(picture.columns["computed (m/s^2)"]) == pytest.approx(abs(read.acceleration), rel=1e-6)
+    place_m, level = reading_along(DEVICE, read, 0)
+    first = slice(0, 22)
+    assert np.interp(read.position_m[first], place_m, level) == pytest.approx(abs(read.acceleration[first]), rel=0.01)
+    bare = reading_along(DEVICE, drives((150.0, 130.0)), 0)[1]
+    assert abs(level / bare - 1).max() > 0.1, "2 g are felt on this bar"
+
+
+def test_what_is_simulated_says_so_and_what_is_measured_does_not() -> None:
+    read = readings((150.0, 130.0))
+    for is_simulated, what in ((True, "SIMULATED"), (False, "measured.")):
+        picture = plot_response(DEVICE, replace(read, is_simulated=is_simulated), has_readings=True)
+        assert ("SIMULATED" in picture.caption) is is_simulated
+        assert picture.figure.get_supxlabel().startswith(f"Curves computed, points {what}")
+        labels = {line.get_label() for axes in picture.figure.axes for line in axes.lines}
+        assert labels >= {"computed, with the sensor at each place"} and ("measured" in labels) is not is_simulated

@@ -1,0 +1,356 @@
+"""The chain from touches to the bar: what the table promises is what the simulated bar does."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from engine.device import Device
+from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger, burst
+from engine.table import ClickEntry, Table
+from engine.table.best_rows import BestRows
+from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.touch import Placement
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording, read_recording, write_recording
+from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.drive_log import Cause, DriveEvent, PlayedWaveform
+from firmware_link.emulator.emulator_process import decode_log
+from firmware_link.host.reopening import ReopeningPort
+from precompute.builder.table_build import build_table
+from precompute.clicks import ClickOptions, ClickSolver
+from tactable.figures.demo_picture import draw_demo
+from tactable.rig import demo_run
+from tactable.rig.demo_page import print_demo
+from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
+from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, run_demo
+from tactable.rig.promises import Promises
+from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
+from tactable.rig.simulated_bar import ENVELOPE_S, SimulatedDrive, is_felt
+from tactable.run.click_process import solver_of
+from tactable.shipped import DEMO_RECORDING, find_device
+from tests.engine.made_rows import rows_of
+from tests.engine.shared_recordings import recording_params
+from tests.tactable.cli.in_process import summary_of
+from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tools.virtual import VirtualLine
+
+SHORTEST_S = 0.5
+CHEAP = ClickOptions(pitch_m=56e-3, pool=90, judged=20)
+BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
+THREE_FINGERS = make_recording([Stroke(0.1, 0.6, place, place) for place in (0.1, 0.5, 0.9)])
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
+    """reference-a on a coarse sweep and without entries, beside its description: steady drives are solved live."""
+    folder = tmp_path_factory.mktemp("table")
+    text = find_device("reference-a").text.replace('step = "1 Hz"', 'step = "8 Hz"')
+    (folder / "bar.toml").write_text(text, encoding="utf-8")
+    coarse = Device.read(folder / "bar.toml")
+    build_table(coarse, folder / "bar.nc", created="test", click_options=CHEAP)
+    return Table.open(folder / "bar.nc", device=coarse)
+
+
+@pytest.fixture(scope="module")
+def reporter(table: Table) -> Reporter:
+    return Reporter(table)
+
+
+@dataclass
+class SolvingHere:
+    """Solves each click at once."""
+
+    solver: ClickSolver
+    is_there: bool = True
+    _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
+
+    def fileno(self) -> int:
+        return -2
+
+    def ask_for_click(self, placement: Placement, device: Device) -> None:
+        self._ready.append((device.fingerprint, self.solver.solve_entry(placement)))
+
+    def poll(self) -> Sequence[tuple[str, ClickEntry]]:
+        ready, self._ready = self._ready, []
+        return ready
+
+
+def play(
+    table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
+) -> LiveRun:
+    """As the demo does, in virtual time."""
+    line = VirtualLine(DeviceConfiguration(0, len(table.device.actuators)), faults)
+    reopening, solving = ReopeningPort(line.open, line), SolvingHere(solver_of(table.path))
+    return play_to(
+        *(line, line, table, Playback(recording, speed), effects),
+        lambda: decode_log(line.server.log()),
+        reopening,
+        solving if effects.have_clicks else None,
+    )
+
+
+def report_of(reporter: Reporter, wanted: Wanted, event: DriveEvent) -> DriveReport | ClickReport:
+    """What a command of the firmware does under its fingers."""
+    return (reporter.report_drive if event.waveform is None else reporter.report_click)(wanted, event)
+
+
+def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wanted, DriveEvent]]:
+    """Some commands, evenly over a run: a finger that drags under a steady drive gets hundreds of them."""
+    commands = list(applied.items())
+    return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
+
+
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1)[::4])
+def test_a_real_recording_renders_what_was_promised_for_its_positions(
+    path: Path, table: Table, reporter: Reporter
+) -> None:
+    recording = read_recording(path)
+    duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
+    for effects in (DEFAULT_EFFECTS, HELD):
+        run = play(table, recording, max(1.0, duration_s / SHORTEST_S), effects)
+        assert run.counters.reports == len(recording.reports)
+        for wanted, event in some_of(first_applied(run), 4):
+            assert report_of(reporter, wanted, event).disagreement <= AGREEMENT
+
+
+def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table, reporter: Reporter) -> None:
+    """Fingers that feel as long as they touch, so that many drives are rendered; quiet ones by a second rule."""
+    quiet_in_the_middle = Rule(Trigger.TOUCH, Effect("nothing", (Segment(None, None),)), zones=frozenset({2}))
+    applied = dict[Wanted, DriveEvent]()
+    for effects in (HELD, Effects((quiet_in_the_middle, *HELD.rules))):
+        applied |= first_applied(play(table, read_recording(DEMO_RECORDING), 10.0, effects))
+    several = {wanted: event for wanted, event in applied.items() if len(wanted.placement.position_m) > 1}
+    reports = [report_of(reporter, *command) for command in [*some_of(applied), *several.items()]]
+    assert any(report.placement.quiet for report in reports)
+    assert max(len(report.placement.felt) for report in reports) > 1
+    assert max(report.disagreement for report in reports) <= AGREEMENT
+
+
+def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: Table, reporter: Reporter) -> None:
+    """A finger rests and another taps, both almost half a pitch from the places of this coarse table."""
+    strokes = make_recording([Stroke(0.0, 0.6, 0.51, 0.51), Stroke(0.3, 0.6, 0.11, 0.11)])
+    applied = first_applied(play(table, strokes, 1.0))
+    wanted, event = next((w, e) for w, e in applied.items() if w.placement.quiet)
+    report = reporter.report_click(wanted, event)
+    at_m = [0.11 * table.device.bar.length_m, 0.51 * table.device.bar.length_m]
+    assert report.placement.position_m == pytest.approx(at_m, abs=5e-5)
+    at_places = np.array([finger.acceleration_at_finger_m_per_s2 for finger in report.click.fingers])
+    assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 5 * AGREEMENT
+    assert report.disagreement <= AGREEMENT
+
+
+def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
+    tmp_path: Path, table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def build(_device: Device, path: Path, **_options: Any) -> None:
+        path.write_bytes(table.path.read_bytes())
+
+    monkeypatch.setattr(demo_run, "build_table", build)
+    for _ in range(2):  # built, and then found
+        with demo_run.table_at(table.device, tmp_path / "mine.nc", lambda *_: None) as found:
+            assert found.fingerprint == table.fingerprint
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.nc"]
+
+
+@pytest.fixture
+def virtual(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The demo plays in virtual time."""
+    monkeypatch.setattr(demo_run, "play", play)
+
+
+@pytest.mark.usefixtures("virtual")
+def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> None:
+    report = demo_here(tmp_path, table, DEMO_RECORDING, "--figure", "demo.png")
+    assert report["touch_frames"] == 692
+    rendered = [(tuple(click["felt"]), tuple(click["quiet"])) for click in report["clicks"]]
+    alone = [(("I",), ()), (("I",), ()), (("III",), ()), (("II", "IV"), ())]
+    assert sorted(rendered) == sorted([*alone, (("III",), ("I",)), (("V",), ("I", "III"))])
+    assert report["states_not_rendered"] == report["states"] == []
+    first = report["clicks"][0]
+    assert first["fingers"][0]["position_m"] == pytest.approx(0.1 * table.device.bar.length_m, abs=1e-4)
+    assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
+    assert report["commands_applied"] == report["commands_sent"] > 0
+    assert (tmp_path / "demo.png").stat().st_size > 10_000
+
+
+@pytest.mark.machine
+def test_the_demo_plays_taps_and_three_fingers_through_its_processes_in_real_time(tmp_path: Path, table: Table) -> None:
+    taps = [Stroke(0.3 * number, 0.3 * number + 0.15, 0.1, 0.1) for number in range(5)]
+    three = [Stroke(1.8, 2.2, place, place) for place in (0.1, 0.5, 0.9)]
+    write_recording(make_recording([*taps, *three]), tmp_path / "taps.hid")
+    report = demo_here(tmp_path, table, tmp_path / "taps.hid")
+    # The click of three fingers is solved when they come, perhaps after they lifted; and a machine that stalls while a
+    # click lasts does not render it, and says so.
+    assert report["states"] == []
+    rendered = [click["felt"] for click in report["clicks"]]
+    assert all(felt in (["I"], ["I", "III", "V"]) for felt in rendered)
+    assert ["I"] in rendered or report["states_not_rendered"]
+    assert report["commands_applied"] + report["commands_late"] == report["commands_sent"] > 0
+
+
+def demo_here(folder: Path, table: Table, recording: Path, *more: str) -> dict[str, Any]:
+    """What `tactable demo` of a recording tells."""
+    built = [str(table.path.with_name("bar.toml")), "--table", str(table.path)]
+    report: dict[str, Any] = summary_of(folder, "demo", "--recording", str(recording), *built, *more)
+    assert report["agrees"] and report["simulated"]
+    return report
+
+
+def in_zones(table: Table, rows: BestRows) -> DemoReport:
+    """Fingers that come to I, III and V together, as in the paper's Figure 8, with drives of zones."""
+    table.best_rows = rows
+    return run_demo(table, THREE_FINGERS, replace(HELD, drives=Drives.ZONES))
+
+
+@pytest.mark.usefixtures("virtual")
+def test_zones_play_the_row_of_figure_8_which_has_a_greater_factor_than_the_paper_reports(table: Table) -> None:
+    report = in_zones(table, table.best_rows)
+    (drive,) = report.drives
+    assert report.agrees and drive.felt_zones == (0, 2, 4)
+    row = table.best_row(["I", "III", "V"])
+    assert drive.drive == row and row.localized_factor > 0.8626
+    told = demo_json(report)["states"][0]
+    assert (told["drives"], told["row"]["localized_factor"]) == ("zones", row.localized_factor)
+
+
+@pytest.mark.usefixtures("virtual")
+def test_a_row_of_two_frequencies_sounds_as_two_and_keeps_its_promise(table: Table, tmp_path: Path) -> None:
+    before = table.best_rows
+    try:
+        report = in_zones(table, rows_of(table.device))
+    finally:
+        table.best_rows = before
+    (drive,) = report.drives
+    assert report.agrees and drive.drive.frequencies_hz == (121.0, 190.0) and drive.frequency_text == "121 & 190 Hz"
+    (event,) = (event for event in first_applied(report.run).values())
+    assert [channel.frequency_hz for channel in event.channels] == pytest.approx([121.0, 190.0], abs=5e-3)
+    draw_demo(report, tmp_path / "demo.png")
+    print_demo(Console(file=io.StringIO()), report, tmp_path / "demo.png")
+
+
+@pytest.mark.parametrize("faults", ["stall=0.06s/0.2s", "delay=30ms,jitter=30ms", "stall=0.3s/0.9s"])
+def test_a_run_over_a_line_that_stalls_breaks_no_promise(table: Table, faults: str) -> None:
+    """The firmware refuses what comes late, and whatever it takes is what was solved for the fingers."""
+    run = play(table, read_recording(DEMO_RECORDING), 4.0, BURSTS, faults=faults)
+    applied, promises = first_applied(run), Promises(table)
+    for wanted, event in applied.items():
+        drive, _ = promises.of_drive(wanted.placement, wanted.level_db)
+        drives = [(channel.frequency_hz, channel.amplitude) for channel in event.channels if channel.amplitude]
+        tones = zip(drive.frequencies_hz, drive.amplitudes, strict=True)
+        assert drives == [pytest.approx(tone, abs=5e-3) for tone in tones if tone[1] > 1e-4]
+    missed, not_rendered = find_missed(run, applied)
+    assert missed == ()
+    assert run.log.faults["to_device.delayed"] > 0 or "delay=" in faults
+    felt = {found for change in run.trace if (found := wanted_of(change)) is not None}
+    assert felt == {*applied, *not_rendered}
+
+
+@pytest.fixture(scope="module")
+def bursts(table: Table) -> LiveRun:
+    """The demo's touches with a short steady drive for each."""
+    return play(table, read_recording(DEMO_RECORDING), 2.0, BURSTS)
+
+
+def test_a_command_that_the_firmware_took_and_did_not_drive_is_missed(bursts: LiveRun) -> None:
+    key = next(iter(first_applied(bursts)))
+    silent = tuple(event for event in bursts.log.events if event.cause is not Cause.SET)
+    deaf = replace(bursts, log=replace(bursts.log, events=silent))
+    assert key in find_missed(deaf, first_applied(deaf))[0]
+    unheard = replace(bursts, log=replace(bursts.log, events=(), received=()))
+    assert key in find_missed(unheard, first_applied(unheard))[0]
+
+
+def test_a_broken_promise_is_found_and_one_for_positions_is_not_kept_elsewhere(
+    reporter: Reporter, bursts: LiveRun
+) -> None:
+    wanted, event = next((wanted, event) for wanted, event in first_applied(bursts).items() if wanted.placement.quiet)
+    report = reporter.report_drive(wanted, event)
+    assert report.disagreement <= AGREEMENT
+    assert replace(report, promised_factor=1.03 * report.promised_factor).disagreement > AGREEMENT
+    for finger in range(len(wanted.placement.position_m)):
+        boast = report.promise.acceleration_m_per_s2.copy()
+        boast[finger] *= 0.97
+        assert replace(report, promise=replace(report.promise, acceleration_m_per_s2=boast)).disagreement > AGREEMENT
+    louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
+    assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
+    moved_m = [at_m + 2e-3 for at_m in wanted.placement.position_m]
+    assert replace(report, simulated=reporter.bar.simulate_held(event, moved_m)).disagreement > AGREEMENT
+
+
+def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(table: Table) -> None:
+    placement = Placement.named(table.device, ["I"])
+    drive, promise = Promises(table).of_drive(placement, 20.0)
+    nothing = SimulatedDrive(*[np.zeros(0)] * 4)
+    at_finger, promised_db = float(promise.acceleration_m_per_s2[0]), float(promise.level_db[0])
+    report = DriveReport(promise, 10 * at_finger, 0.0, drive, nothing, (0,), 1.0)
+    assert report.level_db(0, at_finger) == pytest.approx(promised_db)
+    felt_db, quiet_db = report.in_run_db
+    assert felt_db == pytest.approx(promised_db + 20)
+    assert quiet_db is None
+    assert report.level_db(0, 0.0) is None
+
+
+def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
+    felt = reporter.bar.feel(bursts, 13.0)
+    starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
+    rings_until_s = 0.0
+    for change, start_s, stop_s in zip(bursts.trace, starts_s, starts_s[1:], strict=False):
+        during = (felt.time_s >= max(start_s, rings_until_s)) & (felt.time_s + ENVELOPE_S <= stop_s)
+        if change.level_db is None:
+            assert not felt.felt[during].any()
+        else:
+            rings_until_s = stop_s + 0.2 + ENVELOPE_S
+            assert not during.any() or felt.felt[during].max() > 0
+
+
+@pytest.fixture(scope="module")
+def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
+    """The demo's touches with a click for each."""
+    run = play(table, read_recording(DEMO_RECORDING), 3.0)
+    return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
+
+
+def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(
+    clicked: tuple[LiveRun, dict[Wanted, DriveEvent]],
+) -> None:
+    run, _ = clicked
+    stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
+    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0].real < 5e-3]
+    moved_m = [moment.touches[0].position_m for moment in fast]
+    assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
+    assert is_felt(fast[0].touches[0], fast[0])
+
+
+def test_a_broken_promise_of_a_click_is_found(
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    _, applied = clicked
+    (wanted, event), *_ = applied.items()
+    assert event.waveform is not None
+    louder = replace(event, waveform=replace(event.waveform, amplitude=1.03 * event.waveform.amplitude))
+    assert reporter.report_click(wanted, louder).disagreement > AGREEMENT
+    reversed_samples = event.waveform.samples[::-1]
+    other = replace(event, waveform=PlayedWaveform.of(event.waveform.sample_rate_hz, reversed_samples, 1.0))
+    assert reporter.report_click(wanted, other).disagreement > AGREEMENT
+
+
+def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_that_is_not_driven_moves_nothing(
+    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+) -> None:
+    run, _ = clicked
+    first = next(change for change in run.trace if change.is_click)
+    felt = reporter.bar.feel(run, 13.0)
+    start_s = (first.time_ns - run.moments[0].time_ns) / 1e9
+    ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
+    assert felt.felt[ringing].max() > 0
+    assert not felt.quiet[ringing].any()
+    still = reporter.bar.feel(replace(run, log=replace(run.log, events=())), 1.0)
+    assert len(still.time_s) > 10
+    assert not still.drive.any() and not still.felt.any() and not still.quiet.any()
