@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, CDPSession, ConsoleMessage, Page
+from playwright.sync_api import Browser, CDPSession, ConsoleMessage, FloatRect, Page
 
 from tactable.page.page_server import listen_at
 
@@ -130,7 +130,21 @@ class Visit:
         shown = {number: before[number] for number in lifted} if lifted and self.down else self.down
         self.cdp.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": self._points(shown)})
 
+    def bar(self) -> FloatRect:
+        """The bar's rectangle, once it is in view: a switch that is taken may scroll the page."""
+        bar = self.page.locator("#bar")
+        bar.scroll_into_view_if_needed()
+        box = bar.bounding_box()
+        assert box is not None
+        return box
+
+    def click(self, share: float) -> None:
+        """Press and let go of the mouse on the bar, at a fraction of its picture's width."""
+        box = self.bar()
+        self.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+
     def _points(self, fingers: dict[int, float]) -> list[dict[str, float]]:
+        self.bar()
         left, top, width = self.ask(
             """(() => { const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
             return [box.left + p.left, box.top + 0.76 * box.height, p.width]; })()"""

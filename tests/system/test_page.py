@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from playwright.sync_api import Browser, FloatRect, expect
+from playwright.sync_api import Browser, expect
 
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.emulator_process import run_emulator
@@ -128,13 +128,11 @@ def switches_work_by_the_keyboard_and_keys_are_fingers(visit: Visit) -> None:
 
 
 def fingers_of_a_mouse_stay_where_they_are_put_and_lift_at_a_tap(visit: Visit) -> None:
-    box = visit.page.locator("#bar").bounding_box()
-    assert box is not None
     visit.page.check("#keep")
     for share in (0.2, 0.8):
-        visit.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
+        visit.click(share)
     visit.until("p.fingerCount === 2")
-    visit.page.mouse.click(box["x"] + 0.2 * box["width"], box["y"] + 0.7 * box["height"])
+    visit.click(0.2)
     visit.until("p.fingerCount === 1")
     visit.page.click("#lift")
     visit.until("p.fingerCount === 0")
@@ -144,9 +142,8 @@ def fingers_of_a_mouse_stay_where_they_are_put_and_lift_at_a_tap(visit: Visit) -
 def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> None:
     choose(visit, source="click", quiet_zones=[])
     visit.page.check("#keep")
-    box = visit.page.locator("#bar").bounding_box()
-    assert box is not None
-    put_fingers(visit, box, 0.8, 0.2)
+    put_fingers(visit, 0.8, 0.2)
+    box = visit.bar()
     foot = visit.ask("(() => { const f = tactable.bar._footOf(0); return [f.x, f.y + 4]; })()")
     visit.page.mouse.move(box["x"] + foot[0], box["y"] + foot[1])
     visit.page.mouse.down()
@@ -159,7 +156,7 @@ def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> No
     for _ in range(100):
         visit.page.click("#lift")
         visit.until("p.fingerCount === 0 && p.hasPaper")
-        shown = put_fingers(visit, box, 0.8, 0.2)
+        shown = put_fingers(visit, 0.8, 0.2)
         found = sorted(finger["role"] for finger in shown["made"]), shown["drive"], visit.page.inner_text("#outcome")
         if found[:2] == ([QUIET, FELT], CLICK) and "feels the click" in found[2]:
             break
@@ -173,11 +170,9 @@ def an_actuator_that_is_dragged_moves_both_bars_and_is_reset(visit: Visit) -> No
     visit.until("p.fingerCount === 0")
 
 
-def put_fingers(visit: Visit, box: FloatRect, *shares: float) -> dict[str, Any]:
+def put_fingers(visit: Visit, *shares: float) -> dict[str, Any]:
     """Fingers of the mouse on a bar without any, one after the other; the picture of the last."""
-    y = box["y"] + 0.7 * box["height"]
-    places = [partial(visit.page.mouse.click, box["x"] + share * box["width"], y) for share in shares]
-    return [settled(visit, count, click) for count, click in enumerate(places, 1)][-1]
+    return [settled(visit, count, partial(visit.click, share)) for count, share in enumerate(shares, 1)][-1]
 
 
 def test_a_link_shows_the_same_switches_and_fingers(demo: Demo, browser: Browser) -> None:
