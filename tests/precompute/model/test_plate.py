@@ -1,5 +1,6 @@
 """Laws of the plate: published and independent solutions, a beam, convergence, reciprocity, power, mirrors, clicks."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -7,18 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.signal
 from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementTriArgyris, MeshTri
 
-from base.arrays import even_points
-from engine.device import Actuator, Device, Zone
+from base.arrays import Array, even_points
+from engine.device import Actuator, Device, Finger, Zone
 from engine.device.parts import Plate
 from engine.touch import Placement
+from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
+from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
 from precompute.model.modes import compute_modes, seen_points
 from precompute.model.plate import PlatePlant, Ritz, assemble_plate, degrees_of, plate_matrices
 from precompute.model.response import solve_response
 from precompute.model.steady import compute_steady_state
+from precompute.model.threshold_filter import threshold_filter
 from tests.precompute.clicks.click_cases import solver_of
 from tests.precompute.devices import shipped
 
@@ -147,23 +152,32 @@ def _bending(u: Any, v: Any, w: Any) -> Any:
     return w.nu * both + (1 - w.nu) * each
 
 
-def test_its_responses_are_those_of_argyris_elements() -> None:
-    """Finite elements of degree five with a node at every actuator and at every point that is looked at."""
-    plate = TABLET.surface
+def _argyris(device: Device, beside_m: Any, parts: Sequence[Actuator | Finger] = ()) -> tuple[Any, Any, Any, Any]:
+    """K, C and M of finite elements of degree five, and the degree of freedom at each actuator and point beside them.
+
+    Every one of them is a node, and has the spring, damper and mass of `parts` in turn: actuators, then fingers.
+    """
+    plate = device.surface
     assert isinstance(plate, Plate)
-    places_m = np.concatenate([np.array([each.position_m for each in TABLET.actuators]), POINTS_M[1:3]])
-    x_m, y_m = ([0.0, *side, end] for side, end in ((places_m.real, 0.3), (places_m.imag, 0.18)))
+    places_m = np.array([*(each.position_m for each in device.actuators), *beside_m])
+    corner_m = plate.corner_m
+    x_m, y_m = ([0.0, *side, end] for side, end in ((places_m.real, corner_m.real), (places_m.imag, corner_m.imag)))
     basis = Basis(MeshTri.init_tensor(np.unique(x_m), np.unique(y_m)), ElementTriArgyris(), intorder=8)
     K = plate.bending_n_m * BilinearForm(_bending).assemble(basis, nu=plate.poissons_ratio).toarray()
     M = plate.density_kg_per_m3 * plate.thickness_m * BilinearForm(lambda u, v, _: u * v).assemble(basis).toarray()
     C = plate.mass_damping_per_s * M + plate.stiffness_damping_s * K
     nodes_m = basis.mesh.p[0] + 1j * basis.mesh.p[1]
     dof = basis.nodal_dofs[0, abs(nodes_m[:, None] - places_m).argmin(axis=0)]
-    for at, actuator in zip(dof[:4], TABLET.actuators, strict=True):
-        K[at, at] += actuator.stiffness_n_per_m
-        C[at, at] += actuator.damping_n_s_per_m
-        M[at, at] += actuator.mass_kg
-    found = solve_response(plant_of(TABLET), HZ).acceleration(places_m[4:])
+    for at, part in zip(dof, [*device.actuators, *parts], strict=False):
+        K[at, at] += part.stiffness_n_per_m
+        C[at, at] += part.damping_n_s_per_m
+        M[at, at] += part.mass_kg
+    return K, C, M, dof
+
+
+def test_its_responses_are_those_of_argyris_elements() -> None:
+    K, C, M, dof = _argyris(TABLET, POINTS_M[1:3])
+    found = solve_response(plant_of(TABLET), HZ).acceleration(POINTS_M[1:3])
     for hz, moved in zip(HZ, found, strict=True):
         w = 2 * np.pi * hz
         force = np.zeros((len(K), 4), dtype=np.complex128)
@@ -172,6 +186,47 @@ def test_its_responses_are_those_of_argyris_elements() -> None:
         ]
         expected = -(w**2) * np.linalg.solve(K + 1j * w * C - w**2 * M, force)[dof[4:]].T
         assert abs(moved - expected).max() <= 0.02 * abs(expected).max()
+
+
+def _played_by_argyris(device: Device, waveform: Array, fingers_m: Sequence[complex]) -> Array:
+    """Levels (finger,) in dB of a click on finite elements in time, by Newmark's method of mean acceleration."""
+    K, C, M, dof = _argyris(device, fingers_m, [device.finger] * len(fingers_m))
+    driven, step_s = len(device.actuators), 1 / (12 * SAMPLE_RATE_HZ)
+    stiffness, damping, scale = (
+        np.array([getattr(each, key) for each in device.actuators])
+        for key in ("stiffness_n_per_m", "damping_n_s_per_m", "full_scale_m")
+    )
+    at = np.arange((waveform.shape[1] - 1) * 12 + 1) / 12
+    base = np.stack([np.interp(at, np.arange(waveform.shape[1]), each) for each in waveform], axis=1) * scale
+    base = np.pad(base, ((0, round(RINGDOWN_S / step_s)), (0, 0)))
+    force = stiffness * base + damping * np.gradient(base, step_s, axis=0)
+    solved = np.linalg.inv(M + step_s / 2 * C + step_s**2 / 4 * K)
+    u, v, a = np.zeros((3, len(K)))
+    course = np.zeros((len(base), len(fingers_m)))
+    for moment, here in zip(course[1:], force[1:], strict=True):
+        u, v = u + step_s * v + step_s**2 / 4 * a, v + step_s / 2 * a
+        pushed = -(K @ u) - C @ v
+        pushed[dof[:driven]] += here
+        a = solved @ pushed
+        u, v = u + step_s**2 / 4 * a, v + step_s / 2 * a
+        moment[:] = a[dof[driven:]]
+    taps = threshold_filter(device.threshold, 1 / step_s)
+    return decibels(abs(scipy.signal.fftconvolve(course, taps[:, None], axes=0)[: len(course)]).max(axis=0))
+
+
+@pytest.mark.parametrize(
+    "felt, quiet",
+    [(["30 x 100 mm"], ["150 x 90 mm", "270 x 20 mm"]), (["150 x 90 mm", "90 x 170 mm"], ["240 x 60 mm"])],
+)
+def test_an_independent_plate_in_time_gives_what_a_click_promises(felt: list[str], quiet: list[str]) -> None:
+    """Quiet fingers are 32 dB below felt ones, so that 0.2 dB of theirs is 0.5 per mille of what is felt."""
+    click = solver_of("reference-p").solve(Placement.named(TABLET, felt, quiet))
+    found_db = _played_by_argyris(TABLET, click.waveform, click.placement.position_m)
+    promised_db = np.array([finger.level_db for finger in click.evaluation.fingers])
+    is_felt = np.array(click.placement.is_felt)
+    assert promised_db[is_felt].min() - promised_db[~is_felt].max() > 20
+    assert found_db[is_felt] == pytest.approx(promised_db[is_felt], abs=0.05)
+    assert found_db == pytest.approx(promised_db, abs=0.2)
 
 
 def test_a_peak_lies_where_no_other_point_of_its_zone_moves_more() -> None:

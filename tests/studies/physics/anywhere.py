@@ -1,7 +1,8 @@
-"""Clicks and steady drives for fingers anywhere on the bar: what is played, and what could be had. SIMULATED.
+"""Clicks and steady drives for fingers anywhere on a surface: what is played, and what could be had. SIMULATED.
 
     python -m tests.studies.physics.anywhere reference-a --table reference-a.nc
     python -m tests.studies.physics.anywhere reference-a --distances 8,10,15,20 --placements 40
+    python -m tests.studies.physics.anywhere reference-p --actuators 8 --change "plate.thickness=0.7 mm"
 
 A click made for the positions of the fingers is the best that could be had; a table's click of the nearest places is
 what a run plays; a click made for the middles of the zones is what a table without places would hold. All three are
@@ -22,13 +23,14 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.table import Clicks, Table
 from engine.touch import Placement, ZoneState
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import zone_finder
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.click_solver import FULL_SCALE
 from precompute.clicks.evaluation import Evaluation
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements
+from precompute.studies.placement_search import with_actuators_at
 from tactable.shipped import find_device
 from tests.studies.options import read_options
 
@@ -40,6 +42,9 @@ AIM_FELT_DB, AIM_QUIET_DB = 14.0, 1.0
 """What a click is to keep: felt by at least this in 95 % of the plants, and quiet at this or below in 95 % of them."""
 PLANTS, TOLERANCE_M = 300, 1e-3
 """Fresh plants of each placement, and how far a finger may lie from the position that the digitizer tells."""
+_CORNERS = (0.1 + 0.139j, 0.9 + 0.194j, 0.117 + 0.861j, 0.873 + 0.822j)
+AROUND_A_PLATE = (*_CORNERS, 0.5 + 0.111j, 0.483 + 0.889j, 0.067 + 0.5j, 0.94 + 0.472j)
+"""Where `--actuators` puts them, in fractions of a plate: near its corners, as on reference-p, then along its sides."""
 _PERCENTS = (5, 50, 95)
 _WAYS = {
     "by_position": "made for the positions",
@@ -57,16 +62,18 @@ def compare_anywhere(
     options: ClickOptions = DEFAULT_OPTIONS,
     tabulated: Clicks | None = None,
     plants: int = PLANTS,
+    is_brief: bool = False,
 ) -> dict[str, Any]:
     """Levels of every placement by the clicks that the module names, and the contrast of its steady drive.
 
-    On sampled plants that no click was made with. tabulated: clicks of a table of the device.
+    On sampled plants that no click was made with. tabulated: clicks of a table of the device. is_brief: only clicks
+    made for the positions.
     """
     placements, rows = random_placements(device, wanted), dict[int, dict[str, Any]]()
     by_position = replace(options, tolerance_m=TOLERANCE_M, judged=plants)
     chunks = [[numbered] for numbered in enumerate(placements)]
     start_s = time.perf_counter()
-    begin = partial(_begin, device, by_position, options, tabulated)
+    begin = partial(_begin, device, by_position, None if is_brief else options, tabulated)
     with WorkerPool(min(workers, len(chunks)) - 1) as pool:
         rows.update(pool.solve(begin, chunks, include_self=True))
     ordered = [rows[number] for number in sorted(rows)]
@@ -79,7 +86,7 @@ def compare_anywhere(
         "by_table_in_one_zone": _summary([row["by_table"] for row in shared if row["by_table"]]),
         "by_zone": _summary([row["by_zone"] for row in ordered if row["by_zone"]]),
         "by_position_in_one_zone": _summary([row["by_position"] for row in shared]),
-        "steady": _steady_summary([row["steady"] for row in ordered]),
+        "steady": _steady_summary([row["steady"] for row in ordered if row["steady"]]),
         "processor_ms": np.percentile([1e3 * row["processor_s"] for row in ordered], (50, 99)).tolist(),
     }
 
@@ -94,13 +101,11 @@ def _middles(device: Device, states: Sequence[ZoneState]) -> Placement:
 
 
 def _begin(
-    device: Device, by_position: ClickOptions, by_zone: ClickOptions, tabulated: Clicks | None
+    device: Device, by_position: ClickOptions, by_zone: ClickOptions | None, tabulated: Clicks | None
 ) -> Callable[[tuple[int, Placement]], tuple[int, dict[str, Any]]]:
-    solver = ClickSolver(device, by_position)
-    zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
-    zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(_middles(device, states)))
-    edges, designer = ZoneEdges(device), SteadyDesigner(device, samples=2 * (by_position.judged // 2))
-    solver.solve(Placement.on(device, [device.bar.length_m / 2]))  # compiled before it is timed
+    solver, edges = ClickSolver(device, by_position), zone_finder(device)
+    compare_others = None if by_zone is None else _begin_others(device, solver, by_zone, tabulated)
+    solver.solve(Placement.on(device, [device.surface.corner_m / 2]))  # compiled before it is timed
 
     def compare(numbered: tuple[int, Placement]) -> tuple[int, dict[str, Any]]:
         number, placement = numbered
@@ -108,23 +113,38 @@ def _begin(
         click = solver.solve(placement)
         processor_s = time.thread_time() - start_s
         touched = [edges.zone_at(at_m) for at_m in placement.position_m]
-        states, by_zone, by_table = placement.zone_states(device), None, None
-        if ZoneState.FELT in states:
-            middle = zone_click(states)
-            by_zone = evaluate_as_it_is(solver, placement, middle.waveform)
-        own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
-        if own is not None:
-            by_table = evaluate_as_it_is(solver, placement, own.samples.T / FULL_SCALE)
+        others = (
+            dict.fromkeys(("by_table", "by_zone", "steady")) if compare_others is None else compare_others(placement)
+        )
         return number, {
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
             "shares_a_zone": len(set(touched)) < len(touched),
             "by_position": _levels(click.evaluation),
-            "by_table": by_table and _levels(by_table),
-            "by_zone": by_zone and _levels(by_zone),
-            "steady": _steady(designer, placement),
             "processor_s": processor_s,
+            **others,
         }
+
+    return compare
+
+
+def _begin_others(
+    device: Device, solver: ClickSolver, by_zone: ClickOptions, tabulated: Clicks | None
+) -> Callable[[Placement], dict[str, Any]]:
+    """Clicks that were made for other positions, and the steady drive."""
+    zones = ClickSolver(device, replace(by_zone, judged=2))  # few plants to evaluate on, since that is done here
+    zone_click = lru_cache(maxsize=None)(lambda states: zones.solve(_middles(device, states)))
+    designer = SteadyDesigner(device, samples=2 * (solver.options.judged // 2))
+
+    def compare(placement: Placement) -> dict[str, Any]:
+        states, waveforms = placement.zone_states(device), dict[str, Array]()
+        if ZoneState.FELT in states:
+            waveforms["by_zone"] = zone_click(states).waveform
+        own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
+        if own is not None:
+            waveforms["by_table"] = own.samples.T / FULL_SCALE
+        levels = {way: _levels(evaluate_as_it_is(solver, placement, each)) for way, each in waveforms.items()}
+        return {"by_table": None, "by_zone": None, **levels, "steady": _steady(designer, placement)}
 
     return compare
 
@@ -215,6 +235,8 @@ def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str,
     figure.suptitle(f"{what}\ndB above the {device.threshold.title}", fontsize="medium")
     left, right = figure.subplots(1, 2)
     for way, line in (("by_position", "-"), ("by_zone", ":")):
+        if not found[0][way]["placements"]:
+            continue
         for key, colour, name in (("felt_db", "C0", "felt (5 %)"), ("quiet_db", "C1", "quiet (95 %)")):
             low, middle, high = np.array([summary[way][key] for summary in found]).T
             if line == "-":
@@ -234,10 +256,21 @@ def draw(device: Device, distances_m: Sequence[float], found: Sequence[dict[str,
     return figure
 
 
+def changed(device: Device, changes: str, actuators: int) -> Device:
+    """The device with values as "key=text,..." says, and a plate with that many actuators around it (0: its own)."""
+    device = device.with_values(dict(change.split("=") for change in changes.split(",") if change))
+    if not actuators:
+        return device
+    length_m, width_m = device.surface.length_m, device.surface.width_m
+    at_m = [complex(length_m * at.real, width_m * at.imag) for at in AROUND_A_PLATE[:actuators]]
+    return with_actuators_at(device, at_m)
+
+
 def main() -> None:
     """Compare at random placements, or at each of some distances, which are drawn too."""
-    asked = read_options(__doc__, device=str, placements=300, fingers=2, felt=1, table="", distances="")
-    device, tabulated = find_device(asked.device), None
+    options = {"table": "", "distances": "", "change": "", "actuators": 0, "brief": False}
+    asked = read_options(__doc__, device=str, placements=300, fingers=2, felt=1, **options)
+    device, tabulated = changed(find_device(asked.device), asked.change, asked.actuators), None
     wanted = Anywhere(placements=asked.placements, fingers=asked.fingers, feeling=asked.felt)
     if asked.table:
         with Table.open(asked.table, device=device) as table:
@@ -245,7 +278,7 @@ def main() -> None:
     exact = [replace(wanted, apart_m=float(mm) / 1e3, is_exact=True) for mm in asked.distances.split(",") if mm]
     found = list[dict[str, Any]]()
     for each in exact or [wanted]:
-        found.append(compare_anywhere(device, each, available_cores(), tabulated=tabulated))
+        found.append(compare_anywhere(device, each, available_cores(), tabulated=tabulated, is_brief=asked.brief))
         print("\n".join(describe(device, each, found[-1])), flush=True)
     if exact:
         draw(device, [each.apart_m for each in exact], found).savefig("distance.png", dpi=110)

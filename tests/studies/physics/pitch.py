@@ -2,13 +2,13 @@
 
     python -m tests.studies.physics.pitch reference-a
     python -m tests.studies.physics.pitch reference-a.nc    # the clicks of a built table
+    python -m tests.studies.physics.pitch reference-p 40    # a plate, whose places lie on a grid both ways
 
 For random placements of one felt and one quiet finger, the click made for their own positions (± 1 mm) is compared with
 the one made for the nearest places of a grid, for fingers within half a pitch and 1 mm of them. Both are evaluated on
 the same fresh plants at the real positions. SIMULATED.
 """
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.table import Table
+from engine.touch.places import Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
+from tests.studies.options import read_options
 from tests.studies.physics.anywhere import PLANTS, TOLERANCE_M, evaluate_as_it_is
 
 PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)
@@ -34,13 +36,11 @@ def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
     best = [own.solve(placement).evaluation for placement in drawn]
     found = dict[float, NDArray[np.float64]]()
     for pitch_mm in PITCHES_MM:
-        cells = round(np.ceil(1e3 * device.bar.length_m / pitch_mm))
-        pitch_m = device.bar.length_m / cells
-        solver = ClickSolver(device, replace(options, tolerance_m=pitch_m / 2 + TOLERANCE_M))
+        places = Places.every(device.surface.corner_m, pitch_mm / 1e3)
+        solver = ClickSolver(device, replace(options, tolerance_m=places.pitch_m / 2 + TOLERANCE_M))
         changes = list[tuple[float, float]]()
         for placement, exact in zip(drawn, best, strict=True):
-            near_m = tuple(round(at_m / pitch_m) * pitch_m for at_m in placement.position_m)
-            click = solver.solve(replace(placement, position_m=near_m))
+            click = solver.solve(places.placement(places.key(placement)))
             near = evaluate_as_it_is(own, placement, click.waveform)
             assert near.quiet is not None and exact.quiet is not None  # there is a quiet finger in each
             changes.append((exact.felt.low_db - near.felt.low_db, near.quiet.high_db - exact.quiet.high_db))
@@ -65,7 +65,8 @@ def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64
 
 def main() -> None:
     """Print a row for each pitch."""
-    name, placements = sys.argv[1] if len(sys.argv) > 1 else "reference-a", 100
+    asked = read_options(__doc__, device=("reference-a",), placements=(100,))
+    name, placements = asked.device, asked.placements
     found = measure_table(Path(name), placements) if name.endswith(".nc") else measure(name, placements)
     print(f"{name}, {placements} random placements, SIMULATED: mean, then 50, 95 and 100 % of the placements, dB")
     for pitch_mm, (loss_db, gain_db) in found.items():

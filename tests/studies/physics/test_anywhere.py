@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.device import Device
 from engine.table import Clicks
 from engine.touch import PlacementError
 from engine.touch.places import Places
@@ -13,9 +14,9 @@ from precompute.clicks.tabulated import tabulate_clicks
 from precompute.sampling.placements import Anywhere, random_placements
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
-from tests.studies.physics.anywhere import compare_anywhere, describe, draw
+from tests.studies.physics.anywhere import changed, compare_anywhere, describe, draw
 
-DEVICE = shipped("reference-a")
+DEVICE, TABLET = shipped("reference-a"), shipped("reference-p")
 
 
 @pytest.mark.parametrize("wanted", [Anywhere(), Anywhere(fingers=3, feeling=2), Anywhere(apart_m=0.04, is_exact=True)])
@@ -35,13 +36,36 @@ def test_placements_are_even_over_the_bar_and_keep_their_distance(wanted: Anywhe
     assert at_m.mean() == pytest.approx(DEVICE.bar.length_m / 2, rel=0.02)
 
 
+@pytest.mark.parametrize("wanted", [Anywhere(), Anywhere(fingers=5), Anywhere(fingers=3, apart_m=0.04, is_exact=True)])
+def test_placements_are_even_over_a_plate_both_ways(wanted: Anywhere) -> None:
+    wanted, corner_m = replace(wanted, placements=2000), TABLET.surface.corner_m
+    placements = random_placements(TABLET, wanted)
+    assert placements == random_placements(TABLET, wanted) != random_placements(TABLET, replace(wanted, seed=2))
+    at_m = np.array([placement.position_m for placement in placements])
+    distance_m = abs(at_m[:, :, None] - at_m[:, None])[:, ~np.eye(wanted.fingers, dtype=bool)]
+    assert distance_m.min() >= wanted.apart_m - 1e-8
+    if wanted.is_exact:  # each from one of the others at least
+        nearest_m = distance_m.reshape(len(at_m), wanted.fingers, -1).min(axis=2)
+        assert nearest_m == pytest.approx(wanted.apart_m)
+    for along_m, end_m in ((at_m.real, corner_m.real), (at_m.imag, corner_m.imag)):
+        assert along_m.min() < 0.01 and along_m.max() > end_m - 0.01
+        assert along_m.mean() == pytest.approx(end_m / 2, rel=0.03)
+    felt = np.array([placement.is_felt for placement in placements])
+    assert (felt.sum(axis=1) == wanted.feeling).all()
+    assert felt.mean(axis=0) == pytest.approx(wanted.feeling / wanted.fingers, abs=0.05)
+
+
 @pytest.mark.parametrize(
-    "wanted, message",
-    [(Anywhere(fingers=3, apart_m=0.15), "do not fit on 279.4 mm"), (Anywhere(feeling=3), "3 of 2 fingers feel")],
+    "device, wanted, message",
+    [
+        (DEVICE, Anywhere(fingers=3, apart_m=0.15), "do not fit on 279.4 mm"),
+        (DEVICE, Anywhere(feeling=3), "3 of 2 fingers feel"),
+        (TABLET, Anywhere(fingers=3, apart_m=0.3), "do not fit on 300 x 180 mm"),
+    ],
 )
-def test_what_no_bar_holds_is_refused(wanted: Anywhere, message: str) -> None:
+def test_what_no_surface_holds_is_refused(device: Device, wanted: Anywhere, message: str) -> None:
     with pytest.raises(PlacementError, match=message):
-        random_placements(DEVICE, wanted)
+        random_placements(device, wanted)
 
 
 def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zones_do_not() -> None:
@@ -62,6 +86,18 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
     text = "\n".join(describe(DEVICE, wanted, result))
     assert all(word in text for word in ("Oh and Choi 2019", "position within 1 mm", "SIMULATED", "ESTIMATES"))
     assert len(draw(DEVICE, [0.025, 0.03], [result, result]).axes) == 2
+
+
+def test_a_changed_plate_is_compared_in_brief() -> None:
+    device, wanted = changed(TABLET, "plate.thickness=2 mm", 3), Anywhere(placements=2)
+    assert device.surface.thickness_m == 2e-3 and len(device.actuators) == 3
+    assert [each.position_m for each in device.actuators[::2]] == pytest.approx(
+        [0.03 + 0.025j, 0.27 + 0.035j], abs=1e-4
+    )
+    result = compare_anywhere(device, wanted, 1, replace(CHEAP, pool=70), plants=10, is_brief=True)
+    assert result["by_position"]["placements"] == 2 and not result["by_zone"]["placements"]
+    assert result["by_position"]["felt_db"][1] > 10 > result["by_position"]["quiet_db"][1]
+    assert len(describe(device, wanted, result)) >= 4
 
 
 def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers() -> None:
