@@ -33,7 +33,7 @@ _PEAKS = 6  # 3 and 12 change nothing
 _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
 _STRIDE = 4
-_SCAN_STEPS, _POWER_STEPS = 4, 30  # 2 and 15 lose nothing
+_SCAN_STEPS, _POWER_STEPS = 2, 30  # 1 and 15 lose nothing
 _GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5  # 5 and 3 lose up to 9.5 dB, 14 and 9 gain up to 0.9 (reference-t)
 _FIRST_SHARPNESS, _NEXT_SHARPNESS = 30.0, 1000.0  # 300 and 100 lose 0.02 dB at most
@@ -249,21 +249,24 @@ def _evaluate(hz, grid_hz, loaded, order, felt, given, numerators, is_share, usa
 
 @njit(
     types.void(
-        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, types.float64, _COUNT, REAL, DRIVE
+        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, types.boolean, types.float64, _COUNT,
+        REAL, DRIVE
     ),
     cache=True,
     error_model="numpy",
 )  # fmt: skip
-def _refine(hz, usable, loaded, order, felt, given, numerators, is_share, wanted, k, found, a):  # type: ignore[no-untyped-def]  # numba
+def _refine(hz, usable, loaded, order, felt, given, numerators, is_share, between, wanted, k, found, a):  # type: ignore[no-untyped-def]  # numba
     """Refine the drive `a` of the grid's frequency k, in place, and found (2,): its frequency and its ratio.
 
-    Uphill along the grid first, since the scan is not exact everywhere; then golden section between the neighbours. The
-    drive follows from each frequency to the next. The frequency ends on a step of the wire.
+    Uphill along the grid first, since the scan is not exact everywhere; then, where responses may be read `between`
+    the grid's frequencies, golden section between the neighbours. The drive follows from each frequency to the next.
+    The frequency ends on a step of the wire.
     """
     count, playing, trial = len(hz), usable[k], a.copy()
     is_exact = np.isinf(wanted) or (given.shape[1] == 2 and len(a) <= 2)
     # Steps: along the grid to one side, or else to the other, then sections, then the steps of the wire.
     side, moved, section, sections = -1, False, 0, _SECTIONS if is_exact else _FEW_SECTIONS
+    sections *= between
     is_uphill, at_hz, best = not is_exact, hz[k], found[1]
     low = high = x = y = best_hz = hz[k]
     value_x = value_y = -2.0  # not evaluated yet
@@ -363,18 +366,20 @@ def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
 
 @njit(
     types.void(
-        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, types.float64, _COUNT, REAL, DRIVE, _REALS
+        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, types.boolean, types.float64, _COUNT, REAL,
+        DRIVE, _REALS
     ),
     cache=True, error_model="numpy",
 )  # fmt: skip
-def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, held, found, out, power):  # type: ignore[no-untyped-def]  # numba
+def find_drive(hz, usable, loaded, order, felt, given, is_share, between, wanted, held, found, out, power):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator,) with the best drive, found (2,) with its frequency and its ratio, or -1: none is loud.
 
     power (case, finger): filled with the powers over threshold under all fingers, the drive's strongest actuator at 1.
 
     hz (frequency,), usable (frequency, actuator), loaded (case, finger, actuator, 2, frequency) with the standard case
     first. order: indices of the fingers, the `felt` ones first. given (frequency, form, part): the powers under the
-    fingers in that order, or with `is_share` two energies. wanted: power over threshold under the weakest felt finger
+    fingers in that order, or with `is_share` two energies. between: whether `hz` is dense enough at resonances for
+    responses between its frequencies. wanted: power over threshold under the weakest felt finger
     with the strongest actuator at 1; infinite asks for the loudest drive. held: index of a frequency whose peak alone
     is searched; -1 for all.
     """
@@ -409,7 +414,7 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, wanted, held, f
         k = peak[i]
         refined[1] = peak_value[i]
         peak_value[i] = -1.0
-        _refine(hz, usable, loaded, order, felt, given, n, is_share, wanted, k, refined, drive[k])
+        _refine(hz, usable, loaded, order, felt, given, n, is_share, between, wanted, k, refined, drive[k])
         if refined[1] > found[1]:
             found[0], found[1] = refined[0], refined[1]
             copy_drive(drive[k], out)

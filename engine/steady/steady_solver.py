@@ -64,6 +64,7 @@ class SteadySolver:
         self._omega: Single = (2 * np.pi * hz).astype(np.float32)
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz[:, None]
+        self._is_dense = len(hz) > len(device.sweep.frequency_hz)
         self._usable = np.ascontiguousarray((hz[:, None] >= low_hz - slack_hz) & (hz[:, None] <= high_hz + slack_hz))
         self._condensed = condensed = CondensedModes(modes)
         points_m, self._share = energy_points(device)
@@ -128,7 +129,8 @@ class SteadySolver:
         wanted = 10 ** (level_db / 10) / limit**2
         hz, amplitude = self.frequency_hz, np.empty(actuators, dtype=np.complex128)
         power = np.empty((count, fingers))
-        tail = self._usable, loaded, order, len(felt_at), np.ascontiguousarray(forms.transpose(2, 0, 1)), is_share
+        packed = np.ascontiguousarray(forms.transpose(2, 0, 1))
+        tail = self._usable, loaded, order, len(felt_at), packed, is_share, self._is_dense
         objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
         if not (is_flat or np.isinf(level_db)):
             find_drive(hz, *tail, wanted, _ALL, found, amplitude, power)
