@@ -17,10 +17,10 @@ from precompute.model.plant import Plant
 from precompute.sweep.best import BestRowSearch, Drive, Rows
 from precompute.sweep.coherent import compute_coherent_figures, pair_directions
 from precompute.sweep.grid import (
-    SAMPLING_ERROR,
     GridResponse,
     compute_grid_response,
     estimate_interpolation_error,
+    sampling_error,
     zone_points,
 )
 from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
@@ -83,7 +83,7 @@ def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> No
     ):
         writer.write(group, Variable(name, ("interval", "actuator"), "1", meaning), values)
     sampling = Variable("sampling_error", (), "1", "bound on the relative error of a peak between two points")
-    writer.write(group, sampling, np.array(SAMPLING_ERROR))
+    writer.write(group, sampling, np.array(sampling_error(device)))
 
 
 def _write_axes(writer: TableWriter, group: str, device: Device, *names: str) -> None:

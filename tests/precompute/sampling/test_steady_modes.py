@@ -45,7 +45,7 @@ def test_drives_and_receptances_between_places_are_those_of_the_plant(device: De
 @pytest.mark.parametrize("fingers", [1, 2, 4])
 def test_fingers_on_a_plate_feel_what_the_loaded_plant_says(fingers: int) -> None:
     plant, points_m = assemble(PLATE), random_points(PLATE, fingers, seed=fingers)
-    solver = SteadySolver(PLATE, steady_modes(steady_basis(plant), np.arange(60.0, 301.0)))
+    solver = SteadySolver(PLATE, steady_modes(steady_basis(plant), PLATE.sweep.frequency_hz))
     felt = [finger == 0 for finger in range(fingers)]
     drive = solver.solve(points_m.tolist(), felt, 14.0)
     told_db = np.concatenate([drive.level_db[None], drive.sampled_level_db])
@@ -54,6 +54,7 @@ def test_fingers_on_a_plate_feel_what_the_loaded_plant_says(fingers: int) -> Non
     hz, amplitude = np.array([drive.frequency_hz]), np.array(drive.complex_amplitudes)
     exact_db = levels_db(plant, cases_at(points_m, deviations, PLATE.finger, corner_m), hz, amplitude)
     heard = exact_db > exact_db.max() - 20
+    assert drive.frequency_hz in PLATE.sweep.frequency_hz
     assert drive.achieved and abs(told_db - exact_db)[heard].max() < TOLERANCE_DB
     if fingers > 1:
         assert contrast_db(exact_db, felt) == pytest.approx(drive.value, abs=TOLERANCE_DB)

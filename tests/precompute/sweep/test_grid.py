@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.model.assembly import assemble
-from precompute.sweep.grid import SAMPLING_ERROR, compute_grid_response, estimate_interpolation_error, zone_points
+from precompute.sweep.grid import compute_grid_response, estimate_interpolation_error, sampling_error, zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import every_device, on_each, random_device
 
@@ -25,7 +25,7 @@ def test_a_peak_on_the_points_is_within_the_sampling_error_of_one_on_twenty_time
         coarse, fine = (
             abs(model.unit_acceleration(frequency_hz, place_m) @ drives).max(axis=1) for place_m in (row, fine_m)
         )
-        assert (coarse >= fine * (1 - SAMPLING_ERROR)).all()
+        assert (coarse >= fine * (1 - sampling_error(device))).all()
 
 
 @any_device
