@@ -13,6 +13,7 @@ import pytest
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.named_files import text_with_threshold
+from engine.device.texts import text_with_values
 from engine.device.toml_table import TomlTable
 from engine.effects.rule_file import parse_effects
 from tactable.shipped import device_folder, find_device, named_effects
@@ -53,6 +54,12 @@ def with_zones() -> str:
     return text.replace('inferred = ["count", "hysteresis"]', "") + ZONES
 
 
+def with_inertial() -> str:
+    changes = {"stiffness": "1.2 kN/m", "full_scale": "50 mN", "kind": "inertial", "moving_mass": "2 g"}
+    values = {f"actuator[1].{key}": value for key, value in changes.items()}
+    return text_with_values(find_device("reference-a").text, values, "text")
+
+
 def with_curve_and_impedance() -> str:
     text = text_with_threshold(find_device("reference-a").text, device_folder().parent / "thresholds" / CURVE, "text")
     return text.replace('mass = "0.1 g"\n', "impedance = [[60, 1, -2], [200, 1, -0.7], [300, 1, -0.3]]\n", 1)
@@ -71,6 +78,7 @@ CASES = [
     (DEVICE, read_device, with_zones()),
     (DEVICE, read_device, with_curve_and_impedance()),
     *[(DEVICE, read_device, find_device(name).text) for name in ("reference-p", "reference-c")],
+    (DEVICE, read_device, with_inertial()),
     *[(EFFECTS, read_rules, path.read_text()) for path in sorted((TABLES / "effects").glob("*.toml"))],
     (EFFECTS, read_rules, RULES),
 ]

@@ -19,6 +19,8 @@ _WIDEST_SPREAD = 0.2
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
+KINDS = ("grounded", "inertial")
+"""Of actuators: what their spring and damper stand on, the ground or a moving mass."""
 MOST_ACTUATORS = 16
 """More than any bar that is known. To fit a transfer function to points takes up to 50 ms, however few they are."""
 MOST_TRANSFER_POINTS = 1000
@@ -82,16 +84,19 @@ def read_actuators(top: DeviceTable, surface: Surface) -> tuple[Actuator, ...]:
         raise top.error("actuator", len(parts), f"expected at most {MOST_ACTUATORS} actuators")
     for i, part in enumerate(parts, 1):
         band_hz, stiffness_n_per_m = _read_band(part), part.quantity("stiffness", "N/m", exclusive=True)
+        full_scale_m, is_force = _read_full_scale(part, stiffness_n_per_m)
         actuator = Actuator(
             name=part.name("name", f"actuator {i}"),
             position_m=part.point("position", surface.corner_m),
             stiffness_n_per_m=stiffness_n_per_m,
             damping_n_s_per_m=part.quantity("damping", "N*s/m"),
             mass_kg=part.quantity("mass", "kg"),
-            full_scale_m=_read_full_scale(part, stiffness_n_per_m),
+            full_scale_m=full_scale_m,
             band_hz=band_hz,
             transfer=_read_transfer(part, band_hz),
             electrodes=_read_electrodes(part),
+            moving_mass_kg=_read_moving_mass(part),
+            is_force=is_force,
         )
         for other in actuators:
             if other.name == actuator.name:
@@ -103,16 +108,27 @@ def read_actuators(top: DeviceTable, surface: Surface) -> tuple[Actuator, ...]:
     return tuple(actuators)
 
 
-def _read_full_scale(part: DeviceTable, stiffness_n_per_m: float) -> float:
-    """Displacement of the base at full scale; of a force behind the spring, as a voice coil's, force by stiffness."""
+def _read_full_scale(part: DeviceTable, stiffness_n_per_m: float) -> tuple[float, bool]:
+    """Displacement of the base at full scale; of a force beside the spring, as a voice coil's, force by stiffness."""
     text = part.take_value("full_scale")
     try:
         force_n = read_quantity(text, "N")
     except QuantityError:
-        return part.checked("full_scale", text, "m", exclusive=True)
+        return part.checked("full_scale", text, "m", exclusive=True), False
     if force_n <= 0:
         raise part.error("full_scale", text, "expected more than 0 N")
-    return force_n / stiffness_n_per_m
+    return force_n / stiffness_n_per_m, True
+
+
+def _read_moving_mass(part: DeviceTable) -> float | None:
+    """The moving mass of an inertial actuator, in kg; None for a grounded one."""
+    if part.word("kind", KINDS, KINDS[0]) == "inertial":
+        return part.quantity("moving_mass", "kg", exclusive=True)
+    part.known.append("moving_mass")
+    if "moving_mass" in part.left:
+        remedy = "a grounded actuator has none: leave it out, or say kind = 'inertial'"
+        raise part.error("moving_mass", part.left["moving_mass"], remedy)
+    return None
 
 
 def _read_band(part: DeviceTable) -> tuple[float, float]:

@@ -208,8 +208,8 @@ class Device:
             if values["touch_axis"][key] == default:
                 del values["touch_axis"][key]
         for actuator in values["actuators"]:
-            for key in ("transfer", "electrodes"):
-                if actuator[key] is None:
+            for key in ("transfer", "electrodes", "moving_mass_kg", "is_force"):
+                if not actuator[key]:
                     del actuator[key]
         if values["threshold"] == shipped_threshold(DEFAULT).values:
             del values["threshold"]

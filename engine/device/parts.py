@@ -1,7 +1,7 @@
 """The parts of a device description: immutable values in SI units, with all points from the start of the surface."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -84,7 +84,13 @@ Surface = Bar | Plate
 
 @dataclass(frozen=True)
 class Actuator:
-    """An electrostatic resonant actuator: spring and damper between the surface and a base that is driven."""
+    """A spring and a damper between the surface and a base that is driven, or between it and a moving mass.
+
+    Grounded: the base stands on the ground, as that of an electrostatic resonant actuator or a voice coil. Inertial: a
+    moving mass takes the place of the base, as in a linear resonant actuator or an exciter. Full scale is a
+    displacement in series with spring and damper, or, where `is_force`, a force beside them: full_scale_m is then that
+    force divided by the stiffness.
+    """
 
     name: str
     position_m: complex
@@ -97,6 +103,39 @@ class Actuator:
     """From a command to the displacement of the base; None: the base moves as commanded."""
     electrodes: Electrodes | None = None
     """How the force follows the voltage, and what linearises it; None: the file does not say."""
+    moving_mass_kg: float | None = None
+    """The mass that is not fixed to the surface; None: the actuator is grounded."""
+    is_force: bool = False
+
+    @property
+    def is_inertial(self) -> bool:
+        """Whether spring and damper stand between the surface and a moving mass, not the ground."""
+        return self.moving_mass_kg is not None
+
+    @property
+    def grounded_mass_kg(self) -> float:
+        """The mass on the surface of a grounded actuator, 0 of an inertial one."""
+        return 0.0 if self.is_inertial else self.mass_kg
+
+    @property
+    def spring_force_n(self) -> float:
+        """Force at full scale on a surface, and a moving mass, that are held; without that of the damper."""
+        return self.stiffness_n_per_m * self.full_scale_m
+
+    @property
+    def damper_force_n_s(self) -> float:
+        """Force of the damper there, for each unit of the rate of the command; none where full scale is a force."""
+        return 0.0 if self.is_force else self.damping_n_s_per_m * self.full_scale_m
+
+    def scaled(self, stiffness: float, mass: float) -> "Actuator":
+        """The actuator with its stiffness and its masses multiplied; a force at full scale stays as it is."""
+        return replace(
+            self,
+            stiffness_n_per_m=self.stiffness_n_per_m * stiffness,
+            mass_kg=self.mass_kg * mass,
+            full_scale_m=self.full_scale_m / stiffness if self.is_force else self.full_scale_m,
+            moving_mass_kg=None if self.moving_mass_kg is None else self.moving_mass_kg * mass,
+        )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ Everything is evaluated on the damped lines of `precompute.model.damped_lines`, 
 the courses with those of the time-domain plant.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.linalg
@@ -32,7 +32,7 @@ from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import compute_basis
-from precompute.model.plant import Plant
+from precompute.model.plant import Plant, moved_masses
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
@@ -73,17 +73,26 @@ class SampledPlants:
         s_per_s = lines.s_per_s
         self._pole[:, -1, 0], self._pole[:, -1, 1] = 1.0, 0.0  # of the static modes
         _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), square_omega, own_damping, self._pole)
-        stiffness, damping, mass, full_scale_m, position_m = (
-            np.array([[getattr(actuator, key) for actuator in each.actuators] for each in scenarios.calibrated])
-            for key in ("stiffness_n_per_m", "damping_n_s_per_m", "mass_kg", "full_scale_m", "position_m")
+        sampled = [scenarios.device_of(index).actuators for index in range(len(scenarios))]
+        stiffness, damping, mass, spring, damper = (
+            np.array([[getattr(actuator, key) for actuator in each] for each in sampled])
+            for key in (
+                "stiffness_n_per_m",
+                "damping_n_s_per_m",
+                "grounded_mass_kg",
+                "spring_force_n",
+                "damper_force_n_s",
+            )
         )
-        stiffness, mass = stiffness * scenarios.stiffness, mass * scenarios.mass
-        self._actuator = self._shapes(position_m)
+        self._actuator = np.empty((*damping.shape, square_omega.shape[1] + self._compliance.shape[1]), np.float32)
+        for plant, members, nodal in self._shapes_of:
+            own = plant.actuators
+            self._actuator[members] = [own.shapes(each) for each in nodal]
         # The modes damp as sigma + eta omega^2; actuators' springs and masses have a part in that or not.
         in_modes = stiffness_damping[:, None] * stiffness + mass_damping[:, None] * mass
         self._damper = np.zeros((*damping.shape, 3), np.float32)
         self._damper[..., 1] = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
-        self._force = np.stack([stiffness * full_scale_m, damping * full_scale_m], axis=2).astype(np.float32)
+        self._force = np.stack([spring, damper], axis=2).astype(np.float32)
         self._factor = output_factor(lines, scenarios.device.threshold)
         transfers = transfers_at(scenarios.device.actuators, s_per_s)
         self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
@@ -179,23 +188,28 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
         base = scenarios.calibrated[members[0]]
         plant = assemble(base)
         basis = compute_basis(plant, modes + _STATIC_MODES)
-        drive = basis.at_actuators
-        own = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in base.actuators])
+        attached = partial(_attached, basis.at_actuators, plant.masses.shapes(basis.shape))
         # In the base's modes the whole is diagonal; the bar alone is what the springs and masses of actuators leave.
-        bar_stiffness = np.diag(basis.square_omega) - (drive.T * own[:, 0]) @ drive
-        bar_mass = np.eye(len(basis.square_omega)) - (drive.T * own[:, 1]) @ drive
+        stiffness, mass = attached(base)
+        bar_stiffness, bar_mass = np.diag(basis.square_omega) - stiffness, np.eye(len(mass)) - mass
         nodal = np.empty((len(members), *basis.shape.shape), np.float32)
         for row, index in enumerate(members):
             device = scenarios.device_of(index)
-            added = np.array([(actuator.stiffness_n_per_m, actuator.mass_kg) for actuator in device.actuators])
-            stiffness = _bending(device) / _bending(base) * bar_stiffness + (drive.T * added[:, 0]) @ drive
-            mass = _mass(device) / _mass(base) * bar_mass + (drive.T * added[:, 1]) @ drive
+            stiffness, mass = attached(device)
+            stiffness += _bending(device) / _bending(base) * bar_stiffness
+            mass += _mass(device) / _mass(base) * bar_mass
             # Bending and mass scale the bar; its modes with other actuators are combinations of those of the base.
             square, vector = scipy.linalg.eigh(stiffness, mass, check_finite=False, driver="gvd")
             square_omega[index] = np.maximum(square, 0.0)
             np.matmul(basis.shape, vector, out=nodal[row], casting="same_kind")
         shapes.append((plant, np.array(members), nodal))
     return shapes, square_omega
+
+
+def _attached(springs: Array, masses: Array, device: Device) -> tuple[Array, Array]:
+    """What actuators add to stiffness and mass (mode, mode); mode shapes at springs, and masses, (point, mode)."""
+    stiffness = np.array([actuator.stiffness_n_per_m for actuator in device.actuators])
+    return (springs.T * stiffness) @ springs, (masses.T * moved_masses(device.actuators)) @ masses
 
 
 def _bending(device: Device) -> float:

@@ -155,8 +155,15 @@ def find_parameters(
 ) -> tuple[Parameter, ...]:
     """Parameters by name, starting at the device's values. Raises ParameterError for names that cannot be fitted.
 
-    `bounds` (SI) replace the usual ones; sensor.mass starts at `sensor_mass_kg`.
+    `bounds` (SI) replace the usual ones; sensor.mass starts at `sensor_mass_kg`. A fit is of displacements behind the
+    springs of grounded actuators: it refuses others.
     """
+    for each in device.actuators:
+        if each.is_inertial or each.is_force:
+            what = "is inertial" if each.is_inertial else "has a force for its full scale"
+            as_m = f"state full_scale as the force divided by the stiffness, '{1e6 * each.full_scale_m:.6g} um'"
+            remedy = "take its values from its data sheet" if each.is_inertial else as_m
+            raise ParameterError(f"{device.name}: {each.name} {what}, to which nothing is fitted; {remedy}")
     for name in bounds:
         if name not in names:
             raise ParameterError(f"{name}: has bounds but is not fitted; fitted are {', '.join(names)}")

@@ -9,16 +9,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, even_points
+from base.arrays import Array, Complex, Points
 from engine.device import Device, Finger
-from engine.device.parts import Bar
+from engine.device.parts import Bar, DeviceError
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
 from precompute.model.plant import Plant, Sampler
 
 BANDWIDTH = 3
 """Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
-ZONE_PLACES = 257
-"""Places looked at in a zone before a peak is interpolated: its height is then right to 1e-6."""
 _SNAP = 1e-6
 """Places closer than this fraction of the bar share a node: a shorter element ruins the conditioning."""
 
@@ -50,6 +48,11 @@ class BarPlant(Plant):
         """The deflection at each actuator, which its spring and damper act on."""
         return Sampler(self.actuator_dof[:, None], np.ones((len(self.actuator_dof), 1)))
 
+    @property
+    def masses(self) -> Sampler:
+        """The deflection of each mass of `moved_masses`: those at the actuators."""
+        return self.actuators
+
     @cached_property
     def element_integral(self) -> Array:
         """Shape (element, 4, 4): integral of N N^T over each element, in metres."""
@@ -64,11 +67,6 @@ class BarPlant(Plant):
             out[(middle_m > zone.start_m) & (middle_m < zone.stop_m)] = index
         return out
 
-    @cached_property
-    def zone_places_m(self) -> Array:
-        """Shape (zone, 1, ZONE_PLACES): even places in each zone, edges included, where peaks are looked for."""
-        return np.array([[even_points(zone.start_m, zone.stop_m, ZONE_PLACES)] for zone in self.device.zones])
-
     def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
         """Sampler at positions (point,) on the bar."""
         position_m = np.asarray(position_m, dtype=np.float64)
@@ -76,6 +74,19 @@ class BarPlant(Plant):
         length_m = np.diff(self.node_m)[element]
         dof = 2 * element[:, None] + np.arange(4)
         return Sampler(dof, shape_functions((position_m - self.node_m[element]) / length_m, length_m))
+
+    def at(self, points_m: Points) -> Array:
+        """The functions of the elements at points (point,): (point, degree of freedom)."""
+        sampler, rows = self.sampler(points_m), np.zeros((len(points_m), self.size))
+        np.put_along_axis(rows, sampler.dof, sampler.weight, axis=1)
+        return rows
+
+    def mean_products(self, start_m: complex, stop_m: complex) -> Array:
+        """Integral of f_k f_l over the elements between two nodes: (degree of freedom, degree of freedom), m."""
+        middle_m, out = (self.node_m[:-1] + self.node_m[1:]) / 2, np.zeros((self.size, self.size))
+        for e in np.flatnonzero((middle_m > start_m.real) & (middle_m < stop_m.real)):
+            out[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += self.element_integral[e]
+        return out
 
     def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "BarPlant":
         """The plant with a grounded finger at each position, assembled into the matrices (docs/theory.md#fingers)."""
@@ -140,9 +151,22 @@ def build_mesh(device: Device) -> Array:
 
 
 def assemble_bar(device: Device) -> BarPlant:
-    """The plant of the untouched bar: the mesh, and its elements and actuators assembled."""
-    bar = device.bar
-    node_m = build_mesh(device)
+    """The plant of the untouched bar: the mesh, and its elements and actuators assembled.
+
+    Raises DeviceError where an actuator is inertial: its moving mass does not fit into the band.
+    """
+    for actuator in device.actuators:
+        if actuator.is_inertial:
+            raise DeviceError(
+                f"{device.name}: {actuator.name} is inertial; measurements and calibrations are of grounded actuators "
+                "only: take its values from its data sheet"
+            )
+    return add_actuators(device, *_free_bar(device))
+
+
+def _free_bar(device: Device) -> tuple[Array, Array, Array]:
+    """The mesh of a bar without actuators; its K and M."""
+    bar, node_m = device.bar, build_mesh(device)
     size = 2 * len(node_m)
     K, M = np.zeros((BANDWIDTH + 1, size)), np.zeros((BANDWIDTH + 1, size))
     bending_stiffness = bar.youngs_modulus_pa * bar.width_m * bar.thickness_m**3 / 12
@@ -150,16 +174,22 @@ def assemble_bar(device: Device) -> BarPlant:
     for i, length_m in enumerate(np.diff(node_m)):
         _add(K, 2 * i, stiffness_matrix(bending_stiffness, length_m))
         _add(M, 2 * i, mass_per_length * shape_integral(length_m))
-    return add_actuators(device, node_m, K, M)
+    return node_m, K, M
 
 
 def assemble(device: Device) -> Plant:
     """The plant of the untouched surface of a device."""
-    if isinstance(device.surface, Bar):
-        return assemble_bar(device)
-    from precompute.model.plate import assemble_plate
+    from precompute.model.modal_plant import assemble_modes
 
-    return assemble_plate(device)
+    if isinstance(device.surface, Bar):
+        if not any(actuator.is_inertial for actuator in device.actuators):
+            return assemble_bar(device)
+        node_m, K, M = _free_bar(device)
+        return assemble_modes(device, BarPlant(device, node_m, K, np.zeros_like(K), M), dense(K), dense(M))
+    from precompute.model.plate import Ritz, degrees_of, plate_matrices
+
+    ritz = Ritz.of(device.surface, degrees_of(device.surface, device.sweep.stop_hz))
+    return assemble_modes(device, ritz, *plate_matrices(device.surface, ritz))
 
 
 def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> BarPlant:

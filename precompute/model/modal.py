@@ -50,7 +50,7 @@ class Basis:
 
     @property
     def at_actuators(self) -> Array:
-        """Mode shapes at the actuators: (actuator, mode)."""
+        """Mode shapes at the actuators, relative to a moving mass if there is one: (actuator, mode)."""
         return self.plant.actuators.shapes(self.shape)
 
 
@@ -102,18 +102,21 @@ def count_modes(basis: Basis, tolerance: float, band_hz: tuple[float, float]) ->
 def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
     """Greatest error of the receptances with 4, 8, 12 ... modes of the basis, as fractions of their greatest values.
 
-    Accelerations at a finger in the middle of every zone per unit force at each actuator, all fingers on the bar.
+    Accelerations at a finger in the middle of every zone per unit force of each actuator, all fingers on the bar.
     """
-    from precompute.model.response import solve_response  # it compiles kernels, which known modes do not need
+    from precompute.model.response import (
+        blocked_force,
+        solve_response,
+    )  # it compiles kernels, which known modes do not need
 
     device, omega = basis.plant.device, 2 * np.pi * frequency_hz
     plant = assemble(device) if basis.plant.is_measured else basis.plant  # fingers join no measured responses
     middle_m = np.array([zone.middle_m for zone in device.zones])
-    actuator_m = np.array([actuator.position_m for actuator in device.actuators])
-    count, finger = len(actuator_m), device.finger
-    loaded = solve_response(plant.with_fingers(middle_m.tolist(), finger), frequency_hz, actuator_m)
-    exact = plant.sampler(middle_m).sample(loaded.displacement_m[:, count:])
-    shape = basis.at(np.concatenate([actuator_m, middle_m]))
+    count, finger = len(device.actuators), device.finger
+    loaded = solve_response(plant.with_fingers(middle_m.tolist(), finger), frequency_hz)
+    force = blocked_force(device.actuators, frequency_hz)
+    exact = plant.sampler(middle_m).sample(loaded.displacement_m) / force[..., None]
+    shape = np.concatenate([basis.at_actuators, basis.at(middle_m)])
     error, greatest = np.zeros((len(basis.square_omega) // _STEP_OF_MODES, *exact.shape[1:])), np.zeros(exact.shape[1:])
     for w, reference in zip(omega, exact, strict=True):
         touch = finger.stiffness_n_per_m + 1j * w * finger.damping_n_s_per_m - w**2 * finger.mass_kg
@@ -146,7 +149,7 @@ def mount_dampers(basis: Basis) -> Array:
     own = np.array([actuator.damping_n_s_per_m for actuator in actuators])
     if bar.damping_of == "assembly":
         return own
-    stiffness, mass = np.array([(each.stiffness_n_per_m, each.mass_kg) for each in actuators]).T
+    stiffness, mass = np.array([(each.stiffness_n_per_m, each.grounded_mass_kg) for each in actuators]).T
     beyond: Array = own - bar.stiffness_damping_s * stiffness - bar.mass_damping_per_s * mass
     return beyond
 
@@ -181,6 +184,5 @@ def _forces(basis: Basis) -> Array:
     """Modal force per unit base displacement and per unit rate: (mode, 2, actuator)."""
     actuators = basis.plant.device.actuators
     drive = basis.at_actuators.T
-    spring = np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators])
-    damper = np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators])
+    spring, damper = np.array([(a.spring_force_n, a.damper_force_n_s) for a in actuators]).T
     return np.stack([drive * spring, drive * damper], axis=1)

@@ -1,7 +1,8 @@
 """A plant: the surface of a device on its actuators, as matrices over degrees of freedom, whatever the surface is.
 
-Bars are finite elements (`precompute.model.assembly`), plates are Ritz's functions (`precompute.model.plate`). All
-that follows, from responses to sweeps and clicks, needs what is declared here and no more.
+Bars are finite elements (`precompute.model.assembly`); plates, and bars with inertial actuators, are modes
+(`precompute.model.modal_plant`). All that follows, from responses to sweeps and clicks, needs what is declared here and
+no more.
 """
 
 from abc import ABC, abstractmethod
@@ -13,8 +14,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Array, Complex
-from engine.device import Device, Finger
+from base.arrays import Array, Complex, even_points
+from engine.device import Actuator, Device, Finger
+
+_ZONE_PLACES = {"bar": (1, 257), "plate": (17, 17)}
+"""Places looked at across and along a zone before a peak is interpolated: on a bar its height is right to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,12 @@ class Sampler:
         return values
 
 
+def moved_masses(actuators: Sequence[Actuator]) -> Array:
+    """Shape (mass,), kg: what each actuator puts on the surface, then the moving masses of inertial ones."""
+    moving = [actuator.moving_mass_kg for actuator in actuators if actuator.moving_mass_kg is not None]
+    return np.array([*(actuator.mass_kg for actuator in actuators), *moving])
+
+
 class Plant(ABC):
     """The untouched surface with its actuators; with `with_fingers` also with fingers."""
 
@@ -48,7 +58,12 @@ class Plant(ABC):
     @property
     @abstractmethod
     def actuators(self) -> Sampler:
-        """The deflection at each actuator, which its spring and damper act on."""
+        """The deflection that each actuator's spring and damper act on; relative to its moving mass, if it has one."""
+
+    @property
+    @abstractmethod
+    def masses(self) -> Sampler:
+        """The deflection of each mass of `moved_masses`."""
 
     @abstractmethod
     def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
@@ -82,10 +97,12 @@ class Plant(ABC):
         field: (frequency, column, degree of freedom).
         """
 
-    @property
-    @abstractmethod
+    @cached_property
     def zone_places_m(self) -> NDArray[np.float64] | NDArray[np.complex128]:
         """Points (zone, across, along) in each zone, edges included, where peaks are looked for; a bar has one row."""
+        zones, (across, along) = self.device.zones, _ZONE_PLACES[self.device.surface.kind]
+        each = [even_points(zone.start_m, zone.stop_m, along, across) for zone in zones]
+        return np.array(each).reshape(len(zones), across, along)
 
     @cached_property
     def zone_sampler(self) -> Sampler:

@@ -56,7 +56,7 @@ def peak_along(
 def blocked_force(actuators: Sequence[Actuator], frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
     """F_i = (k_i + j omega c_i) alpha_i H_i: force (frequency, actuator), N, of full scale on a bar that is held."""
     jw = 2j * np.pi * frequency_hz
-    force = [(a.stiffness_n_per_m + jw * a.damping_n_s_per_m) * a.full_scale_m for a in actuators]
+    force = [a.spring_force_n + jw * a.damper_force_n_s for a in actuators]
     transfers = transfers_at(actuators, jw)
     out: NDArray[np.complex128] = np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
     return out
@@ -78,8 +78,8 @@ def solve_response(plant: Plant, frequency_hz: NDArray[np.float64], touched_m: P
     out = plant.solve(
         2 * np.pi * np.asarray(frequency_hz, dtype=np.float64),
         Sampler(dof, weight),
-        np.array([a.stiffness_n_per_m * a.full_scale_m for a in actuators] + [1.0] * points),
-        np.array([a.damping_n_s_per_m * a.full_scale_m for a in actuators] + [0.0] * points),
+        np.array([a.spring_force_n for a in actuators] + [1.0] * points),
+        np.array([a.damper_force_n_s for a in actuators] + [0.0] * points),
     )
     for column, actuator in enumerate(actuators):
         if actuator.transfer is not None:

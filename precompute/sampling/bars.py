@@ -87,8 +87,8 @@ def sample_bars(device: Device, sampled: SampledFingers) -> SampledBars | None:
         K=np.stack([plant.K for plant in plants]),
         C=np.stack([plant.C for plant in plants]),
         M=np.stack([plant.M for plant in plants]),
-        spring=np.array([[a.stiffness_n_per_m * a.full_scale_m for a in each] for each in actuators]),
-        damper=np.array([[a.damping_n_s_per_m * a.full_scale_m for a in each] for each in actuators]),
+        spring=np.array([[a.spring_force_n for a in each] for each in actuators]),
+        damper=np.array([[a.damper_force_n_s for a in each] for each in actuators]),
     )
 
 

@@ -69,12 +69,8 @@ class Scenarios:
             youngs_modulus_pa=base.surface.youngs_modulus_pa * float(self.bar_stiffness[scenario]),
             density_kg_per_m3=base.surface.density_kg_per_m3 * float(self.bar_mass[scenario]),
         )
-        actuators = tuple(
-            replace(actuator, stiffness_n_per_m=actuator.stiffness_n_per_m * k, mass_kg=actuator.mass_kg * m)
-            for actuator, k, m in zip(
-                base.actuators, self.stiffness[scenario].tolist(), self.mass[scenario].tolist(), strict=True
-            )
-        )
+        factors = self.stiffness[scenario].tolist(), self.mass[scenario].tolist()
+        actuators = tuple(actuator.scaled(k, m) for actuator, k, m in zip(base.actuators, *factors, strict=True))
         return replace(base, surface=surface, actuators=actuators)
 
     def deviations(self, fingers: int) -> Array:

@@ -129,7 +129,7 @@ def solve_point(plant: BarPlant, position_m: Points, pair_hz: Array, amplitude: 
         for k in range(1, 4):
             full[3 + k, : plant.size - k] = band[3 - k, k:]
         load = np.zeros(plant.size, dtype=np.complex128)
-        load[dof] = (actuator.stiffness_n_per_m + 1j * omega * actuator.damping_n_s_per_m) * actuator.full_scale_m
+        load[dof] = actuator.spring_force_n + 1j * omega * actuator.damper_force_n_s
         factor = 1.0 if actuator.transfer is None else actuator.transfer.at(np.atleast_1d(hz))[0]
         field = weight * factor * scipy.linalg.solve_banded((3, 3), full, load)
         local = omega * field[2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)]

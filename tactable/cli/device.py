@@ -126,6 +126,14 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
         "marked": list(device.inferred),
         "modes": [_mode_json(mode) for mode in first],
         "bands_hz": {actuator.name: list(actuator.band_hz) for actuator in device.actuators},
+        "inertial": {
+            actuator.name: {
+                "moving_mass_kg": actuator.moving_mass_kg,
+                "resonance_hz": (actuator.stiffness_n_per_m / actuator.moving_mass_kg) ** 0.5 / (2 * np.pi),
+            }
+            for actuator in device.actuators
+            if actuator.moving_mass_kg is not None
+        },
         "electrodes": {
             actuator.name: to_plain(actuator.electrodes)
             | {"second_harmonic": actuator.electrodes.second_harmonic(device.limits.amplitude)}
@@ -161,6 +169,9 @@ def _say_check(found: dict[str, Any]) -> None:
     say(f"first modes, untouched, with damping ratios: {listed}")
     for name, (low_hz, high_hz) in found["bands_hz"].items():
         say(f"band of {name}: {low_hz:g} to {high_hz:g} Hz")
+    for name, mass in found["inertial"].items():
+        own = f"{1e3 * mass['moving_mass_kg']:.3g} g on a spring, which on a surface at rest resonates"
+        say(f"{name} is inertial: {own} at {mass['resonance_hz']:.4g} Hz")
     for name, points in found["transfer_points"].items():
         say(f"transfer function of {name}: {points} points")
     for name, electrodes in found["electrodes"].items():

@@ -32,7 +32,7 @@ MATERIALS = {
 }
 _UNITS = {
     "bar": {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"},
-    "actuator": {"stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"},
+    "actuator": {"moving_mass": "kg", "stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"},
 }
 _LONGEST_NAME = 64  # it is in titles, names of files and errors
 
@@ -50,8 +50,13 @@ def new(
     density: Annotated[str | None, typer.Option(help="In place of the material's, such as 2710kg/m^3.")] = None,
     stiffness: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 18.9 kN/m.")] = None,
     damping: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 0.045 N*s/m.")] = None,
-    mass: Annotated[str | None, typer.Option(help="Of each actuator's moving part; estimate: 9.5 g.")] = None,
-    full_scale: Annotated[str | None, typer.Option(help="Base displacement at full scale; estimate: 0.52 um.")] = None,
+    mass: Annotated[str | None, typer.Option(help="Of each actuator on the bar; estimate: 9.5 g.")] = None,
+    moving_mass: Annotated[
+        str | None, typer.Option(help="Of each actuator, if it is inertial: on its spring, such as 2g.")
+    ] = None,
+    full_scale: Annotated[
+        str | None, typer.Option(help="Base displacement, or force, at full scale; estimate: 0.52 um.")
+    ] = None,
     band: Annotated[str | None, typer.Option(help="In which actuators may be driven; estimate: 60Hz,300Hz.")] = None,
     zones: Annotated[int | None, typer.Option(min=1, max=16, help="Number of equal zones; estimate: 5.")] = None,
     threshold: Annotated[
@@ -75,7 +80,9 @@ def new(
     if material is not None:
         youngs_modulus, density = _of_material(material, youngs_modulus, density)
     _give(document, "bar", (length, width, thickness, youngs_modulus, density))
-    _give(document, "actuator", (stiffness, damping, mass, full_scale))
+    _give(document, "actuator", (moving_mass, stiffness, damping, mass, full_scale))
+    if moving_mass is not None:
+        document["actuator"][0]["kind"] = "inertial"
     if band is not None:
         edges = _edges(band)
         _set(document["actuator"][0], "band", edges)
@@ -109,7 +116,8 @@ def _give(document: Any, part: str, texts: tuple[str | None, ...]) -> None:
     table = document[part][0] if part == "actuator" else document[part]
     for (key, unit), text in zip(_UNITS[part].items(), texts, strict=True):
         if text is not None:
-            _set(table, key, _checked("--" + key.replace("_", "-"), text, unit))
+            as_force = key == "full_scale" and text.rstrip().endswith("N")
+            _set(table, key, _checked("--" + key.replace("_", "-"), text, "N" if as_force else unit))
 
 
 def _set(table: Any, key: str, value: Any) -> None:

@@ -113,6 +113,21 @@ def with_actuators(device: Device, **changes: Any) -> Device:
     return replace(device, actuators=tuple(replace(actuator, **changes) for actuator in device.actuators))
 
 
+def with_inertial(device: Device) -> Device:
+    """The device with a moving mass of 2 g on its first actuator, driven by a force; alone it resonates at 123 Hz."""
+    first, *others = device.actuators
+    inertial = replace(
+        first,
+        stiffness_n_per_m=1200.0,
+        damping_n_s_per_m=0.1,
+        mass_kg=1e-3,
+        moving_mass_kg=2e-3,
+        full_scale_m=0.05 / 1200,
+        is_force=True,
+    )
+    return replace(device, name=f"{device.name} inertial", actuators=(inertial, *others))
+
+
 def damped_as_assembly(device: Device) -> Device:
     """The device whose damping acts on the springs and masses of the actuators too."""
     return replace(with_bar(device, damping_of="assembly"), name=f"{device.name}, assembly damped")

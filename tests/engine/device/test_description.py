@@ -402,3 +402,17 @@ def test_the_estimates_of_the_shipped_devices_are_marked_and_the_physical_ones_c
     physical = {f"{table}.{key}" for table in keys for key in keys[table].split()}
     assert physical | {"zones.count", "sweep.start", "sweep.stop", "limits.amplitude"} <= set(device.inferred)
     assert set(device.estimated_values) == physical
+
+
+def test_a_force_at_full_scale_stays_one_and_only_an_inertial_actuator_has_a_moving_mass() -> None:
+    force = changed("actuator[1]", "full_scale", '"79 mN"')
+    driven = Device.parse(force, "text").actuators[0]
+    assert driven.spring_force_n == pytest.approx(0.079) and driven.damper_force_n_s == 0.0
+    stiffer = driven.scaled(stiffness=1.1, mass=1.0)
+    assert stiffer.spring_force_n == pytest.approx(0.079)
+    assert REFERENCE.actuators[0].scaled(stiffness=1.1, mass=1.0).full_scale_m == REFERENCE.actuators[0].full_scale_m
+    inertial = changed("actuator[1]", "moving_mass", '"2 g"', changed("actuator[1]", "kind", '"inertial"', force))
+    assert Device.parse(inertial, "text").actuators[0].moving_mass_kg == pytest.approx(2e-3)
+    for text, key in ((changed("actuator[1]", "kind", '"grounded"', inertial), "moving_mass"), (inertial, "kind")):
+        with pytest.raises(DeviceError, match=rf"actuator\[1\]\.{key}"):
+            Device.parse(text.replace('"inertial"', '"floating"'), "text")

@@ -17,7 +17,7 @@ from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import Scenarios, sample_scenarios
-from tests.precompute.devices import any_device, damped_as_assembly, shipped
+from tests.precompute.devices import any_device, damped_as_assembly, shipped, with_inertial
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -65,7 +65,7 @@ def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines:
 
 @any_device
 def test_fingers_feel_what_the_time_domain_plant_does_weighted(device: Device) -> None:
-    for plant, numbers in ((device, (0, 1, 3)), (damped_as_assembly(device), (1,))):
+    for plant, numbers in ((device, (0, 1, 3)), (damped_as_assembly(device), (1,)), (with_inertial(device), (1,))):
         scenarios, waveform = sample_scenarios(plant, 4, seed=2), drive_of(plant)
         responses = responses_of(scenarios)
         drive = responses.lines.transform(waveform)

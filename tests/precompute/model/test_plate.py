@@ -19,8 +19,10 @@ from engine.touch import Placement
 from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
+from precompute.model.assembly import assemble
+from precompute.model.modal_plant import ModalPlant
 from precompute.model.modes import compute_modes, seen_points
-from precompute.model.plate import PlatePlant, Ritz, assemble_plate, degrees_of, plate_matrices
+from precompute.model.plate import Ritz, degrees_of, plate_matrices
 from precompute.model.response import solve_response
 from precompute.model.steady import compute_steady_state
 from precompute.model.threshold_filter import threshold_filter
@@ -33,8 +35,10 @@ HZ = np.array([60.0, 118.0, 187.0, 300.0])
 
 
 @cache
-def plant_of(device: Device) -> PlatePlant:
-    return assemble_plate(device)
+def plant_of(device: Device) -> ModalPlant:
+    plant = assemble(device)
+    assert isinstance(plant, ModalPlant)
+    return plant
 
 
 def frequencies_hz(plate: Plate, degrees: tuple[int, int], actuators: tuple[Actuator, ...] = ()) -> NDArray[np.float64]:

@@ -16,10 +16,11 @@ from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from precompute.sampling.steady_modes import PITCH_M, steady_basis, steady_modes
-from tests.precompute.devices import every_device, shipped, tablet, with_bar
+from tests.precompute.devices import every_device, shipped, tablet, with_bar, with_inertial
 
 FREQUENCY_HZ = np.array([61.0, 148.3, 290.0])
 PLATE = tablet()
+INERTIAL = with_inertial(shipped("reference-a")), with_inertial(PLATE)
 TOLERANCE_DB = 0.05
 
 
@@ -29,7 +30,7 @@ def random_points(device: Device, count: int, seed: int = 1) -> Points:
     return np.asarray(x * corner_m.real + 1j * y * corner_m.imag if isinstance(corner_m, complex) else x * corner_m)
 
 
-@pytest.mark.parametrize("device", [*every_device().values(), PLATE], ids=lambda device: device.name)
+@pytest.mark.parametrize("device", [*every_device().values(), PLATE, *INERTIAL], ids=lambda device: device.name)
 def test_drives_and_receptances_between_places_are_those_of_the_plant(device: Device) -> None:
     plant, points_m = assemble(device), random_points(device, 5)
     loading = PlainLoading(modes := steady_modes(steady_basis(plant), FREQUENCY_HZ))

@@ -1,0 +1,176 @@
+"""A plant of modes: functions that span the motion of a surface, with actuators, as undamped modes of both together.
+
+The functions are Ritz's on a plate and the finite elements on a bar. Actuators enter as springs, dampers and masses at
+points, exactly as in `precompute.model.assembly`. The moving mass of an inertial actuator is one degree of freedom
+more: its spring, its damper and its force act between the surface and that mass.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, Self
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from base.arrays import Array, Complex, Points
+from engine.device import Device, Finger
+from precompute.model.plant import Plant, Sampler, moved_masses
+
+_MOST_MODES = 150
+"""Modes that stand for the plant. Those above, at about 10 kHz on a tablet, would be as stiff as 3 MN/m at a point."""
+
+
+class Functions(Protocol):
+    """Functions over a surface that span its motion."""
+
+    def at(self, points_m: Points) -> Array:
+        """The functions at points (point,): (point, function)."""
+
+    def mean_products(self, start_m: complex, stop_m: complex) -> Array:
+        """Integral of f_k f_l over a part of the surface: (function, function)."""
+
+    @property
+    def resolution(self) -> dict[str, int | float]:
+        """Attributes of a table that say how finely the surface is resolved."""
+
+
+class ModeSampler(Sampler):
+    """A sampler whose every point sees all degrees of freedom: one product, without a copy of the field a point."""
+
+    def sample(self, field: Complex) -> Complex:
+        """Shape (..., point) from a field (..., degree of freedom)."""
+        return np.asarray(field @ self.weight.T)
+
+    def shapes(self, shape: Array) -> Array:
+        """Shape (point, mode) from mode shapes (degree of freedom, mode)."""
+        return np.asarray(self.weight @ shape)
+
+
+@dataclass(frozen=True)
+class ModalPlant(Plant):
+    """A surface on its actuators; its degrees of freedom are the undamped modes of both together, mass-normalised.
+
+    shape (function, mode); moved (inertial actuator, mode): the motion of the moving masses; K, C, M (mode, mode), with
+    fingers where `with_fingers` has put some.
+    """
+
+    device: Device
+    functions: Functions
+    shape: Array
+    moved: Array
+    K: Array
+    C: Array
+    M: Array
+
+    @property
+    def size(self) -> int:
+        """Number of degrees of freedom."""
+        return len(self.K)
+
+    @property
+    def actuators(self) -> Sampler:
+        """The deflection that each actuator's spring and damper act on; relative to its moving mass, if it has one."""
+        rows = self._at_actuators
+        rows[[actuator.is_inertial for actuator in self.device.actuators]] -= self.moved
+        return _of_modes(rows)
+
+    @property
+    def masses(self) -> Sampler:
+        """The deflection of each mass of `moved_masses`."""
+        return _of_modes(np.concatenate([self._at_actuators, self.moved]))
+
+    @property
+    def _at_actuators(self) -> Array:
+        return self.sampler(np.array([actuator.position_m for actuator in self.device.actuators])).weight
+
+    def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
+        """Sampler at points (point,) on the surface."""
+        return _of_modes(self.functions.at(position_m) @ self.shape)
+
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "ModalPlant":
+        """The plant with a grounded finger at each point (docs/theory.md#fingers)."""
+        fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
+        rows = self.sampler(np.array(position_m)).weight
+        stiffness, damping, mass = (
+            np.array([getattr(each, key) for each in fingers])
+            for key in ("stiffness_n_per_m", "damping_n_s_per_m", "mass_kg")
+        )
+        K, C, M = (
+            own + (rows.T * added) @ rows for own, added in ((self.K, stiffness), (self.C, damping), (self.M, mass))
+        )
+        return replace(self, K=K, C=C, M=M)
+
+    @property
+    def resolution(self) -> dict[str, int | float]:
+        """How finely the functions resolve the surface."""
+        return self.functions.resolution
+
+    def with_device(self, device: Device) -> Self:
+        """The same matrices for a device that differs in what they do not depend on."""
+        return replace(self, device=device)
+
+    def dense(self) -> tuple[Array, Array, Array]:
+        """K, C and M (degree of freedom, degree of freedom)."""
+        return self.K, self.C, self.M
+
+    def solve(self, omega: Array, loads: Sampler, spring: Array, damper: Array) -> Complex:
+        """Displacement (frequency, load, degree of freedom), by elimination."""
+        force = np.zeros((len(loads.dof), self.size))
+        np.put_along_axis(force, loads.dof, loads.weight, axis=1)
+        out = np.empty((len(omega), *force.shape), dtype=np.complex128)
+        with threadpool_limits(1, "blas"):  # threads cost more than systems of this size gain by them
+            for at, w in enumerate(omega):
+                right = (spring + 1j * w * damper)[:, None] * force
+                out[at] = np.linalg.solve(self.K + 1j * w * self.C - w**2 * self.M, right.T).T
+        return out
+
+    def gram(self, field: Complex) -> Complex:
+        """Integrals (frequency, zone + 1, column, column) of conj(v_a) v_b, exact."""
+        found = [np.einsum("fai,ij,fbj->fab", field.conj(), each, field, optimize=True) for each in self._integrals]
+        return np.stack(found, axis=1)
+
+    @cached_property
+    def _integrals(self) -> list[Array]:
+        """Integrals (mode, mode) of products over each zone, and over what is in none."""
+        corner_m = self.device.surface.corner_m
+        whole = self.integral_over(0 * corner_m, corner_m)
+        each = [self.integral_over(zone.start_m, zone.stop_m) for zone in self.device.zones]
+        return [*each, whole - sum(each, np.zeros_like(whole))]
+
+    def integral_over(self, start_m: complex, stop_m: complex) -> Array:
+        """Integrals (mode, mode) of products over a stretch of a bar, m, or a rectangle of a plate, m^2."""
+        return self.shape.T @ self.functions.mean_products(start_m, stop_m) @ self.shape
+
+
+def _of_modes(weight: Array) -> Sampler:
+    return ModeSampler(np.broadcast_to(np.arange(weight.shape[1]), weight.shape), weight)
+
+
+def assemble_modes(device: Device, functions: Functions, K: Array, M: Array) -> ModalPlant:
+    """The plant of an untouched surface, K and M (function, function), with its actuators; C = C_A + sigma M + eta K.
+
+    M and K there are the surface's own, or with `damping_of` "assembly" the whole plant's. Sigma damps the masses of
+    inertial actuators either way: they are attached to nothing but the surface.
+    """
+    surface, actuators, own = device.surface, device.actuators, len(K)
+    inertial = np.flatnonzero([actuator.is_inertial for actuator in actuators])
+    K, M = (np.pad(each, (0, len(inertial))) for each in (K, M))
+    at = np.pad(functions.at(np.array([actuator.position_m for actuator in actuators])), ((0, 0), (0, len(inertial))))
+    moving = np.eye(len(inertial), len(K), own)
+    springs, masses = at.copy(), np.concatenate([at, moving])
+    springs[inertial] -= moving
+    stiffness, damping = np.array([(each.stiffness_n_per_m, each.damping_n_s_per_m) for each in actuators]).T
+    held = np.array([each.grounded_mass_kg for each in actuators] + [0.0] * len(inertial))
+    mass = moved_masses(actuators)
+    floating = (masses.T * (mass - held)) @ masses
+    of_surface = surface.mass_damping_per_s * (M + floating) + surface.stiffness_damping_s * K
+    K, M = K + (springs.T * stiffness) @ springs, M + (masses.T * mass) @ masses
+    of_both = surface.mass_damping_per_s * M + surface.stiffness_damping_s * K
+    C = (of_surface if surface.damping_of == "bar" else of_both) + (springs.T * damping) @ springs
+    last = min(_MOST_MODES, len(K)) - 1
+    square, shape = scipy.linalg.eigh(K, M, subset_by_index=(0, last))
+    square, C = np.diag(np.maximum(square, 0.0)), shape.T @ C @ shape
+    return ModalPlant(device, functions, shape[:own], shape[own:], square, C, np.eye(len(square)))
