@@ -5,25 +5,26 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from engine.loop.command_latency import Percentiles
+from engine.render.chosen_basis import play_ns
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE, occupied_ns
+from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns
 from firmware_link.protocol.link_errors import LinkError
-from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag
+from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
 from tactable.doctor.check import Check
 from tactable.shipped import DEMO_RECORDING
 
 _WAKES = 200  # two lie beyond the 99th percentile
 _PERIOD_S = 0.002  # the process must have fallen asleep in between; 200 of them take 0.4 s
 _ACTUATORS = 2
-_CLICK_WEIGHTS = 44
-"""Number of weights of a click of 30 ms for two actuators."""
+_CLICK_WEIGHTS = 22
+"""Number of weights for each actuator of a click of 30 ms between 60 and 300 Hz."""
 _HALF_LEASE_S = 0.02  # of the default of 40 ms: a click must be on the board before its lease is half over
 _US = 1e3
 _PULSES = """
@@ -49,8 +50,6 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
     """Wake-up, engine, terminal and line; takes about a second. The line is computed, not measured."""
     command = encode_message(Set(0, SetFlag.WRITE_PHASE, 0, bytes(_ACTUATORS * DRIVE_SIZE)), 0)
     line_us = occupied_ns(bit_rate_hz, len(command)) / _US
-    click = encode_message(Play(0, 0, 1, 0, _CLICK_WEIGHTS, (0,) * _CLICK_WEIGHTS), 0)
-    slowest_hz = len(click) * UART_BITS_PER_BYTE / _HALF_LEASE_S
     return [
         Layer(
             "host",
@@ -71,17 +70,22 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
         ),
         Layer(
             "line for a click",
-            occupied_ns(bit_rate_hz, len(click)) / _US,
+            play_ns(_ACTUATORS * _CLICK_WEIGHTS, bit_rate_hz) / _US,
             None,
-            f"{len(click)} bytes of {_CLICK_WEIGHTS} weights, two actuators, at {bit_rate_hz} bit/s (computed); "
-            + (
-                f"more than half a lease of 40 ms: below {slowest_hz:.0f} bit/s steady drives take the place of clicks"
-                if bit_rate_hz < slowest_hz
-                else f"below {slowest_hz:.0f} bit/s steady drives would take the place of clicks"
-            ),
+            f"of 30 ms at {bit_rate_hz} bit/s, computed: {', '.join(_click_texts(bit_rate_hz))}; where it takes more "
+            "than half a lease of 40 ms, steady drives take the place of clicks",
             "a faster line: `tactable run --bit-rate 2000000`, where the board can",
         ),
     ]
+
+
+def _click_texts(bit_rate_hz: int) -> Iterator[str]:
+    """What a PLAY for two, four and eight actuators is, and the slowest line that carries it."""
+    for actuators in (2, 4, 8):
+        weights = actuators * _CLICK_WEIGHTS
+        ns = play_ns(weights, bit_rate_hz)
+        slowest_hz = bit_rate_hz * ns / NS_PER_S / _HALF_LEASE_S
+        yield f"{actuators} actuators {weights} weights in {ns / 1e6:.1f} ms (from {slowest_hz:.0f} bit/s on)"
 
 
 def layers_of(bit_rate_hz: int) -> list[Check]:
