@@ -18,7 +18,7 @@ from firmware_link.host.session import Session
 from firmware_link.protocol.messages import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
-from tactable.audio.names import AudioError
+from tactable.audio.names import AudioError, parse_output
 from tactable.audio.output_process import Feeder
 from tactable.audio.port import BIT_RATE_HZ, CardReopening
 from tactable.audio.simulated_card import SimulatedCard
@@ -47,29 +47,39 @@ def test_a_drive_by_hand_is_played_by_the_process_of_a_card_and_a_card_that_is_n
         AudioSensor("audio:no such card,scale=9.81 m/s^2", DEVICE)
 
 
-def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets_go() -> None:
-    clock, block_ns = VirtualClock(), round(1e9 * OUTPUT.block / OUTPUT.rate_hz)
+@pytest.mark.parametrize("channels", ["1+2", "4+3+2+1", "2+3+4+5+6+7+8+9"])
+def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets_go(channels: str) -> None:
+    output = parse_output(f"{TEXT},channels={channels}")
+    actuators = len(output.channels)
+    clock, block_ns = VirtualClock(), round(1e9 * output.block / output.rate_hz)
     ours, theirs = socket.socketpair()
-    board, port = AudioBoard(core(), OUTPUT, 1), DescriptorPort("card", ours.detach())
-    feeder = Feeder(board, OUTPUT, theirs, clock.now_ns)
-    session = Session(Link(LinkConfiguration(2, bit_rate_hz=BIT_RATE_HZ)), port, clock.now_ns)
-    out = np.zeros((OUTPUT.block, max(OUTPUT.channels) + 1), np.float32)
+    board, port = AudioBoard(core(), output, 1), DescriptorPort("card", ours.detach())
+    feeder = Feeder(board, output, theirs, clock.now_ns)
+    session = Session(Link(LinkConfiguration(actuators, bit_rate_hz=BIT_RATE_HZ)), port, clock.now_ns)
+    out = np.zeros((output.block, max(output.channels) + 1), np.float32)
+    greatest = np.zeros(out.shape[1])
+    wanted = np.zeros(out.shape[1])
+    wanted[list(output.channels)] = np.arange(1, actuators + 1) / 10
 
     def play_until(is_over: Callable[[], bool], exchange: Callable[[], object] = session.exchange) -> None:
         end_ns = clock.time_ns + 10**10
         while not is_over():
             assert clock.time_ns < end_ns
             clock.advance(clock.time_ns + block_ns)
-            feeder.feed(out, OUTPUT.block, False)
+            feeder.feed(out, output.block, False)
+            np.maximum(greatest, abs(out).max(axis=0), out=greatest)
             exchange()
 
     with theirs:
         session.connect()
         play_until(lambda: session.link.state is LinkState.READY)
         assert session.link.capabilities is not None
-        assert session.link.capabilities.full_scales_m == pytest.approx((0.8 * 0.52e-6,) * 2)
-        session.link.set_drive(encode_drive([ChannelDrive(150, 0.1)] * 2, 0.01))
-        play_until(lambda: bool(abs(out).max() > 0.05))
+        assert session.link.capabilities.full_scales_m == pytest.approx((0.8 * 0.52e-6,) * actuators)
+        drive = [ChannelDrive(150, amplitude) for amplitude in wanted[list(output.channels)]]
+        session.link.set_drive(encode_drive(drive, 0.01))
+        end_ns = clock.time_ns + 10**8
+        play_until(lambda: clock.time_ns >= end_ns)
+        assert greatest == pytest.approx(0.8 * wanted, rel=0.01)
         port.close()
         play_until(feeder.is_silent.is_set, lambda: None)
     assert not out.any() and feeder.gaps == 0
