@@ -182,9 +182,11 @@ def _say_check(found: dict[str, Any]) -> None:
     for mode in narrow:
         say(f"note: the mode at {mode['frequency_hz']:.1f} Hz is {_width_hz(mode):.2g} Hz wide, narrower than a step")
     share, torsion_hz = found["shear_error"], found["torsion_hz"]
+    theory = {"bar": "Euler and Bernoulli's theory of slender bars", "plate": "Kirchhoff's theory of thin plates"}
     text = (
         f"at {stop_hz:g} Hz the shortest wave is {found['waves_in_thickness']:.3g} times the thickness of the "
-        f"{found['surface']}; shear and rotary inertia, which the theory leaves out, lower modes by {100 * share:.2g} %"
+        f"{found['surface']}; {theory[found['surface']]} leaves out shear and rotary inertia, which lower modes by "
+        f"{100 * share:.2g} % there and by 1 % at {0.01 / share * stop_hz / 1e3:.2g} kHz"
     )
     torsion = "" if torsion_hz is None else f"; first torsional mode near {torsion_hz:.3g} Hz"
     say(f"{'note: ' if share >= 0.01 else ''}{text}{torsion} (ESTIMATES)")

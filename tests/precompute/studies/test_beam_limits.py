@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.device.parts import Plate
 from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz, shortest_wave_m
 from tests.precompute.devices import shipped, with_bar
 
@@ -19,6 +20,15 @@ def test_the_error_by_shear_is_that_of_timoshenkos_dispersion(thickness_m: float
     terms = [rho**2 * inertia / kG, -(rho + rho * inertia * k**2 * (1 + E / kG)), E * inertia * k**4]
     exact = np.sqrt(np.roots(terms).min())
     assert estimate_shear_error(device) == pytest.approx(omega / exact - 1, rel=0.05)
+
+
+def test_the_error_by_shear_of_a_plate_is_that_of_a_published_thick_one() -> None:
+    """NAFEMS, Selected Benchmarks for Natural Frequency Analysis, FV52: simply supported, 10 x 10 x 1 m of steel."""
+    plate, thick = shipped("reference-p"), Plate(10.0, 10.0, 1.0, 200e9, 8000.0, 0.3, 0.0, 0.0)
+    for published_hz, waves in ((45.897, 1 + 1), (109.44, 1 + 4), (167.89, 4 + 4)):
+        kirchhoff_hz = waves * np.pi / 200 * np.sqrt(thick.bending_n_m / 8000)
+        error = estimate_shear_error(replace(plate, surface=thick, sweep=replace(plate.sweep, stop_hz=kirchhoff_hz)))
+        assert error == pytest.approx(kirchhoff_hz / published_hz - 1, rel=0.11)
 
 
 def test_a_wide_long_bar_turns_at_a_lower_frequency() -> None:
