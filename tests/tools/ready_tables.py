@@ -30,15 +30,10 @@ def pack(built: Table, path: Path) -> None:
         path.write_bytes(lzma.compress(small.read_bytes(), preset=9 | lzma.PRESET_EXTREME))
 
 
-def named() -> list[str]:
-    """Shipped devices whose tables are shipped: the bars; plates have none yet."""
-    return [name for name in shipped_names() if find_device(name).surface.kind == "bar"]
-
-
 def main(names: list[str]) -> None:
-    """Make the shipped tables of these devices again, by default of all bars."""
+    """Make the shipped tables of these devices again, by default of all."""
     ready_folder().mkdir(exist_ok=True)
-    for name in names or named():
+    for name in names or shipped_names():
         device = find_device(name)
         with work_folder("pack") as folder:
             path = folder / "built.nc"

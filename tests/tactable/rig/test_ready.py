@@ -18,10 +18,10 @@ from tactable.rig.ready import (
     open_cached,
     open_shipped,
 )
-from tactable.shipped import find_device
+from tactable.shipped import find_device, shipped_names
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.click_table import build_click_table
-from tests.tools.ready_tables import REMAKE, named, pack
+from tests.tools.ready_tables import REMAKE, pack
 
 pytestmark = pytest.mark.long
 
@@ -95,17 +95,17 @@ def test_what_differs_audibly_is_counted_and_named(built: Table, shipped: Path, 
 
 def built_in_the_check(name: str) -> object:
     """One table is built anew in each check; the others are of the same code, and on demand."""
-    is_asked = name == named()[0] or "TACTABLE_SHIPPED" in os.environ
+    is_asked = name == shipped_names()[0] or "TACTABLE_SHIPPED" in os.environ
     return pytest.param(name, marks=pytest.mark.skipif(not is_asked, reason="long run: set TACTABLE_SHIPPED"))
 
 
-@pytest.mark.parametrize("name", named())
+@pytest.mark.parametrize("name", shipped_names())
 def test_a_shipped_table_is_of_this_code(name: str, tmp_path: Path) -> None:
     with open_shipped(find_device(name), tmp_path / "t.nc") or pytest.fail() as table:
         assert not is_outdated(table), f"older code made it, as the page would say: {REMAKE} {name}"
 
 
-@pytest.mark.parametrize("name", list(map(built_in_the_check, named())))
+@pytest.mark.parametrize("name", list(map(built_in_the_check, shipped_names())))
 def test_a_shipped_table_is_what_a_build_makes(name: str, tmp_path: Path) -> None:
     """Other processors round otherwise, which changes what is as good in one of a hundred clicks."""
     device = find_device(name)
