@@ -37,7 +37,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
                 "touch:list_devices", "List the touch digitizers, serial ports and sound cards of this machine."
             ),
             "doctor": Entry("touch:doctor", "Check whether touches can be read and commands written, and how fast."),
-            "map": Entry("touch:map_axis", "Learn how the digitizer lies on the bar from one finger drawn along it."),
+            "map": Entry("touch:map_axis", "Learn how the digitizer lies on the surface from strokes of a finger."),
             "record": Entry("touch:record", "Record what a digitizer reports."),
             "replay": Entry("touch:replay", "Decode a recording as the engine does, all at once."),
         },

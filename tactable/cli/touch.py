@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table as Grid
 
+from base.points import sides_of
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
 from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
@@ -75,7 +76,7 @@ def replay(
     frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
     device_name: Annotated[
         str | None,
-        typer.Option("--device", help="The bar's device file or shipped name, for its `silence` and `debounce`."),
+        typer.Option("--device", help="The device file or shipped name, for its `silence` and `debounce`."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -178,29 +179,36 @@ def map_axis(
     context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="PANEL|RECORDING", help="A digitizer, or a recording of one.")],
     device_name: Annotated[
-        str | None, typer.Option("--device", help="The bar's device file or shipped name, for its length.")
+        str | None, typer.Option("--device", help="The device file or shipped name, for the sides of its surface.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Learn how the digitizer lies on the bar from one finger drawn along it.
+    """Learn how the digitizer lies on the surface from strokes of a finger.
 
-    Draw from the bar's start to its end. What is printed is the [digitizer] table of the device file.
+    Draw from the bar's start to its end. On a plate draw twice from its first corner: along it, then across it. What is
+    printed is the [digitizer] table of the device file.
     """
     from tactable.digitizers.record import learn_from_recording, learn_live, recording_named
 
     device = None if device_name is None else find_device(device_name)
-    bar_mm, before = (None, None) if device is None else (1e3 * device.bar.length_m, device.touch_axis)
+    sides_mm: list[float | None] = [None]
+    where = "along the bar, from its start to its end"
+    if device is not None:
+        sides_mm = [1e3 * side_m for side_m in sides_of(device.surface.corner_m) if not math.isnan(side_m)]
+        if len(sides_mm) > 1:
+            where = "along the plate from its first corner, lift it, then draw across the plate from there"
     recorded = recording_named(name)
     if recorded is not None:
-        learnt = learn_from_recording(recorded[0], bar_mm, recorded[1])
+        learnt = learn_from_recording(recorded[0], sides_mm, recorded[1])
     else:
-        ERRORS.print("draw one finger along the bar, from its start to its end; Ctrl-C ends")
-        learnt = learn_live(machine_of(context), name, bar_mm, note)
+        ERRORS.print(f"draw one finger {where}; Ctrl-C ends")
+        learnt = learn_live(machine_of(context), name, sides_mm, note)
+    before = None if device is None else device.touch_axis
     if as_json:
         print_json(map_json(learnt, before))
     else:
         print(digitizer_table(learnt, before))  # noqa: T201  # for a file
-    for text in learnt.notes:
+    for text in (*learnt.notes, *(f"across: {text}" for text in (learnt.across.notes if learnt.across else ()))):
         note(text)
 
 
@@ -228,18 +236,22 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 def map_json(learnt: LearntAxis, before: "TouchAxis | None") -> dict[str, Any]:
     """The learnt axis for JSON; lengths that neither the device file nor the digitizer states are None."""
-    bar_mm = learnt.bar_mm
+    across = None if learnt.across is None else _axis_json(learnt.across)
+    return {**_axis_json(learnt), "across": across, "table": digitizer_table(learnt, before)}
+
+
+def _axis_json(learnt: LearntAxis) -> dict[str, Any]:
+    length_mm = learnt.length_mm
     return {
         "axis": learnt.axis,
         "flip": learnt.flip,
         "start_margin": learnt.margin_text(learnt.start_margin),
         "end_margin": learnt.margin_text(learnt.end_margin),
-        "start_margin_mm": None if bar_mm is None else learnt.start_margin * bar_mm,
-        "end_margin_mm": None if bar_mm is None else learnt.end_margin * bar_mm,
-        "bar_mm": bar_mm,
+        "start_margin_mm": None if length_mm is None else learnt.start_margin * length_mm,
+        "end_margin_mm": None if length_mm is None else learnt.end_margin * length_mm,
+        "bar_mm": length_mm,
         "touch_mm": learnt.touch_mm,
         "logical_at_start": learnt.first,
         "logical_at_end": learnt.last,
         "notes": list(learnt.notes),
-        "table": digitizer_table(learnt, before),
     }

@@ -1,7 +1,10 @@
-"""Learns how a digitizer lies on the bar from one stroke of a finger, for the table [digitizer] of the device file."""
+"""Learns how a digitizer lies on the surface from strokes of a finger, for the table [digitizer] of the device file.
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+On a bar it takes one stroke from end to end. On a plate it takes two, the first along it and the second across it.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from engine.touch import Digitizer, DigitizerError, TouchFrame
@@ -10,11 +13,11 @@ from engine.touch.descriptor import Surface
 if TYPE_CHECKING:
     from engine.device import TouchAxis
 
-# The centre of a finger cannot reach the edge of the bar: nearer than half a fingertip counts as at the edge.
+# The centre of a finger cannot reach the edge of the surface: nearer than half a fingertip counts as at the edge.
 FINGERTIP_MM = 6.0
 _FINGERTIP = 0.02  # of the axis, where the device states no size
 _SHORTEST_STROKE = 0.25  # of the axis
-_STRAIGHT = 1.5  # travel along the bar over travel across
+_STRAIGHT = 1.5  # travel along a side over travel across it
 
 
 @dataclass(frozen=True)
@@ -27,28 +30,30 @@ class Stroke:
 
 @dataclass(frozen=True)
 class LearntAxis:
-    """How the digitizer lies on the bar. A negative margin: the touch area reaches beyond that end of the bar.
+    """How the digitizer lies along a side of the surface. A negative margin: the touch area reaches beyond that end.
 
-    Margins are fractions of `bar_mm`, or of the bar's unknown length where that is None.
+    Margins are fractions of `length_mm`, or of the side's unknown length where that is None.
     """
 
     axis: Literal["x", "y"]
     flip: bool
     start_margin: float
     end_margin: float
-    bar_mm: float | None
+    length_mm: float | None
     touch_mm: float | None
     """Length of the touch area as the device states it."""
     first: int
     last: int
-    """Logical values at the start and end of the bar, as drawn."""
+    """Logical values at the start and end of the surface, as drawn."""
     notes: tuple[str, ...]
+    across: "LearntAxis | None" = None
+    """On a plate: how it lies across it."""
 
     def margin_text(self, margin: float) -> str:
         """A margin as text of a device file."""
-        if self.bar_mm is None:
+        if self.length_mm is None:
             return f"{100 * margin:.3g} %"
-        return f"{margin * self.bar_mm:.3g} mm"
+        return f"{margin * self.length_mm:.3g} mm"
 
 
 def _strokes_of(frames: Iterable[TouchFrame]) -> Iterator[Stroke]:
@@ -64,26 +69,44 @@ def _strokes_of(frames: Iterable[TouchFrame]) -> Iterator[Stroke]:
         yield Stroke(*zip(*path, strict=True))
 
 
-def find_stroke(digitizer: Digitizer, frames: Iterable[TouchFrame], *, is_live: bool = False) -> Stroke:
-    """The longest stroke in the digitizer's frames, or of a live one the first that is long enough.
+def find_strokes(
+    digitizer: Digitizer, frames: Iterable[TouchFrame], count: int = 1, *, is_live: bool = False
+) -> list[Stroke]:
+    """The longest stroke in the digitizer's frames, or of two the longest along each axis, in the order of time.
 
-    Raises `DigitizerError` where nothing was touched.
+    Of a live digitizer they are the first that are long enough. Raises `DigitizerError` where nothing was touched, or
+    where no stroke goes along one of the axes.
     """
-    longest, greatest = None, -1.0
-    for stroke in _strokes_of(frames):
-        travel = max(_travel(digitizer.surface, stroke))
-        if travel > greatest:
-            longest, greatest = stroke, travel
-        if is_live and greatest >= _SHORTEST_STROKE:
+    longest = dict[bool, tuple[float, int, Stroke]]()
+    for number, stroke in enumerate(_strokes_of(frames)):
+        x, y = _travel(digitizer.surface, stroke)
+        kind = count > 1 and y > x
+        if kind not in longest or max(x, y) > longest[kind][0]:
+            longest[kind] = max(x, y), number, stroke
+        if is_live and len(longest) == count and min(travel for travel, *_ in longest.values()) >= _SHORTEST_STROKE:
             break
-    if longest is None:
-        reason = digitizer.foreign_notice or "draw one finger from the bar's start to its end"
+    if not longest:
+        reason = digitizer.foreign_notice or "draw one finger from one end of the surface to the other"
         raise DigitizerError(f"nothing was touched: {reason}")
-    return longest
+    if len(longest) < count:
+        raise DigitizerError("all strokes go along one axis: draw one finger along the plate, then one across it")
+    return [stroke for _, _, stroke in sorted(longest.values(), key=lambda found: found[1])]
 
 
-def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) -> LearntAxis:
-    """Axis, direction and margins from a stroke between the bar's ends; `bar_mm` is the bar's length where known.
+def learn(
+    digitizer: Digitizer, frames: Iterable[TouchFrame], sides_mm: Sequence[float | None], *, is_live: bool = False
+) -> LearntAxis:
+    """How the digitizer lies, from a stroke along each side of the surface, in this order; `sides_mm` where known.
+
+    Raises what `find_strokes` and `learn_axis` raise.
+    """
+    strokes = find_strokes(digitizer, frames, len(sides_mm), is_live=is_live)
+    learnt = [learn_axis(digitizer.surface, *each) for each in zip(strokes, sides_mm, strict=True)]
+    return replace(learnt[0], across=learnt[1] if learnt[1:] else None)
+
+
+def learn_axis(surface: Surface, stroke: Stroke, length_mm: float | None = None) -> LearntAxis:
+    """Axis, direction and margins from a stroke from end to end; `length_mm` is that of the side where it is known.
 
     Raises `DigitizerError` for a stroke that is too short or too slanted to tell the axis.
     """
@@ -96,9 +119,9 @@ def learn_axis(surface: Surface, stroke: Stroke, bar_mm: float | None = None) ->
     span = field.logical_maximum - field.logical_minimum
     gaps = [(low - field.logical_minimum) / span, (field.logical_maximum - high) / span]
     first, last = (high, low) if flip else (low, high)
-    margins, notes = _margins(gaps[::-1] if flip else gaps, touch_mm, bar_mm)
+    margins, notes = _margins(gaps[::-1] if flip else gaps, touch_mm, length_mm)
     drawn_mm = None if touch_mm is None else (1 - sum(gaps)) * touch_mm
-    return LearntAxis(axis, flip, *margins, bar_mm or drawn_mm, touch_mm, first, last, notes)
+    return LearntAxis(axis, flip, *margins, length_mm or drawn_mm, touch_mm, first, last, notes)
 
 
 def _axis_of(surface: Surface, stroke: Stroke) -> Literal["x", "y"]:
@@ -106,12 +129,12 @@ def _axis_of(surface: Surface, stroke: Stroke) -> Literal["x", "y"]:
     if max(x, y) < _SHORTEST_STROKE:
         raise DigitizerError(
             f"the longest stroke goes over {100 * max(x, y):.0f} % of the touch area: "
-            "draw one finger from the bar's start to its end without lifting it"
+            "draw one finger from one end to the other without lifting it"
         )
     if surface.x.extent_mm is not None and surface.y.extent_mm is not None:
         x, y = x * surface.x.extent_mm, y * surface.y.extent_mm
     if max(x, y) < _STRAIGHT * min(x, y):
-        raise DigitizerError("the longest stroke goes as far across as along: draw it straight along the bar")
+        raise DigitizerError("the longest stroke goes as far across as along: draw it straight along the surface")
     return "x" if x > y else "y"
 
 
@@ -125,26 +148,26 @@ def _travel(surface: Surface, stroke: Stroke) -> tuple[float, float]:
 
 
 def _margins(
-    gaps: list[float], touch_mm: float | None, bar_mm: float | None
+    gaps: list[float], touch_mm: float | None, length_mm: float | None
 ) -> tuple[tuple[float, float], tuple[str, ...]]:
-    """Both margins as fractions of the bar, from the parts of the touch area before and after the stroke.
+    """Both margins as fractions of the side, from the parts of the touch area before and after the stroke.
 
-    Lengths are in units of the touch area. A stroke that reaches the edge of the touch area says only that the bar
-    reaches at least that far. A stroke that ends before it says where the bar ends, up to the distance by which the
+    Lengths are in units of the touch area. A stroke that reaches the edge of the touch area says only that the
+    surface reaches at least that far. A stroke that ends before it says where it ends, up to the distance by which the
     finger stopped short, which is taken as equal at both ends.
     """
     tip = _FINGERTIP if touch_mm is None else FINGERTIP_MM / touch_mm
     start_gap, end_gap = (0.0 if gap <= tip else gap for gap in gaps)
     drawn = 1 - start_gap - end_gap
-    bar = drawn if bar_mm is None or touch_mm is None else bar_mm / touch_mm
-    missing = bar - drawn
+    side = drawn if length_mm is None or touch_mm is None else length_mm / touch_mm
+    missing = side - drawn
     notes = []
     if missing < -2 * tip:
-        notes.append("the stroke is longer than the bar: is this the description of this bar?")
+        notes.append("the stroke is longer than the surface: is this the description of this surface?")
     if (start_gap == 0) == (end_gap == 0):
         start, end = missing / 2 - start_gap, missing / 2 - end_gap
         if missing > 2 * tip:
-            notes.append("the bar is longer than the stroke, which is taken to lie in its middle: measure both margins")
+            notes.append("the surface is longer than the stroke, taken to lie in its middle: measure both margins")
     elif start_gap == 0:
         start, end = missing, -end_gap
     else:
@@ -152,9 +175,9 @@ def _margins(
     start, end = (0.0 if abs(margin) <= tip else margin for margin in (start, end))
     if min(start, end) < 0:
         notes.append(
-            "the touch area reaches beyond the bar: margins below zero; a touch out there counts as at the bar's end"
+            "the touch area reaches beyond the surface: margins below zero; a touch out there counts as at its edge"
         )
-    return (start / bar, end / bar), tuple(notes)
+    return (start / side, end / side), tuple(notes)
 
 
 def digitizer_table(learnt: LearntAxis, before: "TouchAxis | None" = None) -> str:
@@ -164,9 +187,16 @@ def digitizer_table(learnt: LearntAxis, before: "TouchAxis | None" = None) -> st
         (
             "[digitizer] # learned by `tactable map`",
             f'axis = "{learnt.axis}"',
-            f"flip = {str(learnt.flip).lower()}",
-            f'start_margin = "{learnt.margin_text(learnt.start_margin)}"',
-            f'end_margin = "{learnt.margin_text(learnt.end_margin)}"',
+            *_lines(learnt, ""),
+            *(() if learnt.across is None else _lines(learnt.across, "_across")),
             *(f'{key} = "{1e3 * time_s:g} ms"' for key, time_s in times_s if time_s),
         )
+    )
+
+
+def _lines(learnt: LearntAxis, suffix: str) -> tuple[str, ...]:
+    return (
+        f"flip{suffix} = {str(learnt.flip).lower()}",
+        f'start_margin{suffix} = "{learnt.margin_text(learnt.start_margin)}"',
+        f'end_margin{suffix} = "{learnt.margin_text(learnt.end_margin)}"',
     )

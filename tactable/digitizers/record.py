@@ -1,9 +1,9 @@
-"""Opens a digitizer by name, records its reports, and waits for the stroke that tells how it lies on the bar."""
+"""Opens a digitizer by name, records its reports, and waits for the strokes that tell how it lies on the surface."""
 
 import math
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from types import FrameType
@@ -16,7 +16,7 @@ from engine.touch.sources.hid_discovery import split_surface, undecodable
 from engine.touch.sources.hidraw import HidrawSource, open_hidraw
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
-from tactable.digitizers.axis_map import LearntAxis, find_stroke, learn_axis
+from tactable.digitizers.axis_map import LearntAxis, learn
 from tactable.digitizers.listing import SIMULATED
 from tactable.doctor.touch_check import Machine
 from tactable.shipped import DEMO_RECORDING
@@ -86,21 +86,21 @@ def record_source(source: Source, bus: int, clock: Clock, stop: StopRequest, sec
     return Recording(source.name, bus, source.vendor_id, source.product_id, source.descriptor, tuple(reports))
 
 
-def learn_from_recording(path: Path, bar_mm: float | None, report_id: int | None = None) -> LearntAxis:
-    """Learn how the digitizer, or its surface with that report, lies on the bar from the longest stroke."""
+def learn_from_recording(path: Path, sides_mm: Sequence[float | None], report_id: int | None = None) -> LearntAxis:
+    """Learn how the digitizer, or its surface with that report, lies on the surface from the longest strokes."""
     recording = read_recording(path)
     digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id, report_id)
-    stroke = find_stroke(digitizer, (frame for _, frame in recorded_frames(digitizer, recording)))
-    return learn_axis(digitizer.surface, stroke, bar_mm)
+    return learn(digitizer, (frame for _, frame in recorded_frames(digitizer, recording)), sides_mm)
 
 
-def learn_live(machine: Machine, name: str, bar_mm: float | None, on_foreign: Callable[[str], None]) -> LearntAxis:
-    """Learn how the digitizer lies on the bar from a stroke that is drawn now; `on_foreign` as `Digitizer` has it."""
+def learn_live(
+    machine: Machine, name: str, sides_mm: Sequence[float | None], on_foreign: Callable[[str], None]
+) -> LearntAxis:
+    """Learn how the digitizer lies from strokes that are drawn now; `on_foreign` as `Digitizer` has it."""
     with opened(machine, name) as (source, _), stop_at_signal() as stop:
         digitizer = open_live(machine, source)
         digitizer.on_foreign = on_foreign
-        stroke = find_stroke(digitizer, _live_frames(source, digitizer, SystemClock(), stop), is_live=True)
-        return learn_axis(digitizer.surface, stroke, bar_mm)
+        return learn(digitizer, _live_frames(source, digitizer, SystemClock(), stop), sides_mm, is_live=True)
 
 
 def recorded_frames(digitizer: Digitizer, recording: Recording) -> Iterator[tuple[int | None, TouchFrame]]:

@@ -18,6 +18,8 @@ from typer.testing import CliRunner, Result
 from engine.device import Device
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
+from engine.touch.digitizer import Contact, TouchFrame
+from engine.touch.finger_tracker import touch_position
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
 from engine.touch.sources.recording import Recording, Report, read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
@@ -25,7 +27,7 @@ from tactable.audio.interfaces import Interface
 from tactable.audio.names import AudioError
 from tactable.cli.main import app
 from tactable.cli.touch import map_json
-from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn_axis
+from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn, learn_axis
 from tactable.digitizers.record import learn_from_recording, learn_live, record_source
 from tactable.doctor.layers import Layer
 from tactable.doctor.ports import check_cards
@@ -147,7 +149,7 @@ def test_the_input_node_is_named_where_only_a_kernel_driver_decodes_the_reports(
     (check,) = [check for check in examine(bench.machine()) if device.path in check.name]
     assert check.remedy == "use /dev/input/event5"
     with pytest.raises(DigitizerError, match=r"Wacom.*/dev/input/event5"):
-        learn_live(bench.machine(), device.path, None, print)
+        learn_live(bench.machine(), device.path, [None], print)
 
 
 def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
@@ -369,11 +371,11 @@ def test_a_bar_drawn_whole_puts_its_ends_where_the_finger_was(
     stroke = drawn(1 - ends[0], 1 - ends[1]) if flip else drawn(*ends)
     learnt = learn_axis(SURFACE, stroke, bar_mm if knows_bar else None)
     assert (learnt.axis, learnt.flip) == ("x", flip)
-    assert learnt.bar_mm is not None
+    assert learnt.length_mm is not None
     for margin, beyond_mm in ((learnt.start_margin, before_mm), (learnt.end_margin, after_mm)):
         tolerance_mm = 1.05 * FINGERTIP_MM if min(before_mm, after_mm) <= FINGERTIP_MM + 0.1 else 0.1
-        assert margin * learnt.bar_mm == pytest.approx(-beyond_mm, abs=2 * tolerance_mm)
-        assert margin <= 0 or margin * learnt.bar_mm > FINGERTIP_MM
+        assert margin * learnt.length_mm == pytest.approx(-beyond_mm, abs=2 * tolerance_mm)
+        assert margin <= 0 or margin * learnt.length_mm > FINGERTIP_MM
 
 
 def test_a_touch_area_shorter_than_the_bar_leaves_margins_and_a_stroke_short_by_a_fingertip_none() -> None:
@@ -412,11 +414,44 @@ def test_the_longest_stroke_of_a_recording_counts_and_one_that_tells_no_axis_is_
     strokes = (DrawnStroke(0.0, 0.5, 0.1, 0.3), DrawnStroke(0.2, 1.0, 0.99, 0.01), DrawnStroke(1.2, 1.5, 0.5, 0.9))
     recording, path = make_recording(strokes), tmp_path / "drawn.hid"
     write_recording(recording, path)
-    learnt = learn_from_recording(path, TOUCH_MM)
+    learnt = learn_from_recording(path, [TOUCH_MM])
     assert (learnt.axis, learnt.flip, learnt.start_margin) == ("x", True, 0.0)
     write_recording(replace(recording, reports=()), path)
     with pytest.raises(DigitizerError, match="nothing was touched"):
-        learn_from_recording(path, None)
+        learn_from_recording(path, [None])
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("flips", [(False, False), (True, False), (False, True), (True, True)])
+def test_a_plate_is_learnt_from_a_stroke_along_it_and_one_across_it(axis: str, flips: tuple[bool, bool]) -> None:
+    """The touch area, swapped or not, reaches beyond the plate; then the ends of the strokes lie at its edges."""
+    other = "y" if axis == "x" else "x"
+    strokes = [
+        drawn(*((0.94, 0.08) if flip else (0.08, 0.94)), axis=each)
+        for each, flip in zip((axis, other), flips, strict=True)
+    ]
+    frames = [
+        TouchFrame(k, contacts)
+        for k, contacts in enumerate(
+            each
+            for stroke in (drawn(0.5, 0.7), *strokes)
+            for each in (*[(Contact(1, x, y, True, True),) for x, y in zip(stroke.x, stroke.y, strict=True)], ())
+        )
+    ]
+    digitizer, surface = open_digitizer(DESCRIPTOR), without_size(SURFACE)
+    digitizer.surface = surface
+    text = (device_folder() / "reference-p.toml").read_text()
+    before, _, after = text.partition("[digitizer]")
+    table = digitizer_table(learn(digitizer, frames, [300.0, 180.0]))
+    device = Device.parse(f"{before}{table}\n{after[after.index(chr(10) + '[') :]}", "test")
+    position = touch_position(device, surface)
+    for stroke, ends_m in zip(strokes, ((0.0, 0.3), (0.0, 0.18)), strict=True):
+        for at, end_m in ((0, ends_m[0]), (-1, ends_m[1])):
+            at_m = position.position_m(Contact(1, stroke.x[at], stroke.y[at], True, True))
+            side_m = at_m.real if stroke is strokes[0] else at_m.imag
+            assert side_m == pytest.approx(end_m, abs=1e-4)
+    with pytest.raises(DigitizerError, match="then one across"):
+        learn(digitizer, frames[22:44], [300.0, 180.0])
 
 
 def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:
