@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from base.points import point_words
 
 if TYPE_CHECKING:
     import pint
@@ -129,6 +131,12 @@ def read_quantity(text: object, unit: str) -> float:
     return value
 
 
+def read_point(text: str) -> complex:
+    """The point of the surface of `text` in metres: "35 mm", or on a plate "35 x 60 mm". Raises QuantityError."""
+    parts = [read_quantity(word, "m") for word in point_words(text)]
+    return complex(*parts) if len(parts) == 2 else parts[0]
+
+
 def read_number(text: str) -> float:
     """The value of plain text such as "40" or "-1.5e3". Raises QuantityError.
 
@@ -140,26 +148,30 @@ def read_number(text: str) -> float:
     return value
 
 
-def read_words(text: str, words: Mapping[str, tuple[str, str]]) -> dict[str, float]:
+def read_words(text: str, words: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
     """Values by field of a text such as "gain=3 %, drift=40"; `words` have the field and the unit of each.
 
-    The unit "ppm" stands for millionths and "number" for plain numbers. Raises QuantityError, which names the word.
+    The unit "ppm" stands for millionths, "number" for plain numbers and "point" for a point of the surface. Raises
+    QuantityError, which names the word.
     """
-    found = dict[str, float]()
+    found = dict[str, Any]()
     for part in filter(None, (part.strip() for part in text.split(","))):
         key, _, value = (piece.strip() for piece in part.partition("="))
         if key not in words:
             raise QuantityError(f"{reprlib.repr(key)} is not known; known are {', '.join(words)}")
         field, unit = words[key]
         try:
-            number = read_number(value) if unit in ("ppm", "number") else read_quantity(value, unit)
+            number = _READERS[unit](value) if unit in _READERS else read_quantity(value, unit)
         except QuantityError as error:
             raise QuantityError(f"{key}: {error}") from None
-        if field in found or (number < 0 and key not in _SIGNED) or (unit == "ppm" and abs(number) > _MOST_PPM):
+        if field in found or (number.real < 0 and key not in _SIGNED) or (unit == "ppm" and abs(number) > _MOST_PPM):
             bounds = f"at most {_MOST_PPM} either way" if unit == "ppm" else "at least 0"
             raise QuantityError(f"{key}={value}: expected once, and {bounds}")
         found[field] = number * 1e-6 if unit == "ppm" else number
     return found
+
+
+_READERS: Mapping[str, Callable[[str], Any]] = {"ppm": read_number, "number": read_number, "point": read_point}
 
 
 def read_angle_rad(text: object) -> float:

@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from base.errors import TactableError
-from base.points import is_within, order_of, point_text, point_words
+from base.points import is_within, order_of, point_text
 from engine.touch.finger_tracker import ZoneState, zone_finder
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _sorted(fingers: Iterable[tuple[complex, bool]]) -> list[tuple[complex, bool
 
 
 def _positions_m(device: "Device", named: Sequence[str | complex]) -> list[complex]:
-    from engine.device.quantity import QuantityError, read_quantity
+    from engine.device.quantity import QuantityError, read_point
 
     if isinstance(named, str):
         raise PlacementError(f"fingers {named!r}: is one text; give a list, such as [{named!r}]")
@@ -122,8 +122,7 @@ def _positions_m(device: "Device", named: Sequence[str | complex]) -> list[compl
             found_m.append(middle_m[each])
         else:
             try:
-                parts = [read_quantity(word, "m") for word in point_words(each)]
+                found_m.append(read_point(each))
             except QuantityError as error:
                 raise PlacementError(f"{error}; or one of the zones {', '.join(middle_m)}") from None
-            found_m.append(complex(*parts) if len(parts) == 2 else parts[0])
     return found_m

@@ -28,7 +28,7 @@ from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from tactable.rig.accelerometer import SensedBar
+    from tactable.rig.accelerometer import SensedSurface
     from tactable.rig.emulate import Emulated
 
 _BEFORE_OTHERS = -10
@@ -166,14 +166,15 @@ def emulate(
     accelerometer: Annotated[
         str,
         typer.Option(
-            "--sensor", metavar="SPEC", help="Accelerometer of the board on the bar, as at=35mm,mass=2g,drift=9000."
+            "--sensor", metavar="SPEC", help="Accelerometer of the board, as at=35mm,mass=2g; on a plate at=35x60mm."
         ),
     ] = "",
     as_json: AsJson = False,
 ) -> None:
     """Emulate the firmware on a serial port, SIMULATED.
 
-    With --sensor the board has an ADXL345 on the simulated bar of --device, which `measure --sensor board:35mm` reads.
+    With --sensor the board has an ADXL345 on the simulated surface of --device, which `measure --sensor board:35mm`
+    reads.
 
     It runs until Ctrl-C. With --json it prints a line for each port and one at the end.
     """
@@ -215,15 +216,15 @@ def emulate(
     say(f"faults: {_counts(summary['faults'])}")
 
 
-def _sensed_bar(device: "Device | None", text: str, core: Path | None, seed: int) -> "SensedBar":
-    """The bar with the accelerometer of a text. Raises OptionError, AccelerometerError."""
-    from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBar
+def _sensed_bar(device: "Device | None", text: str, core: Path | None, seed: int) -> "SensedSurface":
+    """The surface with the accelerometer of a text. Raises OptionError, AccelerometerError."""
+    from tactable.rig.accelerometer import EmulatedAccelerometer, SensedSurface
 
     if device is None:
-        raise OptionError("--sensor: an accelerometer lies on a bar; give the bar by --device")
+        raise OptionError("--sensor: an accelerometer lies on a surface; give it by --device")
     if core is not None:
-        raise OptionError("--sensor: only the firmware's Python twin has a simulated bar; leave --core out")
-    return SensedBar(device, EmulatedAccelerometer.parse(text), seed)
+        raise OptionError("--sensor: only the firmware's Python twin has a simulated surface; leave --core out")
+    return SensedSurface(device, EmulatedAccelerometer.parse(text), seed)
 
 
 def _counts(counters: dict[str, Any]) -> str:

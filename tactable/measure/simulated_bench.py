@@ -64,7 +64,7 @@ class ConverterFlaws:
         Raises SensorError, which names the word and the known ones.
         """
         try:
-            return replace(cls(), **read_words(text, _WORDS))  # type: ignore[arg-type]  # fields of plain numbers only
+            return replace(cls(), **read_words(text, _WORDS))
         except QuantityError as error:
             raise SensorError(f"flaw {error}") from None
 

@@ -1,4 +1,4 @@
-"""The board's accelerometer on the simulated bar: a firmware core with samples of what the bar does under its drive.
+"""The board's accelerometer on the simulated surface: a firmware core with samples of what moves under its drive.
 
 SIMULATED. The part is an ADXL345 at 3200 samples a second, by its data sheet (revision E): 256 counts per g in full
 resolution, whose last bit is always 0 at this rate, a range of 16 g, and across the chip 1.1 counts of noise at 100
@@ -6,8 +6,8 @@ samples a second, which is white and so grows with the root of the rate. Its osc
 current: lying level it shows gravity.
 
 Theory of operation. Time passes in blocks. The core is advanced to the end of a block; then its drive within the block
-is known, the bar is moved by it, and the samples are handed to the core with the displacements of their instants, as
-the interrupt of a board would have done. While nobody asks for samples the bar stands still and costs nothing.
+is known, the surface is moved by it, and the samples are handed to the core with the displacements of their instants,
+as the interrupt of a board would have done. While nobody asks for samples the surface stands still and costs nothing.
 """
 
 import math
@@ -17,6 +17,7 @@ import numpy as np
 
 from base.arrays import Array, Integers
 from base.errors import TactableError
+from base.points import is_within, point_text
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator.device_state import DeviceConfiguration, DeviceCounters
@@ -50,7 +51,7 @@ class EmulatedAccelerometer:
     the part.
     """
 
-    at_m: float
+    at_m: complex
     mass_kg: float = 2e-3
     drift: float = 0.0
     gain: float = 0.0
@@ -59,18 +60,23 @@ class EmulatedAccelerometer:
 
     @classmethod
     def parse(cls, text: str) -> "EmulatedAccelerometer":
-        """One of a text such as "at=35 mm, mass=2 g, drift=12000"; drift in millionths. Raises AccelerometerError."""
+        """One of a text such as "at=35 mm, mass=2 g, drift=12000", on a plate "at=35 x 60 mm"; drift in millionths.
+
+        Raises AccelerometerError.
+        """
         try:
             found = read_words(text, _WORDS)
         except QuantityError as error:
             raise AccelerometerError(f"accelerometer: {error}") from None
         if "at_m" not in found:
-            raise AccelerometerError("accelerometer: says no place; give one, such as at=35mm")
+            raise AccelerometerError(
+                "accelerometer: says no place; give at=35mm, or on a plate at=35x60mm"
+            )
         return cls(**found)
 
 
 _WORDS = {
-    "at": ("at_m", "m"),
+    "at": ("at_m", "point"),
     "mass": ("mass_kg", "kg"),
     "drift": ("drift", "ppm"),
     "gain": ("gain", ""),
@@ -90,24 +96,24 @@ def with_accelerometer(configuration: DeviceConfiguration) -> DeviceConfiguratio
     )
 
 
-class SensedBar:
-    """Boots boards whose accelerometer lies on one bar, the modes of which are computed once."""
+class SensedSurface:
+    """Boots boards whose accelerometer lies on one surface, the modes of which are computed once."""
 
     def __init__(self, device: Device, accelerometer: EmulatedAccelerometer, seed: int) -> None:
         self._device, self._accelerometer, self._seed = device, accelerometer, seed
         self._basis = compute_basis(assemble(device))
-        self.boot(DeviceConfiguration(0, len(device.actuators)))  # a place off the bar is refused now
+        self.boot(DeviceConfiguration(0, len(device.actuators)))  # a place off the surface is refused now
 
     def boot(self, configuration: DeviceConfiguration) -> "SensedBoard":
-        """A board that has just booted; the bar is at rest. Raises AccelerometerError for a place off the bar."""
+        """A board that has just booted; the surface is at rest. Raises AccelerometerError for a place off it."""
         core = EmulatedFirmware(with_accelerometer(configuration))
         return SensedBoard(core, self._device, self._accelerometer, self._seed, self._basis)
 
 
 class SensedBoard:
-    """A core whose accelerometer lies on the simulated bar; used like the core itself, see `FaultyDevice`.
+    """A core whose accelerometer lies on the simulated surface; used like the core itself, see `FaultyDevice`.
 
-    Raises AccelerometerError for a place off the bar.
+    Raises AccelerometerError for a place off the surface.
     """
 
     def __init__(
@@ -127,11 +133,12 @@ class SensedBoard:
         self._sign = 1.0
         self.place(accelerometer.at_m)
 
-    def place(self, position_m: float) -> None:
-        """Put the accelerometer here; the bar comes to rest meanwhile."""
-        if not 0 <= position_m <= self._device.bar.length_m:
-            length_mm = 1e3 * self._device.bar.length_m
-            raise AccelerometerError(f"{1e3 * position_m:g} mm is off the bar of {length_mm:g} mm; put it on the bar")
+    def place(self, position_m: complex) -> None:
+        """Put the accelerometer here; the surface comes to rest meanwhile."""
+        kind, corner_m = self._device.surface.kind, self._device.surface.corner_m
+        if not is_within(position_m, corner_m) or isinstance(position_m, complex) != isinstance(corner_m, complex):
+            text, size = point_text(position_m), point_text(corner_m)
+            raise AccelerometerError(f"{text} is off the {kind} of {size}; put it on the {kind}")
         weight = {"mass_kg": self._part.mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
         self._plant.rest()
         self._plant.look_at(np.array([position_m]))
@@ -172,7 +179,7 @@ class SensedBoard:
         return block_us if own_us is None else min(own_us, block_us)
 
     def _pass(self, now_us: int) -> bytes:
-        """Sample the bar up to now, block by block, and send what is whole."""
+        """Sample the surface up to now, block by block, and send what is whole."""
         said = b""
         if not self.core.senses:
             self._made_us = None

@@ -21,7 +21,7 @@ from firmware_link.host.emulator_registry import Announcement, own_link
 from firmware_link.protocol.messages import PM_PER_M
 
 if TYPE_CHECKING:
-    from tactable.rig.accelerometer import SensedBar, SensedBoard
+    from tactable.rig.accelerometer import SensedBoard, SensedSurface
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def emulate(
     on_start: Callable[[Emulated], None],
     core: Path | None = None,
     link: Path | None = None,
-    bar: "SensedBar | None" = None,
+    bar: "SensedSurface | None" = None,
 ) -> dict[str, Any]:
     """Emulate until SIGINT or SIGTERM; returns the counters and the injected faults by kind.
 

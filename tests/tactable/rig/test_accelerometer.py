@@ -14,15 +14,34 @@ from firmware_link.protocol.messages import (
     Sense,
     decode_body,
 )
-from tactable.rig.accelerometer import NOISE_M_PER_S2, RATE_HZ, SCALE_M_PER_S2, EmulatedAccelerometer, SensedBar
+from tactable.rig.accelerometer import (
+    NOISE_M_PER_S2,
+    RATE_HZ,
+    SCALE_M_PER_S2,
+    AccelerometerError,
+    EmulatedAccelerometer,
+    SensedSurface,
+)
+from tactable.shipped import find_device
 from tests.engine.loop.rig import DEVICE
 
 SECONDS = 2
 
 
+def test_a_point_on_the_surface_is_taken_and_one_beside_it_refused() -> None:
+    for device, here, beside in (
+        (DEVICE, "at=50mm", ("at=50 x 20 mm", "at=900mm")),
+        (find_device("reference-p"), "at=0 x 180 mm", ("at=50mm", "at=50 x 181 mm")),
+    ):
+        SensedSurface(device, EmulatedAccelerometer.parse(here), 1)
+        for text in beside:
+            with pytest.raises(AccelerometerError, match=f"off the {device.surface.kind}"):
+                SensedSurface(device, EmulatedAccelerometer.parse(text), 1)
+
+
 def test_a_bar_at_rest_reads_gravity_with_the_noise_the_resolution_and_the_pace_of_the_part() -> None:
     """What a board that nobody drives streams in SECONDS; what clips at the end of the range is a law of measuring."""
-    board = SensedBar(DEVICE, EmulatedAccelerometer.parse("at=50mm, drift=20000"), 1).boot(DeviceConfiguration(1))
+    board = SensedSurface(DEVICE, EmulatedAccelerometer.parse("at=50mm, drift=20000"), 1).boot(DeviceConfiguration(1))
     said = board.receive(encode_message(HelloRequest(MAGIC, VERSION_MAJOR, VERSION_MINOR, 1), 1), 1_000)
     said += board.receive(encode_message(Sense(1_000 * SECONDS), 2), 2_000)
     for now_us in range(7_000, 1_000_000 * SECONDS + 100_000, 5_000):
