@@ -1,5 +1,7 @@
 """Types of the arrays that modules hand to one another."""
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,3 +21,38 @@ def even_points(start_m: complex, stop_m: complex, along: int, across: int = 1) 
     if not isinstance(start_m, complex):
         return x
     return (x + 1j * np.linspace(start_m.imag, stop_m.imag, across)[:, None]).ravel()
+
+
+FIELD_POINTS = 61
+"""Most points of a field along the longer side: 5 mm apart on 300 mm."""
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Field:
+    """Even points over a surface up to `corner_m`: `across` rows of `along` points."""
+
+    corner_m: complex
+    along: int
+    across: int
+
+    @classmethod
+    def of(cls, corner_m: complex, most: int, most_along: int = FIELD_POINTS) -> "Field":
+        """The finest of at most `most` points, and of at most `most_along` along the longer side."""
+        sides_m = corner_m.real, corner_m.imag
+        fields = (
+            cls(corner_m, *(1 + math.ceil(steps * side_m / max(sides_m) - _ROUNDING) for side_m in sides_m))
+            for steps in range(most_along - 1, 0, -1)
+        )
+        return next(field for field in fields if field.count <= most)
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return self.along * self.across
+
+    @property
+    def position_m(self) -> Points:
+        """Shape (point,): the points, row by row."""
+        found: Points = even_points(0 * self.corner_m, self.corner_m, self.along, self.across)
+        return found

@@ -15,7 +15,7 @@ from engine.render.link_commands import SILENCE, DriveCommand, Rendered
 from engine.steady import Modes
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import zone_finder
 from firmware_link.host.link_values import Capabilities
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class ZoneDrives:
     ) -> None:
         self.rows = rows
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
-        self._zone_at, self._scales = ZoneEdges(device).zone_at, tuple(scales)
+        self._zone_at, self._scales = zone_finder(device).zone_at, tuple(scales)
         self._remembered: dict[tuple[int, float], Rendered] = {}
 
     def prepare(self) -> None:

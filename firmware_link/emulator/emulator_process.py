@@ -89,11 +89,11 @@ class RunningEmulator:
 
 
 @contextlib.contextmanager
-def run_emulator(number_of_actuators: int = 2) -> Iterator[RunningEmulator]:
+def run_emulator(configuration: DeviceConfiguration | None = None) -> Iterator[RunningEmulator]:
     """Run an emulator process for the length of a `with` block; it ends with the block in every case."""
     with work_folder("emulator") as folder:
         link = folder / "port"
-        arguments = {"configuration": to_plain(DeviceConfiguration(0, number_of_actuators)), "link": str(link)}
+        arguments = {"configuration": to_plain(configuration or DeviceConfiguration(0)), "link": str(link)}
         with Child(MODULE, arguments, name="the emulator") as child:
             yield RunningEmulator(child, link)
 

@@ -41,7 +41,7 @@ def peak_along(
     plant: Plant,
     frequency_hz: NDArray[np.float64],
     amplitude: NDArray[np.complex128],
-    position_m: NDArray[np.float64],
+    position_m: Points,
 ) -> NDArray[np.float64]:
     """Peak steady acceleration (point,), m/s^2, of a drive (actuator,) at positions (point,).
 

@@ -1,10 +1,10 @@
-"""Reach: the greatest acceleration that each place of a bar can be given, and so its dead zones."""
+"""Reach: the greatest acceleration that each place of a surface can be given, and so its dead zones."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Points
 from engine.device import Finger
 from engine.device.quantity import GRAVITY_M_PER_S2
 from precompute.model.frequencies import fine_frequencies, in_band
@@ -23,7 +23,7 @@ class Reach:
     greatest sensation level, dB above the detection threshold, of drives of these two kinds.
     """
 
-    position_m: Array
+    position_m: Points
     tones: Array
     tones_hz: Array
     one_tone: Array
@@ -31,7 +31,7 @@ class Reach:
     level_db: Array
 
 
-def compute_reach(plant: Plant, position_m: Array, finger: Finger | None = None) -> Reach:
+def compute_reach(plant: Plant, position_m: Points, finger: Finger | None = None) -> Reach:
     """Reach of each of position_m (place,), untouched, or under a `finger` that lies there and nowhere else."""
     frequency_hz = fine_frequencies(plant)
     each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
@@ -50,7 +50,7 @@ def compute_reach(plant: Plant, position_m: Array, finger: Finger | None = None)
     )
 
 
-def compute_acceleration_curves(plant: Plant, position_m: Array, finger: Finger | None = None) -> tuple[Array, Array]:
+def compute_acceleration_curves(plant: Plant, position_m: Points, finger: Finger | None = None) -> tuple[Array, Array]:
     """Frequencies (frequency,) in Hz, 1 Hz apart in the bands, and peak accelerations (frequency, place) in g.
 
     All actuators play one frequency in phase at the place, each within its band and its limits.
@@ -64,7 +64,7 @@ def compute_acceleration_curves(plant: Plant, position_m: Array, finger: Finger 
     return frequency_hz, curves
 
 
-def _accelerations(plant: Plant, frequency_hz: Array, position_m: Array, finger: Finger | None) -> Array:
+def _accelerations(plant: Plant, frequency_hz: Array, position_m: Points, finger: Finger | None) -> Array:
     """Magnitudes (frequency, actuator, place) at full scale, m/s^2."""
     actuators, places = len(plant.device.actuators), len(position_m)
     sampler, at = plant.sampler(position_m), np.arange(places)

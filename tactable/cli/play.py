@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from base.plain import to_plain
+from base.points import point_of_json, point_text
 from tactable.cli.console import OUT, note, remark, show
 from tactable.cli.options import AsJson, BitRate, DeviceArgument, OptionError, PortName, read_option
 from tactable.shipped import find_device
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 _STEP_NS = 100_000_000  # a signal is noticed within it; the link renews its lease by itself
 _NS_PER_S = 1_000_000_000
-_POINTS = 11  # each tenth of the bar: a row of text each
+_POINTS = 11  # each tenth of a bar, or nine of a plate: a row of text each
 _EACH = "One value for all actuators, or one for each, between commas"
 
 
@@ -32,8 +34,8 @@ def play(
     """Hold one drive by hand: a frequency, amplitude and phase for each actuator.
 
     It ends with Ctrl-C or after `--for`, and stays within the limits of the device. The board is armed for this
-    amplitude and no more, and falls silent when the command ends. With an emulated firmware the levels along the
-    untouched bar follow, SIMULATED. It has never been run on hardware.
+    amplitude and no more, and falls silent when the command ends. With an emulated firmware the levels of the
+    untouched surface follow, SIMULATED. It has never been run on hardware.
     """
     from engine.loop.loop import SystemClock
     from tactable.audio.port import open_port
@@ -130,14 +132,13 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
         "simulated_bar": None,
     }
     if is_simulated:
-        import numpy as np
-
+        from base.arrays import Field
         from tactable.measure.asked_drive import simulate_levels
 
-        position_m = np.linspace(0.0, device.bar.length_m, _POINTS)
+        position_m = Field.of(device.surface.corner_m, _POINTS).position_m
         peak_m_per_s2, level_db = simulate_levels(device, asked, position_m)
         summary["simulated_bar"] = {
-            "position_m": position_m.tolist(),
+            "position_m": to_plain(position_m),
             "peak_m_per_s2": peak_m_per_s2.tolist(),
             "level_db": level_db.tolist(),
             "threshold": device.threshold.title,
@@ -152,8 +153,8 @@ def _print_summary(device: "Device", summary: dict[str, Any]) -> None:
         return
     from rich.table import Table as Grid
 
-    title = "SIMULATED, untouched bar, steady"
+    title = f"SIMULATED, untouched {device.surface.kind}, steady"
     grid = Grid("place", "peak", f"level {device.threshold.above}", title=title, title_justify="left")
-    for at_m, peak, level_db in zip(bar["position_m"], bar["peak_m_per_s2"], bar["level_db"], strict=True):
-        grid.add_row(f"{1e3 * at_m:.1f} mm", f"{peak:.3g} m/s^2", f"{level_db:.1f} dB")
+    for at, peak, level_db in zip(bar["position_m"], bar["peak_m_per_s2"], bar["level_db"], strict=True):
+        grid.add_row(point_text(point_of_json(at), 4), f"{peak:.3g} m/s^2", f"{level_db:.1f} dB")
     OUT.print(grid)

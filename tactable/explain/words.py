@@ -5,18 +5,19 @@ from typing import Any
 
 from rich.console import Console
 
+from base.points import point_text
 from engine.device import Device, Threshold
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import zone_finder
 
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
     """Each finger of a placement by its position and, in brackets, its zone, such as "35 mm (I)"."""
     return [
-        f"{1e3 * finger['position_m']:.4g} mm" + ("" if finger["zone"] is None else f" ({finger['zone']})")
+        point_text(finger["position_m"], 4) + ("" if finger["zone"] is None else f" ({finger['zone']})")
         for finger in placement_json(device, placement)
     ]
 
@@ -36,8 +37,8 @@ def placement_text(device: Device, placement: Placement) -> str:
 
 def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]:
     """Position, zone (None in a gap between zones) and role of each finger, for JSON."""
-    edges = ZoneEdges(device)
-    zones = [edges.zone_at(at_m) for at_m in placement.position_m]
+    zone_at = zone_finder(device).zone_at
+    zones = [zone_at(at_m) for at_m in placement.position_m]
     return [
         {
             "position_m": at_m,

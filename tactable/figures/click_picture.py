@@ -108,7 +108,7 @@ def _draw_fan(axes: Axes, device: Device, course: Course, finger: int) -> None:
     axes.set(ylabel="1 = threshold", xlabel="time (ms)", ylim=(low_limit, _LEGEND_ROOM * high_limit))
     peaks = " / ".join(f"{peak_db:z.1f}" for peak_db in peaks_db)
     title = f"{finger_roles(device, course.placement)[finger]}: {course.weighted.shape[0] - 1} fresh plants"
-    _finish(axes, course, f"{title}, peaks {peaks} dB (5 / 50 / 95 %)")
+    _finish(axes, course, f"{title},\npeaks {peaks} dB (5 / 50 / 95 %)")
     axes.legend(fontsize="x-small", loc="upper right", ncols=2)
 
 

@@ -1,6 +1,7 @@
-"""The picture of the demo: touches, what fingers felt, and the acceleration along the bar, promised and simulated."""
+"""The picture of the demo: touches, what fingers felt, and accelerations of the surface, promised and simulated."""
 
 import itertools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,23 @@ from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import finger_roles
-from tactable.figures.style import BLUE, GREEN, GREY, VERMILLION, draw_zone_names
+from tactable.figures.style import (
+    BLUE,
+    CURVES,
+    GREEN,
+    GREY,
+    VERMILLION,
+    draw_fingers,
+    draw_map,
+    draw_values,
+    draw_zone_names,
+    is_plate,
+    sides_of,
+    surface_field,
+)
 from tactable.rig.demo_reports import ClickReport, DriveReport
 from tactable.rig.demo_run import DemoReport
-from tactable.rig.simulated_bar import Felt, is_felt
+from tactable.rig.simulated_surface import Felt, is_felt
 
 _MOST_DRAWN = 6  # three rows of two
 _SHOWN_S = 0.1  # a click and its ring-down
@@ -30,42 +44,50 @@ def draw_demo(report: DemoReport, path: Path) -> None:
         held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), room))
     ]
     drawn = [*drawn, *report.clicks][:_MOST_DRAWN]
-    rows = 3 + (len(drawn) + 1) // 2
+    device, sides = report.device, sides_of(report.device)
+    above = len(sides) + 2
+    rows = above + (len(drawn) + 1) // 2
     figure = Figure(figsize=(10, 2.4 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, 2)
-    figure.suptitle(f"{report.device.name}: touches to felt fingers (SIMULATED firmware and bar)")
-    touches = figure.add_subplot(grid[0, :])
-    _draw_touches(touches, report)
+    figure.suptitle(f"{device.name}: touches to felt fingers (SIMULATED firmware and {device.surface.kind})")
+    first: Axes | None = None
+    for row, (name, mm) in enumerate(sides.items()):
+        axes = figure.add_subplot(grid[row, :], sharex=first)
+        _draw_touches(axes, report, name, mm)
+        first = first or axes
     if report.felt:
-        _draw_felt(figure.add_subplot(grid[1, :], sharex=touches), report.felt)
-        _draw_drive(figure.add_subplot(grid[2, :], sharex=touches), report.device, report.felt)
+        _draw_felt(figure.add_subplot(grid[above - 2, :], sharex=first), report.felt)
+        _draw_drive(figure.add_subplot(grid[above - 1, :], sharex=first), device, report.felt)
     for k, command in enumerate(drawn):
-        axes = figure.add_subplot(grid[3 + k // 2, k % 2])
+        axes = figure.add_subplot(grid[above + k // 2, k % 2])
         if isinstance(command, ClickReport):
-            _draw_click(axes, report.device, command)
+            _draw_click(axes, device, command)
         else:
-            _draw_held(axes, report.device, command, legend=k == 0)
+            _draw_held(axes, device, command, legend=k == 0)
     with replace_file(path) as made:
         figure.savefig(made, format=path.suffix[1:].lower(), dpi=110)
 
 
-def _draw_touches(axes: Axes, report: DemoReport) -> None:
-    """Positions of the fingers over time by role; zones as bands."""
-    device, moments = report.device, report.run.moments
-    for i, zone in enumerate(device.zones):
-        axes.axhspan(1e3 * zone.start_m.real, 1e3 * zone.stop_m.real, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
-        axes.text(0.004, zone.middle_m.real / device.bar.length_m, zone.name, transform=axes.transAxes)
+def _draw_touches(axes: Axes, report: DemoReport, side: str, mm: Callable[[complex], float]) -> None:
+    """Positions of the fingers along one side over time by role; zones as bands."""
+    device, moments, length_mm = report.device, report.run.moments, mm(report.device.surface.corner_m)
+    names = dict[tuple[float, float], list[str]]()
+    for zone in device.zones:
+        names.setdefault((mm(zone.start_m), mm(zone.stop_m)), []).append(zone.name)
+    for i, ((start_mm, stop_mm), named) in enumerate(names.items()):
+        axes.axhspan(start_mm, stop_mm, color=GREY, alpha=0.12 if i % 2 else 0.28, lw=0)
+        axes.text(0.004, (start_mm + stop_mm) / 2 / length_mm, ", ".join(named), transform=axes.transAxes)
     for actuator in device.actuators:
-        axes.axhline(1e3 * actuator.position_m.real, color=GREY, lw=0.8, ls=":")
+        axes.axhline(mm(actuator.position_m), color=GREY, lw=0.8, ls=":")
     lines: dict[str, list[list[tuple[float, float]]]] = {BLUE: [], VERMILLION: []}
     for moment, after in itertools.pairwise(moments):
         start_s, stop_s = ((each.time_ns - moments[0].time_ns) / 1e9 for each in (moment, after))
         for touch in moment.touches:
             colour = VERMILLION if is_felt(touch, moment) else BLUE
-            lines[colour].append([(start_s, 1e3 * touch.position_m.real), (stop_s, 1e3 * touch.position_m.real)])
+            lines[colour].append([(start_s, mm(touch.position_m)), (stop_s, mm(touch.position_m))])
     for colour, segments in lines.items():
         axes.add_collection(LineCollection(segments, colors=colour, linewidths=4, capstyle="butt"))
-    axes.set(ylabel="finger on the bar (mm)", ylim=(0, 1e3 * device.bar.length_m))
+    axes.set(ylabel=f"finger {side} (mm)", ylim=(0, length_mm))
     title = "fingers as the digitizer has them, red while they are to feel; dotted: actuators"
     axes.set_title(title, fontsize="small", loc="left")
 
@@ -81,32 +103,38 @@ def _draw_felt(axes: Axes, felt: Felt) -> None:
 
 def _draw_drive(axes: Axes, device: Device, felt: Felt) -> None:
     for i, actuator in enumerate(device.actuators):
-        colour = (BLUE, GREEN, GREY)[i % 3]
-        axes.step(felt.time_s, 100 * felt.drive[:, i], where="post", lw=1.2, color=colour, label=actuator.name)
+        colour, ls = CURVES[i % len(CURVES)]
+        axes.step(felt.time_s, 100 * felt.drive[:, i], ls=ls, where="post", lw=1.2, color=colour, label=actuator.name)
     axes.set(xlabel="time (s)", ylabel="base (% of full scale)", ylim=(0, 110))
     axes.set_title("displacement that the firmware synthesised", fontsize="small", loc="left")
     axes.legend(fontsize="x-small", loc="upper right", ncols=3)
 
 
 def _draw_held(axes: Axes, device: Device, report: DriveReport, *, legend: bool) -> None:
-    draw_zone_names(axes, device)
-    position_m = np.linspace(0, device.bar.length_m, 400)
     simulated, placement, drive = report.simulated, report.placement, report.drive
+    field = surface_field(device)
     loaded = assemble(device).with_fingers(placement.position_m, device.finger)
-    peak = peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, position_m)
-    axes.plot(1e3 * position_m, peak, color=BLUE, label="promised")
+    peak = peak_along(loaded, np.array(drive.frequencies_hz), drive.complex_amplitudes, field.position_m)
+    parts = "+".join(f"{100 * amplitude:.3g}" for amplitude in drive.amplitudes)
+    factor = f"Λ {report.promised_factor:.3f} promised, {report.simulated_factor:.3f} simulated"
+    words = f"{factor}; {report.frequency_text} {parts} %"
+    title = words if is_plate(device) else f"{_fingers_text(device, report)}\n{words}"
+    axes.set_title(title, fontsize="small", loc="left")
+    if is_plate(device):
+        image = draw_map(axes, device, field, peak, "peak, promised (m/s²)\nin circles: simulated")
+        draw_values(axes, image, simulated.position_m, simulated.acceleration)
+        draw_fingers(axes, placement, [f"{level_db:z.1f} dB" for level_db in report.promise.level_db])
+        return
+    draw_zone_names(axes, device)
+    axes.plot(1e3 * field.position_m, peak, color=BLUE, label="promised")
     axes.plot(1e3 * simulated.position_m, simulated.acceleration, "o", ms=4, color=VERMILLION, label="simulated")
     finger_mm = 1e3 * np.array(placement.position_m)
     axes.plot(finger_mm, report.promise.acceleration_m_per_s2, "_", ms=14, color=BLUE)
     for finger, is_felt_here in enumerate(placement.is_felt):
         colour, label = (GREEN, "simulated, felt finger") if is_felt_here else (GREY, "simulated, quiet finger")
         axes.plot(finger_mm[finger], simulated.at_finger[finger], "D", ms=6, color=colour, label=label)
-    parts = "+".join(f"{100 * amplitude:.3g}" for amplitude in drive.amplitudes)
-    factor = f"Λ {report.promised_factor:.3f} promised, {report.simulated_factor:.3f} simulated"
-    title = f"{_fingers_text(device, report)}\n{factor}; {report.frequency_text} {parts} %"
-    axes.set_title(title, fontsize="small", loc="left")
     axes.margins(y=0.15)
-    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.bar.length_m))
+    axes.set(xlabel="along the bar (mm)", ylabel="peak (m/s²)", xlim=(0, 1e3 * device.surface.length_m))
     axes.set_ylim(bottom=0)
     if legend:
         axes.legend(fontsize="x-small", loc="upper right", bbox_to_anchor=(1, 0.9))

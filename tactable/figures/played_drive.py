@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.device import Device, Finger
 from engine.steady import SteadyDrive
-from engine.steady.cases import cases_at, sample_deviations
+from engine.steady.cases import axes_of, cases_at, sample_deviations
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
@@ -64,7 +64,9 @@ def solved_drive(designer: SteadyDesigner, placement: Placement, level_db: float
     felt_zones = [zone for zone, state in enumerate(placement.zone_states(device)) if state is ZoneState.FELT]
     weakest = figures.sampled_level_db[:, placement.felt].min(axis=1)
     strongest = figures.sampled_level_db[:, placement.quiet].max(axis=1, initial=-np.inf)
-    cases = cases_at(position_m, sample_deviations(len(position_m), SAMPLES), device.finger, device.bar.length_m)
+    corner_m = device.surface.corner_m
+    deviations = sample_deviations(len(position_m), SAMPLES, axes_of(corner_m))
+    cases = cases_at(position_m, deviations, device.finger, corner_m)
     return PlayedDrive(
         device=device,
         placement=placement,

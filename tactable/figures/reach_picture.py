@@ -1,6 +1,5 @@
 """The dead zones of a device: the greatest acceleration and level that each place can be given."""
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -12,7 +11,7 @@ from precompute.studies.reach_along import Reach, compute_reach
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
-PLACES = 141  # 2 mm apart on 280 mm, closer than a fingertip is wide
+PLACES = 141  # 2 mm apart on 280 mm, closer than a fingertip is wide; 21 mm on a tablet
 PAPER_G = 1.5
 """The published bar: "a peak acceleration greater than 1.5 g can be achieved throughout"."""
 _FLOOR, _LEGEND_ROOM = 0.4, 4.0  # of the least and of the greatest value
@@ -20,12 +19,20 @@ _FLOOR, _LEGEND_ROOM = 0.4, 4.0  # of the least and of the greatest value
 
 def plot_reach(device: Device) -> Picture:
     """Picture of a device: untouched, and under a standard finger that lies at each place in turn."""
-    plant, place_m = assemble(device), np.linspace(0.0, device.bar.length_m, PLACES)
+    plant, place_m = assemble(device), style.surface_field(device, PLACES).position_m
     untouched, touched = compute_reach(plant, place_m), compute_reach(plant, place_m, device.finger)
-    figure = Figure(figsize=(9, 6.6), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    _draw_accelerations(above, device, untouched, touched)
-    _draw_level(below, device, touched)
+    if style.is_plate(device):
+        figure = Figure(figsize=(9, 1.4 + 2 * style.map_height(device, 4.6)), layout="constrained")
+        above, below = figure.subplots(2, 1)
+        field = style.surface_field(device, PLACES)
+        style.draw_map(above, device, field, touched.tones, "greatest peak under\na finger there (m/s²)", vmin=0.0)
+        label = f"greatest level under a finger\nthere (dB {device.threshold.above})"
+        style.draw_map(below, device, field, touched.level_db, label)
+    else:
+        figure = Figure(figsize=(9, 6.6), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+        _draw_accelerations(above, device, untouched, touched)
+        _draw_level(below, device, touched)
     return style.finish_picture(
         figure,
         device,
@@ -41,7 +48,7 @@ def plot_reach(device: Device) -> Picture:
 
 
 def _draw_accelerations(axes: Axes, device: Device, untouched: Reach, touched: Reach) -> None:
-    place_mm = 1e3 * untouched.position_m
+    place_mm = 1e3 * untouched.position_m.real
     curves = (
         (untouched.tones, style.BLUE, "-", "untouched, each actuator at its best frequency"),
         (untouched.one_tone, style.GREEN, "--", "untouched, all at one frequency"),
@@ -61,7 +68,7 @@ def _draw_accelerations(axes: Axes, device: Device, untouched: Reach, touched: R
 
 
 def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
-    axes.plot(1e3 * touched.position_m, touched.level_db, color=style.VERMILLION, ls="-.", lw=1.6)
+    axes.plot(1e3 * touched.position_m.real, touched.level_db, color=style.VERMILLION, ls="-.", lw=1.6)
     for level_db in device.levels_db:
         axes.axhline(level_db, color=style.GREY, lw=0.8, ls=":")
         text, beside = f"rows at {level_db:g} dB", axes.get_yaxis_transform()
@@ -69,7 +76,7 @@ def _draw_level(axes: Axes, device: Device, touched: Reach) -> None:
     axes.set(
         xlabel="along the bar (mm)",
         ylabel="greatest level under a\nfinger (dB above threshold)",
-        xlim=(0, 1e3 * device.bar.length_m),
+        xlim=(0, 1e3 * device.surface.length_m),
         ylim=(0, None),
     )
     style.draw_zone_edges(axes, device)
@@ -87,7 +94,7 @@ def _least_g(reach: Reach) -> float:
 
 
 def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Array]:
-    columns = {"position (m)": untouched.position_m}
+    columns = style.position_columns(untouched.position_m)
     for name, reach in (("untouched", untouched), ("under a finger there", touched)):
         columns[f"each actuator at its best frequency, {name} (m/s^2)"] = reach.tones
         for actuator, hz in zip(device.actuators, reach.tones_hz.T, strict=True):
@@ -98,10 +105,10 @@ def _columns(device: Device, untouched: Reach, touched: Reach) -> dict[str, Arra
     return columns
 
 
-def _least(reach: Reach) -> dict[str, float]:
+def _least(reach: Reach) -> dict[str, complex]:
     at = int(reach.tones.argmin())
     return {
         "least_m_per_s2": float(reach.tones[at]),
-        "least_position_m": float(reach.position_m[at]),
+        "least_position_m": reach.position_m[at].item(),
         "least_at_one_frequency_m_per_s2": float(reach.one_tone.min()),
     }

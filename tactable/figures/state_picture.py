@@ -1,4 +1,4 @@
-"""One steady drive along the bar: the acceleration that it gives under the standard and the sampled fingers."""
+"""One steady drive over the surface: the acceleration that it gives under the standard and the sampled fingers."""
 
 import textwrap
 from dataclasses import dataclass
@@ -7,15 +7,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from base.arrays import Array
+from base.arrays import Array, Field, Points
+from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, placement_text, zone_lists
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
-from tactable.figures.played_drive import Load, PlayedDrive
+from tactable.figures.played_drive import Load, PlayedDrive, PlayedFinger
 
-_POINTS = 401  # less than a millimetre apart on 300 mm
+_MAP_POINTS = 1500  # 6 mm apart on a tablet
+_LOWEST_DB = -20.0  # where the map of a plate begins
 _BELOW_THRESHOLD = 0.3
 """The acceleration axis begins at this fraction of the threshold, or under the stillest finger."""
 _HEADROOM = 4.0
@@ -25,9 +27,9 @@ _TITLE_LETTERS = 100  # a line of the title across the figure
 
 @dataclass(frozen=True)
 class Envelope:
-    """Peak steady acceleration (m/s^2) along the bar (m): under standard fingers; least and greatest over touches."""
+    """Peak steady acceleration (m/s^2) at points (m): under standard fingers; least and greatest over touches."""
 
-    position_m: Array
+    position_m: Points
     standard: Array
     least: Array
     greatest: Array
@@ -36,14 +38,10 @@ class Envelope:
 def plot_state(played: PlayedDrive) -> Picture:
     """Picture of a drive that is solved for fingers."""
     device, envelope = played.device, compute_envelope(played)
-    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    height = 1.2 + style.map_height(device, 7.0) if style.is_plate(device) else 5.4
+    figure = Figure(figsize=(9, height), layout="constrained")
     axes = figure.add_subplot()
-    _draw_envelope(axes, played, envelope)
-    label = f"detection threshold at {played.drive.frequency_hz:g} Hz (ESTIMATE)"
-    axes.axhline(played.threshold_m_per_s2, color=style.BLACK, lw=1.0, ls="--", label=label)
-    _draw_fingers(axes, played)
-    _set_axes(axes, played, envelope)
-    axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+    (_draw_map if style.is_plate(device) else _draw_along)(axes, played, envelope)
     return style.finish_picture(
         figure,
         device,
@@ -59,7 +57,9 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     """The drive under each load of fingers."""
     device, frequency_hz = played.device, np.array(played.drive.frequencies_hz)
     plant = assemble(device)
-    position_m = np.union1d(np.linspace(0.0, device.bar.length_m, _POINTS), played.placement.position_m)
+    position_m = _field(device).position_m
+    if not style.is_plate(device):
+        position_m = np.union1d(position_m, played.placement.position_m)
 
     def along(load: Load) -> Array:
         loaded = plant.with_fingers(*zip(*load, strict=True))
@@ -67,6 +67,38 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
 
     each = np.array([along(load) for load in played.cases])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
+
+
+def _field(device: Device) -> Field:
+    return style.surface_field(device, _MAP_POINTS)
+
+
+def _draw_map(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    """Levels under standard fingers, a plate seen from above; white where they cross the threshold."""
+    device, field = played.device, _field(played.device)
+    level_db = 20 * np.log10(np.maximum(envelope.standard / played.threshold_m_per_s2, 1e-9))
+    style.draw_map(axes, device, field, level_db, f"level (dB {device.threshold.above})", vmin=_LOWEST_DB)
+    rows = level_db.reshape(field.across, field.along)
+    axes.contour(
+        rows, [0.0], colors="white", linestyles="--", linewidths=1.2, extent=(*axes.get_xlim(), *axes.get_ylim())
+    )
+    texts = [_level_text(each) for each in played.fingers]
+    style.draw_fingers(axes, played.placement, texts)
+    axes.set_title("dashed: the detection threshold; in brackets least to greatest of the touches", fontsize="small")
+
+
+def _draw_along(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
+    _draw_envelope(axes, played, envelope)
+    label = f"detection threshold at {played.drive.frequency_hz:g} Hz (ESTIMATE)"
+    axes.axhline(played.threshold_m_per_s2, color=style.BLACK, lw=1.0, ls="--", label=label)
+    _draw_fingers(axes, played)
+    _set_axes(axes, played, envelope)
+    axes.legend(fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+
+
+def _level_text(finger: PlayedFinger) -> str:
+    role = "felt" if finger.is_felt else "quiet"
+    return f"{role} {finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})"
 
 
 def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
@@ -85,9 +117,8 @@ def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
     for finger in played.fingers:
         place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
         axes.plot(place_mm, height, "o", ms=9, mec="white", color=style.ROLE_COLOUR[finger.is_felt], zorder=4)
-        role = "felt " if finger.is_felt else "quiet "
         axes.annotate(
-            f"{role}{finger.level_db:z.1f} dB\n({finger.range_db[0]:z.0f} to {finger.range_db[1]:z.0f})",
+            _level_text(finger),
             (place_mm, height),
             xytext=(0, 9),
             textcoords="offset points",
@@ -105,7 +136,7 @@ def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
     axes.set(
         xlabel="along the bar (mm)",
         ylabel="peak acceleration (m/s²)",
-        xlim=(0, 1e3 * played.device.bar.length_m),
+        xlim=(0, 1e3 * played.device.surface.length_m),
         yscale="log",
         ylim=(lowest, _HEADROOM * envelope.greatest.max()),
     )
@@ -141,7 +172,7 @@ def _promise_text(played: PlayedDrive) -> str:
 
 def _columns(envelope: Envelope) -> dict[str, Array]:
     return {
-        "position (m)": envelope.position_m,
+        **style.position_columns(envelope.position_m),
         "peak acceleration under standard fingers (m/s^2)": envelope.standard,
         "least over sampled touches (m/s^2)": envelope.least,
         "greatest over sampled touches (m/s^2)": envelope.greatest,

@@ -1,5 +1,6 @@
-"""Drives of the untouched bar: the acceleration along it and the factor of every zone (paper's Figures 3 and 8)."""
+"""Drives of the untouched surface: the acceleration over it and the factor of every zone (paper's Figures 3 and 8)."""
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,15 +18,15 @@ from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures import style
 from tactable.figures.picture_file import FigureError, Picture
 
-_PLACES = 401  # less than a millimetre apart on 300 mm
 _HEADROOM = 1.3  # above the greatest value: names of the zones and legend
 _HATCHES = ("", "///", "...", "xxx")
+_TITLE_LETTERS = 60  # a line of the title of a map
 _BAR_SHARE = 0.8  # of a zone's width; the rest parts it from its neighbours
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """A drive, its peak acceleration along the bar (place,), m/s^2, and its figures by zone."""
+    """A drive, its peak acceleration at the points of the picture (point,), m/s^2, and its figures by zone."""
 
     drive: BarDrive
     level: Array
@@ -53,7 +54,7 @@ def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:
 
 
 def _compute(plant: Plant, drives: Sequence[BarDrive]) -> list[_Shown]:
-    place_m = np.linspace(0.0, plant.device.bar.length_m, _PLACES)
+    place_m = style.surface_field(plant.device).position_m
     return [
         _Shown(
             drive,
@@ -65,10 +66,20 @@ def _compute(plant: Plant, drives: Sequence[BarDrive]) -> list[_Shown]:
 
 
 def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequence[int]) -> Picture:
-    figure = Figure(figsize=(9, 6.2), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    _draw_acceleration(above, device, shown, wanted)
-    _draw_factors(below, device, shown, wanted)
+    if style.is_plate(device):
+        rows, map_inches = (len(shown) + 1) // 2, style.map_height(device, 3.4)
+        figure = Figure(figsize=(9, rows * map_inches + 3.2), layout="constrained")
+        grid = figure.add_gridspec(rows + 1, 2, height_ratios=[map_inches] * rows + [2.2])
+        for k, each in enumerate(shown):
+            axes = figure.add_subplot(grid[k // 2, k % 2])
+            style.draw_map(axes, device, style.surface_field(device), each.level, "peak (m/s²)")
+            axes.set_title(textwrap.fill(_label(device, each.drive), _TITLE_LETTERS), fontsize="x-small")
+        _draw_factors(figure.add_subplot(grid[rows, :]), device, shown, wanted)
+    else:
+        figure = Figure(figsize=(9, 6.2), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+        _draw_acceleration(above, device, shown, wanted)
+        _draw_factors(below, device, shown, wanted)
     return style.finish_picture(
         figure,
         device,
@@ -84,7 +95,7 @@ def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequ
 
 
 def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
-    place_mm = np.linspace(0.0, 1e3 * device.bar.length_m, _PLACES)
+    place_mm = 1e3 * style.surface_field(device).position_m.real
     for zone in wanted:
         axes.axvspan(
             1e3 * device.zones[zone].start_m.real,
@@ -108,17 +119,23 @@ def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], want
 
 
 def _draw_factors(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
-    middle_mm = np.array([500 * (zone.start_m + zone.stop_m) for zone in device.zones])
+    middle_mm = np.array([1e3 * zone.middle_m.real for zone in device.zones])
     width_mm = _BAR_SHARE / len(shown) * np.array([1e3 * zone.length_m for zone in device.zones])
+    if style.is_plate(device):  # side by side in their order
+        middle_mm, width_mm = np.arange(len(device.zones)) + 1.0, np.full(len(device.zones), _BAR_SHARE / len(shown))
     for k, (each, (colour, _)) in enumerate(zip(shown, style.CURVES, strict=False)):
         place_mm = middle_mm + (k - (len(shown) - 1) / 2) * width_mm
         axes.bar(place_mm, each.state.share, 0.92 * width_mm, color=colour, hatch=_HATCHES[k], ec="white", lw=0)
         for x_mm, share in zip(place_mm, each.state.share, strict=True):
             axes.text(x_mm, share, f"{share:.3f}", ha="center", va="bottom", fontsize="x-small")
     names = [f"{zone.name}, wanted" if k in wanted else zone.name for k, zone in enumerate(device.zones)]
-    style.draw_zone_names(axes, device, names)
     greatest = max(float(each.state.share.max()) for each in shown)
-    axes.set(xlabel="along the bar (mm)", ylabel="localized factor\nof each zone (1)", ylim=(0, _HEADROOM * greatest))
+    if style.is_plate(device):
+        axes.set_xticks(middle_mm, names)
+    else:
+        style.draw_zone_names(axes, device, names)
+        axes.set_xlabel("along the bar (mm)")
+    axes.set(ylabel="localized factor\nof each zone (1)", ylim=(0, _HEADROOM * greatest))
 
 
 def _label(device: Device, drive: BarDrive) -> str:
@@ -154,7 +171,8 @@ def _columns(device: Device, shown: Sequence[_Shown]) -> dict[str, Sequence[obje
         "position of the least (m)": "dead_position_m",
     }
     for header, name in figures.items():
-        columns[header] = np.concatenate([getattr(each.state, name) for each in shown])
+        values = np.concatenate([getattr(each.state, name) for each in shown])
+        columns |= style.position_columns(values, header) if name.endswith("position_m") else {header: values}
     return columns
 
 

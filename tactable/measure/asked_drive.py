@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, Points
 from engine.device import Device
 from engine.render.limits import Drive, LimitError, clamp
 from precompute.model.assembly import assemble
@@ -71,10 +71,10 @@ def check_drive(asked: AskedDrive, device: Device) -> Drive:
     return clamp(asked, device)
 
 
-def simulate_levels(device: Device, asked: AskedDrive, position_m: Array) -> tuple[Array, Array]:
-    """Peaks (point,) in m/s^2 and levels (point,) in dB above the threshold under a held drive, at places in metres.
+def simulate_levels(device: Device, asked: AskedDrive, position_m: Points) -> tuple[Array, Array]:
+    """Peaks (point,) in m/s^2 and levels (point,) in dB above the threshold under a held drive, at points in metres.
 
-    The bar is untouched. Tones of one frequency add as phasors, and the peaks of others as magnitudes (paper eq. (8)).
+    The surface is untouched. Tones of one frequency add as phasors, the peaks of others as magnitudes (paper eq. (8)).
     The level is that of the summed powers over the threshold at each tone. SIMULATED.
     """
     from precompute.model.response import by_tone, solve_response  # compiled kernels, which only a simulation needs

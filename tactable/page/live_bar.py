@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from base.arrays import Array, Points, even_points
+from base.arrays import Array, Field
 from engine.device import Device
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
@@ -25,10 +25,8 @@ from tactable.rig.first_table import modes_of
 
 RATE_HZ = 12_000
 """40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
-POINTS = 61  # 5 mm apart on 300 mm
 MOST_POINTS, MOST_MOVING = 1500, 420
 """Points of a field of levels, and of a field that is shown slowed: 6 and 12 mm apart on a tablet."""
-_ROUNDING = 1e-9
 _WHOLE = 400
 """Of a field of more points, every n-th sample is looked at. Under fingers all are."""
 KEPT_S = 1.0
@@ -94,36 +92,6 @@ class _ModalPlant(TransientPlant):
     def look_at(self, position_m: object) -> None:  # noqa: ARG002  # the points of the base class
         modes = len(self.basis.square_omega)
         self.position_m, self._shape = np.zeros(modes), np.eye(modes)
-
-
-@dataclass(frozen=True)
-class Field:
-    """Even points over a surface up to `corner_m`: `across` rows of `along` points."""
-
-    corner_m: complex
-    along: int
-    across: int
-
-    @classmethod
-    def of(cls, corner_m: complex, most: int) -> "Field":
-        """The finest of at most `most` points, and of at most POINTS each way."""
-        sides_m = corner_m.real, corner_m.imag
-        fields = (
-            cls(corner_m, *(1 + math.ceil(steps * side_m / max(sides_m) - _ROUNDING) for side_m in sides_m))
-            for steps in range(POINTS - 1, 0, -1)
-        )
-        return next(field for field in fields if field.count <= most)
-
-    @property
-    def count(self) -> int:
-        """Number of points."""
-        return self.along * self.across
-
-    @property
-    def position_m(self) -> Points:
-        """Shape (point,): the points, row by row."""
-        found: Points = even_points(0 * self.corner_m, self.corner_m, self.along, self.across)
-        return found
 
 
 class LiveBar:

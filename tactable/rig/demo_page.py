@@ -20,7 +20,8 @@ def print_demo(out: Console, report: DemoReport, figure: Path) -> None:
     """Print touches, commands, latency, promised and simulated figures, and whether they agree."""
     run, counters = report.run, report.run.counters
     pace = "real pace" if report.speed == 1 else f"{report.speed:.1f} times real pace"
-    out.print(f"{report.device.name}: touches to felt fingers. SIMULATED: firmware and bar.", style="bold")
+    device = report.device
+    out.print(f"{device.name}: touches to felt fingers. SIMULATED: firmware and {device.surface.kind}.", style="bold")
     out.print(f"touches   {report.recording.name}, at {pace}", highlight=False)
     out.print(
         f"          {counters.reports} reports, {counters.frames} frames, {counters.state_changes} changes of state"

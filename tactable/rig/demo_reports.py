@@ -1,9 +1,9 @@
-"""One rendered command of the demo: what its fingers were promised, and what the simulated bar did under them.
+"""One rendered command of the demo: what its fingers were promised, and what the simulated surface did under them.
 
-Promises are for the positions that the fingers really have, with standard fingers on the bar as it is described. That
-of a steady drive was solved from modes in frequency, that of a click comes from the waveform of its table row;
-the simulation takes the bytes that the firmware got to a bar in time. So they check each other and the whole chain
-between them. Neither is a measurement.
+Promises are for the positions that the fingers really have, with standard fingers on the surface as it is described.
+That of a steady drive was solved from modes in frequency, that of a click comes from the waveform of its table row;
+the simulation takes the bytes that the firmware got to the surface in time. So they check each other and the whole
+chain between them. Neither is a measurement.
 """
 
 import math
@@ -17,7 +17,7 @@ from engine.table import ClickEntry
 from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from tactable.rig.promises import Promise
-from tactable.rig.simulated_bar import SimulatedClick, SimulatedDrive
+from tactable.rig.simulated_surface import SimulatedClick, SimulatedDrive
 
 AGREEMENT = 0.02
 """The fraction by which promise and simulation may differ."""

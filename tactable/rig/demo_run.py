@@ -1,6 +1,6 @@
-"""The demo: recorded touches through the engine, the wire and the emulated firmware to the simulated bar.
+"""The demo: recorded touches through the engine, the wire and the emulated firmware to the simulated surface.
 
-The report says for every rendered command whether the simulated bar does, under the fingers where the recording has
+The report says for every rendered command whether the simulated surface does, under the fingers where the recording has
 them, what was promised for these positions. JSON keys that begin with `measured_` hold simulated values; their names
 are kept, since programs read them.
 """
@@ -21,7 +21,7 @@ from engine.loop.command_latency import Stage
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import zone_finder
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import DriveEvent
 from precompute.builder.table_build import Progress, build_table
@@ -34,7 +34,7 @@ from tactable.rig.first_table import early_options
 from tactable.rig.promises import Promises
 from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
-from tactable.rig.simulated_bar import ENVELOPE_S, Felt, SimulatedBar
+from tactable.rig.simulated_surface import ENVELOPE_S, Felt, SimulatedSurface
 
 MOST_DRIVES = 40
 """Most steady drives of a run whose promise is compared with the simulation."""
@@ -44,7 +44,7 @@ LONGEST_REPLAY_S = 12.0
 
 @dataclass(frozen=True)
 class DemoReport:
-    """What the demo found. SIMULATED: digitizer (where it is the shipped recording), firmware and bar."""
+    """What the demo found. SIMULATED: digitizer (where it is the shipped recording), firmware and surface."""
 
     device: Device
     table: Path
@@ -105,7 +105,7 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     run = play(table, recording, speed, effects)
     reporter = Reporter(table, effects.drives)
     applied = first_applied(run)
-    felt = reporter.bar.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
+    felt = reporter.surface.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
     greatest = _greatest(run, felt) if felt else {}
     # Each drive is held for seconds of simulated time, and a finger that drags under one gets hundreds of them.
     held = [wanted for wanted, event in applied.items() if event.waveform is None]
@@ -125,13 +125,13 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
 
 
 class Reporter:
-    """Compares what commands of a table's runs promise with what the simulated bar does under their fingers."""
+    """Compares what commands of a table's runs promise with what the simulated surface does under their fingers."""
 
     def __init__(self, table: Table, drives: Drives = Drives.POSITIONS) -> None:
-        self.bar, self._drives = SimulatedBar(table.device), drives
+        self.surface, self._drives = SimulatedSurface(table.device), drives
         self._device, self._promises = table.device, Promises(table)
         self._plant = assemble(table.device)
-        self._edges = ZoneEdges(table.device)
+        self._zone_at = zone_finder(table.device).zone_at
 
     def report_drive(
         self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
@@ -146,7 +146,7 @@ class Reporter:
             drive, promise = self._promises.of_drive(placement, wanted.level_db, strongest.frequency_hz)
         hz = np.array(drive.frequencies_hz)
         loaded = self._plant.with_fingers(placement.position_m, self._device.finger)
-        zones = {self._edges.zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}
+        zones = {self._zone_at(placement.position_m[finger]) for finger in placement.felt} - {None}
         felt_zones = tuple(sorted(zone for zone in zones if zone is not None))
         share = compute_steady_state(loaded, hz, drive.complex_amplitudes).share
         return DriveReport(
@@ -154,7 +154,7 @@ class Reporter:
             felt_m_per_s2,
             quiet_m_per_s2,
             drive,
-            self.bar.simulate_held(event, placement.position_m),
+            self.surface.simulate_held(event, placement.position_m),
             felt_zones,
             float(share[list(felt_zones)].sum()),
         )
@@ -165,7 +165,7 @@ class Reporter:
         """Report a click that the firmware got; the last two are the greatest accelerations in the run."""
         placement = wanted.placement
         click, promise = self._promises.of_click(placement, wanted.level_db)
-        simulated = self.bar.simulate_click(event, placement.position_m)
+        simulated = self.surface.simulate_click(event, placement.position_m)
         return ClickReport(promise, felt_m_per_s2, quiet_m_per_s2, click, simulated)
 
 

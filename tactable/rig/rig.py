@@ -22,6 +22,7 @@ from firmware_link.emulator.emulator_process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Port
+from tactable.rig.emulate import configuration_of
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions
 
@@ -104,12 +105,14 @@ def play(table: Table, recording: Recording, speed: float, effects: Effects = DE
     Raises what the engine raises: DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
     """
     with ExitStack() as stack:
-        emulator = stack.enter_context(run_emulator(len(table.device.actuators)))
+        emulator = stack.enter_context(run_emulator(configuration_of(table.device)))
         port = SerialPort(emulator.port)
         # After a stall of a second the port is opened again.
         reopening = ReopeningPort(lambda: SerialPort(emulator.port), port)
         stack.callback(reopening.close)
         solving = stack.enter_context(ClickProcess(table.path)) if table.clicks and effects.have_clicks else None
+        if solving is not None:
+            solving.wait_until_ready()
         clock = SystemClock()
         return play_to(port, clock, table, Playback(recording, speed), effects, emulator.stop, reopening, solving)
 

@@ -10,6 +10,7 @@ import base64
 import contextlib
 import os
 import pickle
+import select
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -39,8 +40,14 @@ class ClickProcess(BesideLoop):
         os.set_blocking(self._descriptor, False)
         self.is_there = False
         """Whether questions are answered: not before the child is ready, and not after its end."""
-        self._received = bytearray()
+        self._has_ended, self._received = False, bytearray()
         self._answers = Answers()
+
+    def wait_until_ready(self) -> None:
+        """Wait until questions are answered, or the child has ended: for a replay, which can begin later."""
+        while not (self.is_there or self._has_ended):
+            select.select([self._descriptor], [], [])
+            self.poll()
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
         """Ask for the click of a placement; a question that finds no room is lost, as one that comes too late is."""
@@ -57,7 +64,7 @@ class ClickProcess(BesideLoop):
         except ConnectionResetError:
             part = b""
         if not part:
-            self.is_there = False
+            self.is_there, self._has_ended = False, True
             self._fall_silent(
                 "clicks of more fingers than the table holds are no longer solved: the solving process has ended"
             )

@@ -74,7 +74,7 @@ def guest(tmp_path_factory: pytest.TempPathFactory) -> Guest:
 
 def play_beside() -> ChainRun:
     """The same recording without a kernel's drivers: played into the engine, to an emulator behind a pty."""
-    with run_emulator(number_of_actuators=2) as emulator:
+    with run_emulator() as emulator:
         return run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ), None, lambda: None)
 
 

@@ -37,6 +37,7 @@ from tactable.bench.latency.stamps import (
 from tactable.bench.latency.timed_engine import Segment
 from tactable.bench.latency.timed_programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.light_device import Arrivals, LightDevice
+from tactable.rig.emulate import configuration_of
 
 # Small, so that a line that stands still is noticed: a real one has one frame in flight.
 _LINK_BUFFER_BYTES = 2_048
@@ -111,7 +112,7 @@ class Bench:
             touch, their_touch = _touch_pair(stack)
             link, their_link, far_end, emulator = None, None, None, None
             if self._transport.name == "pty":
-                emulator = stack.enter_context(run_emulator(len(self._device.actuators)))
+                emulator = stack.enter_context(run_emulator(configuration_of(self._device)))
             if self._transport.is_sockets:
                 link, their_link = _link_pair(stack)
                 far_end = LightDevice(len(self._device.actuators), time.monotonic_ns())

@@ -55,7 +55,7 @@ def log_when_over(emulator: RunningEmulator) -> EmulatorLog:
 
 @machine
 def test_a_drive_reaches_another_process_whose_port_is_exclusive_and_comes_back_under_another_name() -> None:
-    with run_emulator(number_of_actuators=2) as emulator:
+    with run_emulator() as emulator:
         reopening = ReopeningPort(lambda: SerialPort(emulator.stable_port))
         port, session = reopened(reopening)
         name, link = os.ttyname(port.fileno()), session.link

@@ -27,6 +27,7 @@ from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, Report, read_recording
 from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.host.serial_port import SerialPort
+from tactable.rig.emulate import configuration_of
 from tactable.rig.rig import PTY_BIT_RATE_HZ
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tactable.run.click_process import ClickProcess
@@ -63,7 +64,7 @@ def records_of(table: Table, recording: Recording) -> list[CommandRecord]:
     records = _Records()
     options = LiveOptions(DEFAULT_EFFECTS, bit_rate_hz=PTY_BIT_RATE_HZ)
     with (
-        run_emulator(len(table.device.actuators)) as emulator,
+        run_emulator(configuration_of(table.device)) as emulator,
         ClickProcess(table.path) as solving,
         closing(SerialPort(emulator.port)) as port,
     ):

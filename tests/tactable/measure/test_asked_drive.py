@@ -5,7 +5,7 @@ import pytest
 
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from tactable.measure.asked_drive import AskedDrive, simulate_levels
-from tactable.rig.simulated_bar import SimulatedBar
+from tactable.rig.simulated_surface import SimulatedSurface
 from tests.engine.loop.rig import DEVICE
 
 
@@ -13,7 +13,7 @@ from tests.engine.loop.rig import DEVICE
 def test_the_levels_are_those_of_the_bar_in_time(hz: tuple[float, float]) -> None:
     asked = AskedDrive(hz, (0.2, 0.1), (0.0, 1.0))
     channels = tuple(ChannelTarget(*each) for each in zip(hz, asked.amplitudes, asked.phases_rad, strict=True))
-    bar = SimulatedBar(DEVICE)
+    bar = SimulatedSurface(DEVICE)
     in_time = bar.simulate_held(DriveEvent(0, Cause.SET, 1, 200.0, channels), ())
     peak_m_per_s2, level_db = simulate_levels(DEVICE, asked, bar.point_m)
     assert peak_m_per_s2 == pytest.approx(in_time.acceleration, rel=0.02)

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from base.arrays import FIELD_POINTS
 from engine.table import Table
 from engine.touch import Placement, Touch
 from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
-from tactable.page.live_bar import LONGEST_STEP_S, POINTS, RATE_HZ, LiveBar, decibels
+from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, LiveBar, decibels
 from tactable.page.ring_drive import RingDrive
 from tests.quick import first_quick
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, bar_of, events_of, record_of, touches_of
@@ -49,7 +50,7 @@ def test_however_time_is_cut_the_motion_is_that_of_the_whole_plant(table: Table,
 
 def test_fingers_that_load_nothing_feel_the_bar_as_it_moves_without_them(table: Table) -> None:
     bar = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
-    point = POINTS // 3
+    point = FIELD_POINTS // 3
     bar.touch([Touch(1, float(bar.field.position_m[point]), None)], is_loaded=False)
     untouched = bar_of(table, [record_of(table, PAIR, START_NS, is_click=True)])
     for stop in range(1, 12):
@@ -112,6 +113,6 @@ def test_a_moment_is_seen_only_once_it_is_over_and_while_it_is_kept(table: Table
     assert bar.motion(1000.0, 0.2, 4, ()) is None
     found = bar.motion(1000.0, 0.09, 4, PAIR.position_m)
     assert found is not None
-    assert found.shape == (270, POINTS + 2)
+    assert found.shape == (270, FIELD_POINTS + 2)
     run(bar, 2.0)
     assert bar.motion(1000.0, 0.09, 4, PAIR.position_m) is None

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from base.arrays import FIELD_POINTS, Field
 from base.plain import to_plain
 from engine.device import Device
 from engine.touch import Touch
@@ -15,7 +16,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.page.choices import Choice, ChoiceError, changed, moved, offered
-from tactable.page.live_bar import MOST_MOVING, MOST_POINTS, POINTS, RATE_HZ, Field, LiveBar, decibels
+from tactable.page.live_bar import MOST_MOVING, MOST_POINTS, RATE_HZ, LiveBar, decibels
 from tactable.page.view import device_json
 from tactable.shipped import find_device
 
@@ -83,7 +84,7 @@ def moving(bar: LiveBar) -> DriveEvent:
 def test_a_field_reaches_from_corner_to_corner_with_as_many_points_as_are_sent(corner_m: complex) -> None:
     for most in (MOST_POINTS, MOST_MOVING):
         field = Field.of(corner_m, most)
-        assert 2 <= field.along <= POINTS and 1 <= field.across <= POINTS and field.count <= most
+        assert 2 <= field.along <= FIELD_POINTS and 1 <= field.across <= FIELD_POINTS and field.count <= most
         assert field.position_m[0] == 0 and field.position_m[-1] == pytest.approx(corner_m)
         assert len(field.position_m) == field.count
         assert (field.across == 1) == (corner_m.imag == 0)

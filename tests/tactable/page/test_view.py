@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from base.arrays import FIELD_POINTS
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.protocol.basis import encode_click
 from tactable.page.capture import HEARD_S
-from tactable.page.live_bar import POINTS, RATE_HZ, LiveBar
+from tactable.page.live_bar import RATE_HZ, LiveBar
 from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
@@ -90,7 +91,7 @@ def test_all_is_still_before_the_first_command_of_this_bar_whatever_came_of_a_lo
     rig.go_on(0.1)
     picture = rig.view.picture()
     assert (picture.command, picture.drive, picture.is_playing, picture.fingers) == (0, Drive.SILENCE, False, ())
-    assert picture.levels_db.tolist() == [LOWEST_DB] * POINTS
+    assert picture.levels_db.tolist() == [LOWEST_DB] * FIELD_POINTS
     assert not rig.view.is_moving
     assert encode_picture(picture)[1] == Kind.PICTURE
 
@@ -222,7 +223,7 @@ def test_a_click_can_be_seen_slowed_once_and_heard_by_every_finger(rig: Rig) -> 
     rig.play(2.0, is_click=True)
     (motion,) = rig.told
     along, rows, fingers, is_click, steps, command, step_s, scale = struct.unpack_from("<4BHIff", motion, 2)
-    assert (along, rows, fingers, is_click, command) == (POINTS, 1, 2, 1, 1)
+    assert (along, rows, fingers, is_click, command) == (FIELD_POINTS, 1, 2, 1, 1)
     assert steps * step_s == pytest.approx(0.09)
     assert scale > 0
     loudest = []

@@ -31,7 +31,7 @@ from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, run_demo
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
-from tactable.rig.simulated_bar import ENVELOPE_S, SimulatedDrive, is_felt
+from tactable.rig.simulated_surface import ENVELOPE_S, SimulatedDrive, is_felt
 from tactable.run.click_process import solver_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
@@ -281,7 +281,7 @@ def test_a_broken_promise_is_found_and_one_for_positions_is_not_kept_elsewhere(
     louder = replace(event, channels=tuple(replace(c, amplitude=1.03 * c.amplitude) for c in event.channels))
     assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
     moved_m = [at_m + 2e-3 for at_m in wanted.placement.position_m]
-    assert replace(report, simulated=reporter.bar.simulate_held(event, moved_m)).disagreement > AGREEMENT
+    assert replace(report, simulated=reporter.surface.simulate_held(event, moved_m)).disagreement > AGREEMENT
 
 
 def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(table: Table) -> None:
@@ -298,7 +298,7 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
 
 
 def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
-    felt = reporter.bar.feel(bursts, 13.0)
+    felt = reporter.surface.feel(bursts, 13.0)
     starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
     rings_until_s = 0.0
     for change, start_s, stop_s in zip(bursts.trace, starts_s, starts_s[1:], strict=False):
@@ -346,11 +346,11 @@ def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_t
 ) -> None:
     run, _ = clicked
     first = next(change for change in run.trace if change.is_click)
-    felt = reporter.bar.feel(run, 13.0)
+    felt = reporter.surface.feel(run, 13.0)
     start_s = (first.time_ns - run.moments[0].time_ns) / 1e9
     ringing = (felt.time_s >= start_s + 0.03) & (felt.time_s < start_s + 0.15)
     assert felt.felt[ringing].max() > 0
     assert not felt.quiet[ringing].any()
-    still = reporter.bar.feel(replace(run, log=replace(run.log, events=())), 1.0)
+    still = reporter.surface.feel(replace(run, log=replace(run.log, events=())), 1.0)
     assert len(still.time_s) > 10
     assert not still.drive.any() and not still.felt.any() and not still.quiet.any()

@@ -83,7 +83,8 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
         parent = ParentHere(theirs)
         assert not process.poll() and not process.is_there  # it loads its kernels
         parent.say({"is_ready": True})
-        assert not process.poll() and process.is_there
+        process.wait_until_ready()
+        assert process.is_there
         process.ask_for_click(placement, DEVICE)
         service = Service(path, parent)
         service._answer(parent.read() or {})
@@ -93,6 +94,7 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
         assert [click.placement for _, click in solved] == [placement]
         theirs.close()
         assert not process.poll() and not process.poll() and not process.is_there
+        process.wait_until_ready()  # not for ever
         process.ask_for_click(placement, DEVICE)
         assert not process.poll()
     assert capfd.readouterr().err.count("are no longer solved: the solving process has ended") == 1

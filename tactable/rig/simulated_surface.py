@@ -1,4 +1,4 @@
-"""The bar and its fingers in the time domain, driven by what the emulated firmware was sent. SIMULATED."""
+"""The surface and its fingers in the time domain, driven by what the emulated firmware was sent. SIMULATED."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Field, Points
 from engine.device import Device
 from engine.touch import Touch
 from engine.touch.placement import CLOSEST_M
@@ -18,11 +18,11 @@ from precompute.model.transient import TransientPlant
 from tactable.rig.rig import LiveRun, Moment
 
 POINTS = 22
-"""The number of places along the bar that the paper measured."""
+"""The most points that a held drive is shown at; the paper measured as many places along its bar."""
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 ENVELOPE_S = 0.01  # a third of a click
-_RING_DOWN_US = 200_000  # with fingers on it; the untouched bar may ring longer (docs/theory.md)
+_RING_DOWN_US = 200_000  # with fingers on it; an untouched surface may ring longer (docs/theory.md)
 _WINDOW_S = 0.5  # 30 periods of 60 Hz; longer where two tones beat slower
 _LONGEST_SETTLING_S = 8.0
 _SETTLED = 1e-3  # 0.01 dB
@@ -31,20 +31,20 @@ _US_PER_S = 1e6
 
 @dataclass(frozen=True)
 class SimulatedDrive:
-    """Steady state of a drive that the firmware was sent, held, with fingers on the bar.
+    """Steady state of a drive that the firmware was sent, held, with fingers on the surface.
 
     share (zone,); at_finger (finger,); acceleration (point,) at position_m. Accelerations are peaks in m/s^2.
     """
 
     share: Array
     at_finger: Array
-    position_m: Array
+    position_m: Points
     acceleration: Array
 
 
 @dataclass(frozen=True)
 class SimulatedClick:
-    """What a waveform that the firmware was sent does from rest, with fingers on the bar.
+    """What a waveform that the firmware was sent does from rest, with fingers on the surface.
 
     drive (time, actuator): fractions of full scale; acceleration (time, finger) in m/s^2.
     """
@@ -62,7 +62,7 @@ class SimulatedClick:
 
 @dataclass(frozen=True)
 class Felt:
-    """Envelopes over a run, a value every ENVELOPE_S, fingers loading the bar.
+    """Envelopes over a run, a value every ENVELOPE_S, fingers loading the surface.
 
     drive (time, actuator): fractions of full scale; acceleration (time,): the greatest under any finger, m/s^2; felt,
     quiet (time,): the greatest under the fingers that are to feel at that moment, or of which it still rings down, and
@@ -80,23 +80,24 @@ class Felt:
         return np.maximum(self.felt, self.quiet)
 
 
-class SimulatedBar:
+class SimulatedSurface:
     """The time-domain plant of one device, driven by what the emulated firmware synthesises."""
 
     def __init__(self, device: Device) -> None:
         self.device = device
         self.basis: Basis = compute_basis(assemble(device))
         self.sample_rate_hz = SAMPLES_PER_CYCLE * max(device.sweep.stop_hz, *(a.band_hz[1] for a in device.actuators))
-        self.point_m = np.linspace(0.0, device.bar.length_m, POINTS)
+        self.point_m = Field.of(device.surface.corner_m, POINTS).position_m
 
     def simulate_held(self, event: DriveEvent, finger_m: Sequence[complex]) -> SimulatedDrive:
-        """Hold the firmware's drive of `event` until the bar is steady, with standard fingers at these positions.
+        """Hold the firmware's drive of `event` until the surface is steady, with standard fingers at these positions.
 
         Steady: the peaks of two windows of whole beats differ by less than 0.1 % of the greatest.
         """
         plant = self._plant(np.concatenate([self.point_m, finger_m]), finger_m)
         share, peak = _settle(plant, event)
-        return SimulatedDrive(share, peak[POINTS:], self.point_m, peak[:POINTS])
+        points = len(self.point_m)
+        return SimulatedDrive(share, peak[points:], self.point_m, peak[:points])
 
     def simulate_click(self, event: DriveEvent, finger_m: Sequence[complex]) -> SimulatedClick:
         """Play the firmware's waveform of `event` from rest, with standard fingers at these positions."""
@@ -105,13 +106,13 @@ class SimulatedBar:
         acceleration = plant.accelerate(drive)
         return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
 
-    def _plant(self, point_m: Array, finger_m: Sequence[complex]) -> TransientPlant:
+    def _plant(self, point_m: Points, finger_m: Sequence[complex]) -> TransientPlant:
         plant = TransientPlant(self.basis, point_m, self.sample_rate_hz)
         plant.touch([(position_m, self.device.finger) for position_m in finger_m])
         return plant
 
     def feel(self, run: LiveRun, longest_s: float) -> Felt:
-        """Simulate the first `longest_s` of a run, its fingers on the bar where the digitizer has them."""
+        """Simulate the first `longest_s` of a run, its fingers on the surface where the digitizer has them."""
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
         plant, fingers_m = self._plant(np.zeros(0), ()), tuple[complex, ...]()
         for stretch in _stretches(run, longest_s):
