@@ -69,9 +69,7 @@ class EmulatedAccelerometer:
         except QuantityError as error:
             raise AccelerometerError(f"accelerometer: {error}") from None
         if "at_m" not in found:
-            raise AccelerometerError(
-                "accelerometer: says no place; give at=35mm, or on a plate at=35x60mm"
-            )
+            raise AccelerometerError("accelerometer: says no place; give at=35mm, or on a plate at=35x60mm")
         return cls(**found)
 
 
