@@ -26,6 +26,11 @@ def clip_points(points: Any, corner_m: complex) -> Any:
     return x + 1j * np.clip(np.imag(points), 0.0, corner_m.imag) if isinstance(corner_m, complex) else x
 
 
+def point_at(corner_m: complex, along: float, across: float) -> complex:
+    """The point at these fractions of the sides of the surface from 0 to `corner_m`; a bar has none across."""
+    return complex(along * corner_m.real, across * corner_m.imag) if isinstance(corner_m, complex) else along * corner_m
+
+
 def order_of(point: complex) -> tuple[float, float]:
     """What points are sorted by: along the surface first, then across it."""
     return point.real, point.imag

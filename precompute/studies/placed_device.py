@@ -1,11 +1,12 @@
 """The device file of a placement: the description of the device with its actuators at other positions."""
 
 import copy
+import math
 from collections.abc import Sequence
 
 import tomlkit
 
-from base.points import order_of
+from base.points import order_of, sides_of
 from engine.device import Device
 from precompute.studies.placement_search import with_actuators_at
 
@@ -23,7 +24,8 @@ def placed_text(device: Device, name: str, position_m: Sequence[complex]) -> str
     placed = tomlkit.aot()
     for i, actuator in enumerate(with_actuators_at(device, position_m).actuators):
         table = copy.deepcopy(own[rank[i * len(rank) // count]])
-        table["name"], table["position"] = actuator.name, f"{1e3 * actuator.position_m:.3f} mm"
+        sides = [f"{1e3 * side_m:.3f} mm" for side_m in sides_of(actuator.position_m) if not math.isnan(side_m)]
+        table["name"], table["position"] = actuator.name, sides if len(sides) > 1 else sides[0]
         if "position" in table.get("inferred", []):
             table["inferred"].remove("position")
         placed.append(table)

@@ -14,20 +14,22 @@ from math import comb
 
 import numpy as np
 
-from base.arrays import Array
-from base.points import order_of
+from base.arrays import Array, Points, even_points
+from base.points import is_within, order_of, point_at
 from engine.device import Device
 from precompute.parallel.pool import WorkerPool
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
 
-Places = tuple[float, ...]
+Places = tuple[complex, ...]
 Progress = Callable[[float], None]
 
 MARGIN, APART = 0.02, 0.05
-"""Fractions of the bar's length that an actuator keeps from its ends, and from the next one. ESTIMATE: their size."""
+"""Fractions of a side that an actuator keeps from its ends, and of the length from the next. ESTIMATE: their size."""
 _STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
 _STARTS, _MOVES, _FINEST = 4, 12, 0.005
-"""Placements moved, rounds of moves of each, and the smallest step as a fraction of the bar's length."""
+"""Placements moved, rounds of moves of each, and the smallest step as a fraction of the surface's length."""
+_WAYS = (1.0, -1.0, 1j, -1j)
+"""Directions of a move; those across a bar leave it."""
 _EVALUATED = 2
 _SCREENING, _MOVING = 0.3, 0.6
 """Fractions done after these parts."""
@@ -35,7 +37,7 @@ _SCREENING, _MOVING = 0.3, 0.6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Positions from the bar's start, rising, with their name ("found", "as described", "even") and contrasts."""
+    """Points in order (base.points), with their name ("found", "as described", "even") and contrasts."""
 
     name: str
     position_m: Places
@@ -50,7 +52,7 @@ class PlacementSearch:
     out of reach. moved: placements looked at besides.
     """
 
-    screened_m: Array
+    screened_m: Points
     screened_db: Array
     moved: int
     evaluated: tuple[Placement, ...]
@@ -73,23 +75,33 @@ def with_actuators_at(device: Device, position_m: Sequence[complex]) -> Device:
 
 
 def even_places(device: Device, count: int) -> Places:
-    """The middles of `count` equal parts of the bar."""
-    return tuple(((np.arange(count) + 0.5) / count * device.bar.length_m).tolist())
+    """The middles of `count` nearly equal parts: of the bar, or of a plate in rows along it that are as far apart."""
+    corner_m = device.surface.corner_m
+    rows = max(1, round((count * corner_m.imag / corner_m.real) ** 0.5))
+    lengths = [(count + row) // rows for row in range(rows)]
+    parts = [((k + 0.5) / n, (row + 0.5) / rows) for row, n in enumerate(lengths) for k in range(n)]
+    return tuple(sorted((point_at(corner_m, *part) for part in parts), key=order_of))
 
 
 def own_places(device: Device) -> Places:
-    """Positions of the device's own actuators, rising."""
-    return tuple(sorted(actuator.position_m.real for actuator in device.actuators))
+    """Points of the device's own actuators, in order."""
+    return tuple(sorted((actuator.position_m for actuator in device.actuators), key=order_of))
 
 
 def grid_of(device: Device, count: int, most: int) -> tuple[list[Places], float]:
     """All placements of the finest even grid that has at most `most` of them, and its step in metres."""
-    low_m, high_m = MARGIN * device.bar.length_m, (1 - MARGIN) * device.bar.length_m
-    points = count + 1
-    while comb(points + 1, count) <= most:
-        points += 1
-    grid_m = np.linspace(low_m, high_m, points).tolist()
-    return [at for at in itertools.combinations(grid_m, count) if _is_buildable(device, at)], grid_m[1] - grid_m[0]
+    corner_m = device.surface.corner_m
+
+    def across(along: int) -> int:
+        return max(1 + (corner_m.imag > 0), round(along * corner_m.imag / corner_m.real))
+
+    along = 2
+    while along * across(along) <= count or comb((along + 1) * across(along + 1), count) <= most:
+        along += 1
+    grid_m = even_points(MARGIN * corner_m, (1 - MARGIN) * corner_m, along, across(along)).tolist()
+    step_m = abs(grid_m[1] - grid_m[0])
+    ordered = itertools.combinations(sorted(grid_m, key=order_of), count)
+    return [at for at in ordered if _is_buildable(device, at)], step_m
 
 
 def search_placement(
@@ -142,7 +154,7 @@ def _climb(device: Device, wanted_db: float, step_m: float, start: Places) -> Cl
     ranks, at = {start: look(start).rank}, start
     for _ in range(_MOVES):
         step_m /= 2
-        if step_m < _FINEST * device.bar.length_m:
+        if step_m < _FINEST * device.surface.length_m:
             break
         moves = list(_moves(device, at, step_m))
         ranks |= {move: look(move).rank for move in moves if move not in ranks}
@@ -153,10 +165,14 @@ def _climb(device: Device, wanted_db: float, step_m: float, start: Places) -> Cl
 
 
 def _moves(device: Device, at: Places, step_m: float) -> Iterator[Places]:
-    for i, by_m in itertools.product(range(len(at)), (-step_m, step_m)):
-        moved = (*at[:i], round(at[i] + by_m, 6), *at[i + 1 :])
+    for i, way in itertools.product(range(len(at)), _WAYS):
+        moved = tuple(sorted((*at[:i], _rounded(at[i] + step_m * way), *at[i + 1 :]), key=order_of))
         if _is_buildable(device, moved):
             yield moved
+
+
+def _rounded(at_m: complex) -> complex:
+    return complex(round(at_m.real, 6), round(at_m.imag, 6)) if isinstance(at_m, complex) else round(at_m, 6)
 
 
 def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
@@ -171,10 +187,10 @@ def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
 
 
 def _is_buildable(device: Device, at: Places) -> bool:
-    length_m, slack_m = device.bar.length_m, 1e-6
-    gaps_m = np.diff(at)
-    inside = at[0] >= MARGIN * length_m - slack_m and at[-1] <= (1 - MARGIN) * length_m + slack_m
-    return bool(inside and (gaps_m >= APART * length_m - slack_m).all())
+    corner_m, slack_m = device.surface.corner_m, 1e-6
+    apart_m = APART * corner_m.real - slack_m
+    inside = all(is_within(each_m - MARGIN * corner_m, (1 - 2 * MARGIN) * corner_m, slack_m) for each_m in at)
+    return inside and all(abs(one_m - other_m) >= apart_m for one_m, other_m in itertools.combinations(at, 2))
 
 
 def _known(device: Device, count: int) -> dict[str, Places]:

@@ -41,7 +41,7 @@ def with_equal_zones(device: Device, count: int) -> Device:
 
 def study_resolution(
     device: Device,
-    placements: Sequence[tuple[float, ...]],
+    placements: Sequence[tuple[complex, ...]],
     zones: Sequence[int],
     wanted_db: float,
     on_progress: Callable[[float], None],

@@ -108,9 +108,9 @@ def _helpers(workers: int | None) -> int:
     return (workers or available_cores()) - 1
 
 
-def _read_placements(device: Device, text: str) -> list[tuple[float, ...]]:
+def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
     """Positions in metres, in rising order, of a text such as "16,97.7;10,50,90". Raises OptionError."""
-    found = []
+    found = list[tuple[complex, ...]]()
     for part in text.split(";"):
         try:
             percent = sorted(float(number) for number in names_in(part))

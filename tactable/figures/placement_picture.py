@@ -1,12 +1,15 @@
 """Searches for places of actuators: the best layouts found, and the contrast of every layout that was tried."""
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Rectangle
 
+from base.points import sides_of
 from engine.device import Device
 from precompute.studies.placement_search import Placement, PlacementSearch
 from tactable.figures import style
@@ -14,6 +17,7 @@ from tactable.figures.picture_file import Picture
 
 SIZE_NOTE = "size of an actuator"
 _ROW_INCHES, _REST_INCHES = 0.34, 5.0  # a line of text each; title, axes and the map
+_PLATES_A_ROW, _PLATE_INCHES = 3, 2.3
 _COLOUR = {"found": style.BLUE, "as described": style.VERMILLION, "even": style.GREY}
 _MARK = {"found": "^", "as described": "s", "even": "o"}
 
@@ -21,11 +25,15 @@ _MARK = {"found": "^", "as described": "s", "even": "o"}
 def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_db: float) -> Picture:
     """Picture of searches for one or more numbers of actuators."""
     rows = [(search, placement) for search in searches for placement in search.evaluated]
-    with_map = next((search for search in searches if search.count == 2), None)
-    figure = Figure(figsize=(9.6, _REST_INCHES + _ROW_INCHES * len(rows)), layout="constrained")
-    heights = [_ROW_INCHES * len(rows) + 0.9, 3.6]
-    above, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    _draw_layouts(above.subplots(), device, rows)
+    is_plate = isinstance(device.surface.corner_m, complex)
+    with_map = None if is_plate else next((search for search in searches if search.count == 2), None)
+    inches = _PLATE_INCHES * math.ceil(len(rows) / _PLATES_A_ROW) if is_plate else _ROW_INCHES * len(rows)
+    figure = Figure(figsize=(9.6, _REST_INCHES + inches), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=[inches + 0.9, 3.6], squeeze=False)[:, 0]
+    if is_plate:
+        _draw_plates(above, device, rows)
+    else:
+        _draw_layouts(above.subplots(), device, rows)
     panels = below.subplots(1, 2 if with_map else 1, squeeze=False)[0]
     if with_map is not None:
         _draw_map(below, panels[0], with_map)
@@ -60,6 +68,26 @@ def _draw_layouts(axes: Axes, device: Device, rows: Sequence[tuple[PlacementSear
     axes.set(xlim=(0, length_mm), ylim=(len(rows) - 0.4, -1.1), xlabel="along the bar (mm)")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def _draw_plates(figure: SubFigure, device: Device, rows: Sequence[tuple[PlacementSearch, Placement]]) -> None:
+    """A plate from above for each placement, with its zones, the actuators on it, and what it gives."""
+    all_axes = figure.subplots(math.ceil(len(rows) / _PLATES_A_ROW), _PLATES_A_ROW, squeeze=False).ravel()
+    corner_mm = 1e3 * device.surface.corner_m
+    figure.supxlabel("along the plate (mm), and across it", fontsize="small")
+    for axes in all_axes[len(rows) :]:
+        axes.set_axis_off()
+    for axes, (search, placement) in zip(all_axes, rows, strict=False):
+        for zone in device.zones:
+            start_mm, size_mm = 1e3 * zone.start_m, 1e3 * (zone.stop_m - zone.start_m)
+            outline = (start_mm.real, start_mm.imag), size_mm.real, size_mm.imag
+            axes.add_patch(Rectangle(*outline, fill=False, ec=style.GREY, lw=0.5))
+        at_mm = 1e3 * np.array(placement.position_m)
+        axes.plot(at_mm.real, at_mm.imag, _MARK[placement.name], ms=7, color=_COLOUR[placement.name])
+        what = _placement_text(device, placement).replace(", median", ",\nmedian")
+        axes.set_title(f"{search.count}, {placement.name}: {what}", fontsize="x-small", loc="left")
+        axes.tick_params(labelsize="x-small")
+        axes.set(xlim=(0, corner_mm.real), ylim=(0, corner_mm.imag), aspect="equal")
 
 
 def _draw_map(figure: SubFigure, axes: Axes, search: PlacementSearch) -> None:
@@ -107,7 +135,16 @@ def _placement_text(device: Device, placement: Placement) -> str:
 
 
 def _percent_text(device: Device, placement: Placement) -> str:
-    return ", ".join(f"{100 * at / device.bar.length_m:.1f}" for at in placement.position_m) + " %"
+    shares = [_percent(device, at) for at in placement.position_m]
+    return ", ".join(" x ".join(f"{share:.1f}" for share in np.atleast_1d(each)) for each in shares) + " %"
+
+
+def _percent(device: Device, at_m: complex) -> float | list[float]:
+    """A point in per cent of the sides of the surface: one number on a bar, two on a plate."""
+    corner_m = device.surface.corner_m
+    if not isinstance(corner_m, complex):
+        return 100 * at_m.real / corner_m
+    return [100 * at_m.real / corner_m.real, 100 * at_m.imag / corner_m.imag]
 
 
 def _search_text(device: Device, search: PlacementSearch) -> str:
@@ -125,18 +162,20 @@ def _value_text(placement: Placement) -> str:
 def _columns(searches: Sequence[PlacementSearch]) -> dict[str, list[object]]:
     """A row a placement: those judged, then those screened, of one number of actuators after another."""
     most = max(search.count for search in searches)
-    places = [f"position {i + 1} (m)" for i in range(most)]
+    axes = ("", " across") if np.iscomplexobj(searches[0].screened_m) else ("",)
+    places = [f"position {i + 1}{axis} (m)" for i in range(most) for axis in axes]
     figures = ["worst contrast (dB)", "median contrast (dB)", "least level (dB above threshold)"]
     rows = [
-        [search.count, name, *at, *[None] * (most - len(at)), *values]
+        [search.count, name, *sides, *[None] * (len(places) - len(sides)), *values]
         for search in searches
         for name, at, values in _rows_of(search)
+        for sides in [[side_m for at_m in at for side_m in sides_of(at_m)[: len(axes)]]]
     ]
     headers = ["actuators (1)", "placement", *places, *figures]
     return {header: list(column) for header, column in zip(headers, zip(*rows, strict=True), strict=True)}
 
 
-def _rows_of(search: PlacementSearch) -> Iterator[tuple[str, Sequence[float], tuple[float | None, ...]]]:
+def _rows_of(search: PlacementSearch) -> Iterator[tuple[str, Sequence[complex], tuple[float | None, ...]]]:
     """Name, positions, and worst and median contrast and least level of every placement."""
     for placement in search.evaluated:
         fingers = placement.fingers
@@ -155,7 +194,7 @@ def _summary_of(device: Device, search: PlacementSearch) -> dict[str, object]:
         "judged": [
             {
                 "placement": placement.name,
-                "position_percent": [100 * at / device.bar.length_m for at in placement.position_m],
+                "position_percent": [_percent(device, at) for at in placement.position_m],
                 "reached": placement.fingers.is_reached,
                 "worst_contrast_db": placement.fingers.worst_db,
                 "median_contrast_db": float(np.nanmedian(placement.fingers.contrast_db)),

@@ -1,16 +1,18 @@
 """The search for places of actuators: what it looks at can be built, and what it ends at is the best of that."""
 
-from itertools import pairwise
+from itertools import combinations, pairwise
 from math import comb
 
 import numpy as np
 import pytest
 
+from base.points import is_within, order_of
 from engine.device import Device
 from precompute.studies.placement_search import (
     APART,
     MARGIN,
     PlacementSearch,
+    _moves,
     even_places,
     grid_of,
     own_places,
@@ -51,8 +53,26 @@ def test_the_grid_holds_as_many_placements_as_allowed_and_they_can_be_built(coun
     points = round((1 - 2 * MARGIN) * device.bar.length_m / step_m) + 1
     assert comb(points, count) <= most < comb(points + 1, count)
     for at in grid:
-        assert MARGIN * device.bar.length_m - 1e-9 <= min(at) and max(at) <= (1 - MARGIN) * device.bar.length_m + 1e-9
-        assert all(b - a >= APART * device.bar.length_m - 2e-6 for a, b in pairwise(at))
+        along_m = [each_m.real for each_m in at]
+        assert MARGIN * device.bar.length_m - 1e-9 <= along_m[0]
+        assert along_m[-1] <= (1 - MARGIN) * device.bar.length_m + 1e-9
+        assert all(b - a >= APART * device.bar.length_m - 2e-6 for a, b in pairwise(along_m))
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 6])
+def test_a_plate_s_grid_and_moves_are_in_two_dimensions_and_can_be_built(count: int) -> None:
+    device, most = shipped("reference-p"), 100
+    corner_m, apart_m = device.surface.corner_m, APART * device.surface.length_m
+    grid, _ = grid_of(device, count, most)
+    assert 1 < len(grid) <= most
+    middle = even_places(device, count)
+    moves = list(_moves(device, middle, 0.02))
+    assert len(moves) == 4 * count, "each of them along and across, both ways"
+    assert abs(np.mean(middle) - corner_m / 2) < 1e-9, "nearly equal parts leave the middle where it is"
+    for at in [*grid, *moves, middle]:
+        assert list(at) == sorted(at, key=order_of) and len(set(at)) == count
+        assert all(is_within(each_m - MARGIN * corner_m, (1 - 2 * MARGIN) * corner_m, 1e-9) for each_m in at)
+        assert all(abs(one_m - other_m) >= apart_m - 2e-6 for one_m, other_m in combinations(at, 2))
 
 
 def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(found: PlacementSearch) -> None:

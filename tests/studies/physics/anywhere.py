@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from base.plain import to_plain
+from base.points import point_at
 from engine.device import Device
 from engine.table import Clicks, Table
 from engine.touch import Placement, ZoneState
@@ -261,9 +262,8 @@ def changed(device: Device, changes: str, actuators: int) -> Device:
     device = device.with_values(dict(change.split("=") for change in changes.split(",") if change))
     if not actuators:
         return device
-    length_m, width_m = device.surface.length_m, device.surface.width_m
-    at_m = [complex(length_m * at.real, width_m * at.imag) for at in AROUND_A_PLATE[:actuators]]
-    return with_actuators_at(device, at_m)
+    corner_m = device.surface.corner_m
+    return with_actuators_at(device, [point_at(corner_m, at.real, at.imag) for at in AROUND_A_PLATE[:actuators]])
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
     python -m tests.studies.physics.pitch reference-a
     python -m tests.studies.physics.pitch reference-a.nc    # the clicks of a built table
-    python -m tests.studies.physics.pitch reference-p 40    # a plate, whose places lie on a grid both ways
+    python -m tests.studies.physics.pitch reference-p --placements 40    # a plate, whose places lie on a grid both ways
 
 For random placements of one felt and one quiet finger, the click made for their own positions (± 1 mm) is compared with
 the one made for the nearest places of a grid, for fingers within half a pitch and 1 mm of them. Both are evaluated on
@@ -65,7 +65,7 @@ def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64
 
 def main() -> None:
     """Print a row for each pitch."""
-    asked = read_options(__doc__, device=("reference-a",), placements=(100,))
+    asked = read_options(__doc__, device=("reference-a",), placements=100)
     name, placements = asked.device, asked.placements
     found = measure_table(Path(name), placements) if name.endswith(".nc") else measure(name, placements)
     print(f"{name}, {placements} random placements, SIMULATED: mean, then 50, 95 and 100 % of the placements, dB")

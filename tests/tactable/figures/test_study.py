@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device
+from engine.device.parts import Plate
 from precompute.studies.placement_search import Placement, PlacementSearch, even_places, own_places
 from precompute.studies.two_fingers import TwoFingers
 from precompute.studies.zone_resolution import Resolved
@@ -25,12 +26,13 @@ def fingers(worst_db: float, level_db: float = 20.0) -> TwoFingers:
     return TwoFingers(20.0, contrast_db, np.where(np.isnan(contrast_db), np.nan, level_db))
 
 
-def search(count: int) -> PlacementSearch:
-    screened_m = np.sort(np.random.default_rng(count).uniform(0.01, 0.27, (9, count)), axis=1)
+def search(count: int, device: Device = DEVICE) -> PlacementSearch:
+    screened_m = np.sort(np.random.default_rng(count).uniform(0.01, 0.17, (9, count)), axis=1)
+    screened_m = screened_m + 1j * screened_m[:, ::-1] if isinstance(device.surface, Plate) else screened_m
     judged = [Placement("found", tuple(screened_m[0].tolist()), fingers(8.0 + count))]
-    judged.append(Placement("even", even_places(DEVICE, count), fingers(3.0, 15.0)))
-    if count == 2:
-        judged.append(Placement("as described", own_places(DEVICE), fingers(4.0)))
+    judged.append(Placement("even", even_places(device, count), fingers(3.0, 15.0)))
+    if count == len(device.actuators):
+        judged.append(Placement("as described", own_places(device), fingers(4.0)))
     return PlacementSearch(screened_m, np.append(np.linspace(-3.0, 7.0, 8), np.nan), 5, tuple(judged))
 
 
@@ -54,6 +56,20 @@ def test_every_placement_is_a_row_judged_ones_first(tmp_path: Path) -> None:
     assert list(columns["worst contrast (dB)"])[:3] == [10.0, None, 4.0], "a level out of reach has no contrast"
     assert list(columns["position 3 (m)"])[:12] == [None] * 12
     assert list(columns["position 1 (m)"])[1] == even_places(DEVICE, 2)[0]
+
+
+def test_placements_of_a_plate_are_drawn_from_above_and_written_in_both_directions(tmp_path: Path) -> None:
+    device = shipped("reference-p")
+    picture = plot_placement(device, [search(3, device), search(4, device)], 20.0)
+    check_picture(picture, device, ("placement",), tmp_path)
+    assert len([axes for axes in picture.figure.axes if axes.patches and axes.axison]) == 5, (
+        "a plate for each judged one"
+    )
+    own = picture.summary["searches"][1]["judged"][2]["position_percent"]
+    assert own[0] == pytest.approx([10.0, 100 * 25 / 180])
+    row = list(picture.columns["placement"]).index("as described")
+    assert (picture.columns["position 1 (m)"][row], picture.columns["position 1 across (m)"][row]) == (0.03, 0.025)
+    assert picture.columns["position 4 across (m)"][0] is None
 
 
 def test_zones_are_told_apart_down_to_the_first_that_are_not() -> None:
