@@ -25,7 +25,7 @@ _MARK = {"found": "^", "as described": "s", "even": "o"}
 def plot_placement(device: Device, searches: Sequence[PlacementSearch], wanted_db: float) -> Picture:
     """Picture of searches for one or more numbers of actuators."""
     rows = [(search, placement) for search in searches for placement in search.evaluated]
-    is_plate = isinstance(device.surface.corner_m, complex)
+    is_plate = style.is_plate(device)
     with_map = None if is_plate else next((search for search in searches if search.count == 2), None)
     inches = _PLATE_INCHES * math.ceil(len(rows) / _PLATES_A_ROW) if is_plate else _ROW_INCHES * len(rows)
     figure = Figure(figsize=(9.6, _REST_INCHES + inches), layout="constrained")
@@ -142,9 +142,8 @@ def _percent_text(device: Device, placement: Placement) -> str:
 def _percent(device: Device, at_m: complex) -> float | list[float]:
     """A point in per cent of the sides of the surface: one number on a bar, two on a plate."""
     corner_m = device.surface.corner_m
-    if not isinstance(corner_m, complex):
-        return 100 * at_m.real / corner_m
-    return [100 * at_m.real / corner_m.real, 100 * at_m.imag / corner_m.imag]
+    shares = [100 * at_m.real / corner_m.real, *([100 * at_m.imag / corner_m.imag] if style.is_plate(device) else [])]
+    return shares if len(shares) > 1 else shares[0]
 
 
 def _search_text(device: Device, search: PlacementSearch) -> str:
