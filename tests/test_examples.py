@@ -2,13 +2,19 @@
 
 import runpy
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tactable import Device, build_table
+import tactable
+from base.points import is_within
+from tactable import Device, build_table, find_device
+from tactable.control.client import Client, hello
+from tactable.control.requests import DefineEffect, Region, read_request
+from tactable.shipped import named_effects
 from tests.small_device import small_text
 
 FOLDER = Path(__file__).parents[1] / "examples"
@@ -44,3 +50,38 @@ def test_a_click_promises_the_level_that_was_asked_for(monkeypatch: pytest.Monke
     build_table(Device.parse(small_text(), "small"), tmp_path / "bar.nc", clicks_up_to=1)
     found = run(monkeypatch, "click_under_a_finger", str(tmp_path / "bar.nc"), "35 mm")
     assert found["click"].achieved and float(found["found"].felt_level.sel(spread="5 %")) == pytest.approx(20, abs=0.1)
+
+
+class RunOnAPlate(Client):
+    """A run that reads each message as a real one, for the plate that is shipped, and has no events."""
+
+    def __init__(self, *, name: str) -> None:
+        self.device, self.effects, self.regions = find_device("reference-p"), dict(named_effects()), list[Region]()
+        self.ask(hello(name, None))
+
+    def ask(self, message: dict[str, Any]) -> dict[str, Any]:
+        request = read_request(message, self.device, self.effects, 0)
+        if isinstance(request, DefineEffect):
+            self.effects[request.effect.name] = request.effect
+        self.regions += [request] if isinstance(request, Region) else []
+        return {"fingers": []}
+
+    def events(self, timeout_s: float | None = None) -> Iterator[dict[str, Any]]:  # noqa: ARG002
+        return iter(())
+
+    def close(self) -> None:
+        pass
+
+
+def test_controls_lie_on_the_plate_apart_and_sliders_count_one_direction(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tactable, "connect", RunOnAPlate)
+    regions = {region.name: region for region in run(monkeypatch, "controls_on_a_plate")["run"].regions}
+    assert [regions[name].rules[0].along for name in ("Pan", "Volume")] == [1, 1j]
+    for region in regions.values():
+        assert region.region_m is not None
+        inside = sum(
+            is_within(middle_m - each.region_m[0], each.region_m[1] - each.region_m[0])
+            for each in regions.values()
+            for middle_m in [sum(region.region_m) / 2]
+        )
+        assert inside == 1

@@ -28,6 +28,17 @@ name = "one"
 start = "0 %"
 stop = "50 %"
 """
+PLATE_RULES = """
+[[effect]]
+name = "all"
+envelope = [["click", "20 dB"]]
+[[rule]]
+on = "drag"
+effect = "all"
+every = "1 mm"
+along = "y"
+region = ["45 x 20 mm", ["60 %", "50 mm"]]
+"""
 FITTED = ("damping", "stiffness", "impedance")
 """Keys of the finger that another key may make up for."""
 RULES = """
@@ -73,6 +84,10 @@ def read_rules(text: str) -> None:
     parse_effects(text, "text", find_device("reference-a"), named_effects())
 
 
+def read_rules_of_a_plate(text: str) -> None:
+    parse_effects(text, "text", find_device("reference-p"), named_effects())
+
+
 CASES = [
     *[(DEVICE, read_device, find_device(name).text) for name in ("reference-a", "reference-d", "reference-t")],
     (DEVICE, read_device, with_zones()),
@@ -80,6 +95,7 @@ CASES = [
     *[(DEVICE, read_device, find_device(name).text) for name in ("reference-p", "reference-c")],
     (DEVICE, read_device, with_inertial()),
     *[(EFFECTS, read_rules, path.read_text()) for path in sorted((TABLES / "effects").glob("*.toml"))],
+    (EFFECTS, read_rules_of_a_plate, PLATE_RULES),
     (EFFECTS, read_rules, RULES),
 ]
 
