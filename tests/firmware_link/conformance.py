@@ -830,7 +830,7 @@ def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_ot
             begun_us = host.device_us()
     _, displacements = tier.outputs(begun_us, host.device_us())
     assert np.abs(displacements).max() > 0.5
-    assert np.abs(displacements @ [0.5, 1.0]).max() <= ROUNDING
+    assert np.abs(displacements[:, :2] @ [0.5, 1.0]).max() <= ROUNDING
 
 
 # ---- the host goes away ------------------------------------------------------------------------------------

@@ -25,9 +25,9 @@ class VirtualTier:
 
     kind: type[VirtualLine] = VirtualLine
 
-    def __init__(self) -> None:
+    def __init__(self, actuators: int = 2) -> None:
         clock = VirtualClock(123_456_789_000)
-        configuration = DeviceConfiguration(0, **ACCELEROMETER_OF_LAWS)
+        configuration = DeviceConfiguration(0, number_of_actuators=actuators, **ACCELEROMETER_OF_LAWS)
         self.line = self.kind(configuration, delay_ns=0, booted_ns=clock.time_ns, clock=clock)
         clock.actors.append(self)
 
@@ -71,9 +71,17 @@ class VirtualTier:
             self.sense(self.line.device_us())
 
     def sense(self, now_us: int) -> None:
-        self.line.firmware.sense(now_us % 4_000, [0, 0], now_us * 48 // 1_000)
+        displacements = [0] * self.line.configuration.number_of_actuators
+        self.line.firmware.sense(now_us % 4_000, displacements, now_us * 48 // 1_000)
 
 
 @pytest.mark.parametrize("law", [*LAWS, *WAVE_LAWS, *SENSING_LAWS], ids=lambda law: law.__name__)
 def test_the_emulated_firmware_keeps(law: Law | WaveLaw) -> None:
     law(VirtualTier())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("actuators", [4, 8])
+def test_an_emulated_board_of_more_actuators_keeps_all_laws(actuators: int) -> None:
+    for law in (*LAWS, *WAVE_LAWS, *SENSING_LAWS):
+        law(VirtualTier(actuators))

@@ -98,8 +98,8 @@ class CompiledTier(VirtualTier):
 
     kind = CompiledLine
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, actuators: int = 2) -> None:
+        super().__init__(actuators)
         self._samples: list[NDArray[np.int16]] = []
 
     def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:

@@ -6,7 +6,7 @@ import pytest
 
 from tests.firmware_link.firmware.compiled_core import make, need
 
-IMAGES = ("mps2_an385.elf", "stm32f405.elf", "stm32f405_qemu.elf")
+IMAGES = ("mps2_an385.elf", "mps2_four.elf", "stm32f405.elf", "stm32f405_qemu.elf")
 
 
 @pytest.mark.long

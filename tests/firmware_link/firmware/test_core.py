@@ -35,6 +35,13 @@ def test_the_c_core_keeps(law: Law | WaveLaw) -> None:
     law(CompiledTier())
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("actuators", [4, 8])
+def test_the_c_core_with_more_actuators_keeps_all_laws(actuators: int) -> None:
+    for law in (*LAWS, *WAVE_LAWS, *SENSING_LAWS):
+        law(CompiledTier(actuators))
+
+
 @pytest.mark.machine(stall_s=None)
 def test_the_c_core_does_nothing_undefined_in_its_tests(sanitized: Path) -> None:
     tests = [str(path) for path in sorted(Path(__file__).parent.glob("test_*.py"))]

@@ -9,7 +9,7 @@ from firmware_link.host.lease import LONGEST_SEQUENCE_LEAD, Lease
 from firmware_link.host.link import EXCHANGE_PERIOD_NS
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns, sensed_rate_hz
-from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag, TimeRequest
+from firmware_link.protocol.messages import DRIVE_SIZE, Play, Set, SetFlag, TimeRequest
 
 PROTOCOL = (Path(firmware_link.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")
 
@@ -32,3 +32,14 @@ def test_the_samples_of_an_accelerometer_that_a_line_carries_are_those_of_the_do
         carried = (round(sensed_rate_hz(bit_rate_hz, count)) for count in (1, 2, 4, 8))
         cells = " | ".join(f"{rate:,}".replace(",", " ") for rate in carried)
         assert f"| {cells} |" in section
+
+
+@pytest.mark.parametrize("actuators", [2, 3, 4, 8])
+def test_what_a_click_costs_on_each_line_is_what_the_document_says(actuators: int) -> None:
+    weights = 22 * actuators
+    size = len(encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0))
+    costs_ms = [occupied_ns(rate_hz, size) / 1e6 for rate_hz in (57_600, 115_200, 230_400, 921_600, 2_000_000)]
+    cells = " | ".join(f"{cost_ms:.1f} ms" if cost_ms <= 20 else "-" for cost_ms in costs_ms)
+    assert (
+        f"\n| {actuators} | {weights} | {size} bytes | {cells} | {size * 500:,} bit/s |".replace(",", " ") in PROTOCOL
+    )

@@ -1,7 +1,8 @@
 /* RP2040 with the Pico SDK: USB serial to the host, two PWM outputs, one pin to enable the high voltage.
  *
- * GPIO 2 and 3 outputs (one PWM slice; half duty is rest; a low-pass of 2 kHz follows), GPIO 5 high-voltage enable with
- * an external pull-down. The PWM is the sample clock too: 125 MHz / 4000 = 31250 Hz.
+ * GPIO 2 and 3 outputs (one PWM slice; half duty is rest; a low-pass of 2 kHz follows), with ACTUATORS=4 also 6 and 7,
+ * with 8 up to 11; GPIO 5 high-voltage enable with an external pull-down. The PWM of the first two outputs is the sample
+ * clock too: 125 MHz / 4000 = 31250 Hz.
  */
 #include "board.h"
 
@@ -17,7 +18,10 @@
 #include "tusb.h"
 
 #define BOARD 4u
+/* An even number up to 8: a slice of the PWM has two outputs. */
+#ifndef ACTUATORS
 #define ACTUATORS 2u
+#endif
 #define FIRST_OUTPUT 2u
 #define HIGH_VOLTAGE_ENABLE 5u
 #define BASIS_SIZE 131072u
@@ -27,6 +31,7 @@
 #define WATCHDOG_MS 50u
 
 static uint8_t basis[BASIS_SIZE];
+static const uint8_t outputs[] = {FIRST_OUTPUT, FIRST_OUTPUT + 1u, 6, 7, 8, 9, 10, 11};
 static bool was_connected;
 static uint32_t held_interrupts;
 
@@ -58,8 +63,10 @@ void board_describe(struct tactable_configuration *configuration)
         .longest_waveform_ms = 1000,
         .basis_capacity_bytes = BASIS_SIZE,
         .basis = basis,
-        .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
     };
+    for (unsigned i = 0; i < ACTUATORS; i++) {
+        configuration->full_scales_pm[i] = FULL_SCALE_PM;
+    }
 }
 
 void board_start(void)
@@ -69,17 +76,22 @@ void board_start(void)
     gpio_init(HIGH_VOLTAGE_ENABLE);
     gpio_set_dir(HIGH_VOLTAGE_ENABLE, GPIO_OUT);
     board_high_voltage(false);
-    pwm_set_wrap(slice, PWM_STEPS - 1u);
+    for (unsigned i = 0; i < ACTUATORS; i += 2) {
+        pwm_set_wrap(pwm_gpio_to_slice_num(outputs[i]), PWM_STEPS - 1u);
+    }
     board_write_outputs(rest);
-    gpio_set_function(FIRST_OUTPUT, GPIO_FUNC_PWM);
-    gpio_set_function(FIRST_OUTPUT + 1u, GPIO_FUNC_PWM);
+    for (unsigned i = 0; i < ACTUATORS; i++) {
+        gpio_set_function(outputs[i], GPIO_FUNC_PWM);
+    }
     tusb_init();
     watchdog_enable(WATCHDOG_MS, true);
     pwm_clear_irq(slice);
     pwm_set_irq_enabled(slice, true);
     irq_set_exclusive_handler(PWM_IRQ_WRAP, sample);
     irq_set_enabled(PWM_IRQ_WRAP, true);
-    pwm_set_enabled(slice, true);
+    for (unsigned i = 0; i < ACTUATORS; i += 2) {
+        pwm_set_enabled(pwm_gpio_to_slice_num(outputs[i]), true);
+    }
 }
 
 uint32_t board_time_us(void)
@@ -120,7 +132,9 @@ void board_release_samples(void)
 
 void board_write_outputs(const int16_t *displacements)
 {
-    pwm_set_both_levels(pwm_gpio_to_slice_num(FIRST_OUTPUT), level(displacements[0]), level(displacements[1]));
+    for (unsigned i = 0; i < ACTUATORS; i += 2) {
+        pwm_set_both_levels(pwm_gpio_to_slice_num(outputs[i]), level(displacements[i]), level(displacements[i + 1u]));
+    }
 }
 
 bool board_sense(int16_t *acceleration)

@@ -1,7 +1,7 @@
 // Teensy 4.1 with its Arduino core: USB serial to the host, two PWM outputs, one pin to enable the high voltage.
 //
-// Pins 2 and 3 outputs (half duty is rest; a low-pass of 2 kHz follows), pin 5 high-voltage enable with an external
-// pull-down, pin A0 high-voltage sense behind a divider by 1000.
+// Pins 2 and 3 outputs (half duty is rest; a low-pass of 2 kHz follows), with ACTUATORS=4 also 4 and 6, with 8 up to 10;
+// pin 5 high-voltage enable with an external pull-down, pin A0 high-voltage sense behind a divider by 1000.
 #include <Arduino.h>
 #include <IntervalTimer.h>
 
@@ -14,8 +14,11 @@ extern "C" {
 namespace {
 
 constexpr uint16_t board_number = 3;
-constexpr uint8_t actuators = 2;
-constexpr uint8_t output_pins[actuators] = {2, 3};
+#ifndef ACTUATORS
+#define ACTUATORS 2
+#endif
+constexpr uint8_t actuators = ACTUATORS;
+constexpr uint8_t output_pins[] = {2, 3, 4, 6, 7, 8, 9, 10};
 constexpr uint8_t high_voltage_pin = 5;
 constexpr uint8_t sense_pin = A0;
 constexpr uint32_t basis_size = 131072;
@@ -89,8 +92,8 @@ void board_start(void)
     pinMode(high_voltage_pin, OUTPUT);
     board_high_voltage(false);
     analogWriteResolution(pwm_bits);
-    for (const uint8_t pin : output_pins) {
-        analogWriteFrequency(pin, pwm_frequency_hz);
+    for (uint8_t i = 0; i < actuators; i++) {
+        analogWriteFrequency(output_pins[i], pwm_frequency_hz);
     }
     board_write_outputs(rest);
     Serial.begin(0);

@@ -1,10 +1,11 @@
 # Included by firmware_link/firmware/Makefile, whose variables it uses and whose folder it is relative to.
 .PHONY: syntax
 
-IMAGES += $(BUILD)/mps2_an385.elf $(BUILD)/stm32f405_qemu.elf
+IMAGES += $(BUILD)/mps2_an385.elf $(BUILD)/mps2_four.elf $(BUILD)/stm32f405_qemu.elf
 
 $(BUILD)/mps2_an385.elf: FLAGS = -mcpu=cortex-m3 -I$(CHECKS)
-$(BUILD)/mps2_an385.elf: $(CHECKS)/mps2_an385/board.c $(CHECKS)/report.c $(CHECKS)/report.h
+$(BUILD)/mps2_four.elf: FLAGS = -mcpu=cortex-m3 -I$(CHECKS) -DACTUATORS=4u
+$(BUILD)/mps2_an385.elf $(BUILD)/mps2_four.elf: $(CHECKS)/mps2_an385/board.c $(CHECKS)/report.c $(CHECKS)/report.h
 $(BUILD)/stm32f405_qemu.elf: FLAGS = -mcpu=cortex-m4 -I$(CHECKS) -DIN_QEMU
 $(BUILD)/stm32f405_qemu.elf: boards/stm32f405/board.c boards/adxl345.c $(CHECKS)/report.c $(CHECKS)/report.h
 

@@ -11,7 +11,9 @@
 /* High enough for the frequencies of the actuators, and light to emulate. */
 #define SYNTHESIS_RATE_HZ 8000u
 #define BOARD 1u
+#ifndef ACTUATORS
 #define ACTUATORS 2u
+#endif
 #define BASIS_SIZE 262144u
 #define FULL_SCALE_PM 520000u
 /* Samples of the synthesis for one of the accelerometer. */
@@ -102,7 +104,7 @@ void board_describe(struct tactable_configuration *configuration)
         .longest_waveform_ms = 1000,
         .basis_capacity_bytes = BASIS_SIZE,
         .basis = basis,
-        .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM},
+        .full_scales_pm = {FULL_SCALE_PM, FULL_SCALE_PM, FULL_SCALE_PM, FULL_SCALE_PM},
         .sensor_rate_mhz = 1000u * SYNTHESIS_RATE_HZ / SENSE_TURNS,
         .sensor_scale_nm_per_s2 = SENSE_SCALE_NM_PER_S2,
         .sensor_greatest = SENSE_GREATEST,
