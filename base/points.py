@@ -36,10 +36,14 @@ def order_of(point: complex) -> tuple[float, float]:
     return point.real, point.imag
 
 
-def point_text(point: complex, digits: int = 6) -> str:
-    """A point as people write it: "35 mm" on a bar, "35 x 60 mm" on a plate."""
-    parts = (point.real, point.imag) if isinstance(point, complex) else (point,)
-    return _BETWEEN.join(f"{1e3 * part:.{digits}g}" for part in parts) + " mm"
+def parts_of(point: complex) -> tuple[float, ...]:
+    """X of a point of a bar, x and y of one of a plate."""
+    return (point.real, point.imag) if isinstance(point, complex) else (point,)
+
+
+def point_text(point: complex, digits: int = 6, form: str = "g") -> str:
+    """A point as people write it: "35 mm" on a bar, "35 x 60 mm" on a plate; `form`: of its numbers, g or f."""
+    return _BETWEEN.join(f"{1e3 * part:.{digits}{form}}" for part in parts_of(point)) + " mm"
 
 
 def point_words(text: str) -> list[str]:

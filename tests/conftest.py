@@ -39,7 +39,6 @@ SLOWEST = (
 KERNELS = (
     *("engine.steady.drive_search", "engine.steady.loading", "precompute.model.band_solver", "precompute.model.gram"),
     *("precompute.sweep.sweep_kernels", "precompute.predict.rise_time"),
-    "precompute.sampling.bars",
 )
 """Modules that compile kernels when they are imported, unless numba's cache has them; each well after what it needs."""
 ALLOWED_SKIPS = ("long run:", "no recordings:")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from base.points import point_words
+from base.points import parts_of, point_text, point_words
 
 if TYPE_CHECKING:
     import pint
@@ -73,7 +73,8 @@ _TEXT = re.compile(rf"({_NUMBER}) ?((?:1/)?{_FACTOR}(?:[*·/]{_FACTOR})*)?")
 _ANGLE = re.compile(rf"({_NUMBER}) ?(deg|rad)")
 _SIGNED, _MOST_PPM = ("drift", "gain", "offset"), 100_000
 _LONGEST_TEXT = 64  # "2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files
-_SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa")}
+_POINTS = {1: "35mm", 2: "35x60mm"}
+_SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa"), "": (0.01, "%")}
 """Scale and unit that people use, by SI unit."""
 
 
@@ -135,6 +136,25 @@ def read_point(text: str) -> complex:
     """The point of the surface of `text` in metres: "35 mm", or on a plate "35 x 60 mm". Raises QuantityError."""
     parts = [read_quantity(word, "m") for word in point_words(text)]
     return complex(*parts) if len(parts) == 2 else parts[0]
+
+
+def read_point_on(text: str, corner_m: complex, *, beside_too: bool = False) -> complex:
+    """The point of the surface from 0 to `corner_m`: "35 mm" or "12.5 %" on a bar, "35 x 60 mm" on a plate.
+
+    Raises QuantityError where the text is no point and, unless `beside_too`, where that is beside the surface.
+    """
+    words, sides_m = point_words(text), parts_of(corner_m)
+    if len(words) != len(sides_m):
+        expected = f"expected one such as {_POINTS[len(sides_m)]}"
+        raise QuantityError(f"{reprlib.repr(text)} is no point of the surface; {expected}")
+    shares = [word.rstrip().endswith("%") for word in words]
+    found = [
+        read_quantity(word, "") * side_m if is_share else read_quantity(word, "m")
+        for word, side_m, is_share in zip(words, sides_m, shares, strict=True)
+    ]
+    if not beside_too and not all(0 <= part_m <= side_m for part_m, side_m in zip(found, sides_m, strict=True)):
+        raise QuantityError(f"{reprlib.repr(text)} is off the surface, which reaches from 0 to {point_text(corner_m)}")
+    return complex(*found) if isinstance(corner_m, complex) else found[0]
 
 
 def read_number(text: str) -> float:

@@ -12,10 +12,11 @@ FITTED_UNITS = {
     "actuator.damping": "N*s/m",
     "actuator.full_scale": "m",
     "actuator.mass": "kg",
-    "bar.mass_damping": "1/s",
-    "bar.stiffness_damping": "s",
-    "bar.youngs_modulus": "Pa",
-    "bar.density": "kg/m^3",
+    **{f"{kind}.mass_damping": "1/s" for kind in ("bar", "plate")},
+    **{f"{kind}.stiffness_damping": "s" for kind in ("bar", "plate")},
+    **{f"{kind}.youngs_modulus": "Pa" for kind in ("bar", "plate")},
+    **{f"{kind}.density": "kg/m^3" for kind in ("bar", "plate")},
+    "plate.poissons_ratio": "",
     "finger.mass": "kg",
     "finger.damping": "N*s/m",
     "finger.stiffness": "N/m",
@@ -50,10 +51,10 @@ def _read_fitted(part: TomlTable, actuators: int) -> FittedValue:
         name=name,
         low=low,
         high=part.quantity("high", unit, least=low, exclusive=True),
-        knee=part.quantity("knee", unit, default=f"0 {unit}"),
+        knee=part.quantity("knee", unit, default=f"0 {unit or '%'}"),
     )
     if value.knee == 0 and low == 0:
-        raise part.error("low", f"0 {unit}", "expected more than 0 for a value without a knee")
+        raise part.error("low", f"0 {unit or '%'}", "expected more than 0 for a value without a knee")
     part.refuse_rest()
     return value
 

@@ -9,6 +9,7 @@ import h5netcdf
 import h5py
 import numpy as np
 
+from base.arrays import Points
 from base.points import point_text
 from engine.device import Device
 from engine.steady.modes import Modes
@@ -20,7 +21,7 @@ from engine.table.click_grid import Clicks
 from engine.table.error import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.mode_columns import read_modes
-from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes
+from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes, read_points
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement
@@ -110,6 +111,10 @@ class Table:
     def values(self, group: str, name: str) -> Values:
         """A whole array by its group and name, such as "responses" and "frequency"."""
         return np.asarray(self._file.groups[group].variables[name][...])
+
+    def points(self, group: str, name: str) -> Points:
+        """A whole array of points of the surface by its group and name, such as "measured" and "position"."""
+        return read_points(self._file.groups[group].variables, name)
 
     def checksums(self) -> dict[str, int]:
         """CRC-32 of every array, by its group and name, such as "responses/frequency"."""

@@ -16,7 +16,7 @@ _GROUP = "measured"
 _FORCES = ", the full scale of responses per newton"
 _ERRORS = {
     "between_frequencies_error": "bound on what is read between frequencies, of the greatest; ESTIMATE",
-    "between_places_error": "the same between places along the bar; ESTIMATE",
+    "between_places_error": "the same between places; ESTIMATE",
     "model_disagreement": "distance of the model from the measured responses, median over the frequencies",
 }
 _RESPONSE = ("frequency", "actuator", "position", "part")
@@ -31,7 +31,7 @@ def source_attributes(responses: MeasuredResponses | None) -> dict[str, str]:
         "source": MEASURED + simulated,
         "responses_file": responses.name,
         "responses_sha256": responses.sha256,
-        "modelled": f"what fingers do to the bar, rise times and clicks{_FORCES * responses.is_per_newton}; ESTIMATE",
+        "modelled": f"what fingers do, rise times and clicks{_FORCES * responses.is_per_newton}; ESTIMATE",
     }
 
 
@@ -39,8 +39,8 @@ def write_measured(writer: TableWriter, device: Device, responses: MeasuredRespo
     """Write the responses and the errors of what is interpolated from them."""
     writer.write(_GROUP, Variable("frequency", ("frequency",), "Hz", "measured at"), responses.frequency_hz)
     writer.write(_GROUP, Variable.names("actuator"), [actuator.name for actuator in device.actuators])
-    position = Variable("position", ("position",), "m", "of the sensor, from the bar's start")
-    writer.write(_GROUP, position, responses.position_m)
+    position = Variable("position", ("position",), "m", "of the sensor, from the surface's start")
+    writer.write_points(_GROUP, position, responses.position_m)
     writer.write(_GROUP, Variable("part", ("part",), "1", "of a complex number"), ["real", "imaginary"])
     acceleration = Variable(
         "acceleration", _RESPONSE, "m s-2", "untouched, one actuator at full scale, sensor taken off"
@@ -60,7 +60,7 @@ def plant_of(table: Table) -> Plant:
     split = table.values(_GROUP, "acceleration")
     responses = MeasuredResponses(
         frequency_hz=table.values(_GROUP, "frequency"),
-        position_m=table.values(_GROUP, "position"),
+        position_m=table.points(_GROUP, "position"),
         acceleration=split[..., 0] + 1j * split[..., 1],
         name=str(table.attributes["responses_file"]),
         sha256=str(table.attributes["responses_sha256"]),

@@ -3,7 +3,7 @@
 Intervals are honest only if what is left over is noise. A bar whose Young's modulus is 6 % off is fitted with other
 values that are wrong, and all of them look known. Three tests tell:
 
-- *Sign changes.* Noise has no memory: along the bar, at one drive, the next residual has the other sign as often as
+- *Sign changes.* Noise has no memory: along the surface, at one drive, the next residual has the other sign as often as
   not. A missed stiffness leaves residuals of one sign over long stretches, because modes are smooth. The number of sign
   changes is binomial with probability 1/2. Only signs count, so wrong readings and uneven noise do no harm.
 - *Repeats.* Readings of one drive at one place scatter by the noise alone. If the fit misses their means by more than
@@ -25,6 +25,7 @@ from scipy.special import bdtr, fdtrc
 
 from base.arrays import Array
 from base.plain import to_plain
+from base.points import point_text
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.calibration.conventions import Convention, find_convention
@@ -86,10 +87,10 @@ def assess(calibration: Calibration) -> Adequacy:
 
 
 def _places(measurements: Measurements, rows: NDArray[np.intp]) -> Array:
-    """Drive, sensor mass, finger and position (row, 4) of readings; the position last, so that it sorts last."""
-    finger_m = np.nan_to_num(measurements.finger_m, nan=-1.0)
-    columns = (measurements.drive_of_row, measurements.sensor_mass_kg, finger_m, measurements.position_m)
-    return np.stack(columns, axis=1)[rows].astype(float)
+    """Drive, sensor mass, finger and position (row, 6) of readings; the position along the surface sorts last."""
+    finger_m, at_m = np.nan_to_num(measurements.finger_m, nan=-1.0), measurements.position_m
+    drive = measurements.drive_of_row, measurements.sensor_mass_kg
+    return np.stack([*drive, finger_m.real, finger_m.imag, at_m.imag, at_m.real], axis=1)[rows].astype(float)
 
 
 def _repeat_test(residual: Array, mean: Array, groups: int, parameters: int) -> tuple[float | None, float | None]:
@@ -134,7 +135,7 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
     parts = []
     if found.chance < UNLIKELY:
         parts.append(
-            f"the residuals change sign {found.sign_changes} times between {found.neighbours} neighbours on the bar, "
+            f"the residuals change sign {found.sign_changes} times between {found.neighbours} neighbours, "
             f"where noise does {found.neighbours / 2:.0f} times"
         )
     if found.repeat_noise is not None and found.repeat_chance is not None and found.repeat_chance < UNLIKELY:
@@ -147,7 +148,7 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
         )
     fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
     if remedy.length_m is not None:
-        text = f"{1e3 * remedy.length_m:.4g} mm"
+        text = point_text(remedy.length_m, 4)
         return f"{why}. Measure {remedy.name} again: with {text} in the device file {fall}"
-    note = " (with the modulus it stands for the thickness)" if remedy.name == "bar.density" else ""
+    note = " (with the modulus it stands for the thickness)" if remedy.name.endswith(".density") else ""
     return f"{why}. Try --also {remedy.name}{note}: {fall}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from base.arrays import Mask
 from base.plain import to_plain
+from base.points import json_of, point_of_json, point_text
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
 from precompute.calibration.identifiability import advise, open_combinations
@@ -81,7 +82,7 @@ def _wrong(calibration: Calibration) -> list[dict[str, Any]]:
         {
             "row": row,
             "drive": measurements.drive_text(row),
-            "position_m": float(measurements.position_m[row]),
+            "position_m": json_of(measurements.position_m[row].item()),
             "measured_over_predicted": float(np.exp(calibration.log_residual[row])),
         }
         for row in np.flatnonzero(calibration.is_wrong).tolist()
@@ -98,7 +99,7 @@ def _by_drive(calibration: Calibration) -> list[dict[str, Any]]:
 
 def _by_position(calibration: Calibration) -> list[dict[str, Any]]:
     position_m = calibration.measurements.position_m
-    return [{"position_m": float(x), **_spread(calibration, position_m == x)} for x in np.unique(position_m)]
+    return [{"position_m": json_of(x.item()), **_spread(calibration, position_m == x)} for x in np.unique(position_m)]
 
 
 def _spread(calibration: Calibration, rows: Mask) -> dict[str, Any]:
@@ -162,9 +163,7 @@ def _residuals_markdown(report: dict[str, Any]) -> list[str]:
     return [
         "## Measured over fitted, less one",
         _spread_markdown("drive", [(row["drive"], row) for row in report["residual_by_drive"]][:_LISTED]),
-        _spread_markdown(
-            "position", [(f"{1e3 * row['position_m']:.1f} mm", row) for row in report["residual_by_position"]]
-        ),
+        _spread_markdown("position", [(place_text(row["position_m"]), row) for row in report["residual_by_position"]]),
         _wrong_markdown(report["wrong_readings"]),
         "## The paper's procedure: every drive alone, then the average",
         _pairwise_markdown(report),
@@ -214,6 +213,11 @@ def _known_text(parameter: dict[str, Any]) -> str:
     }.get(parameter["known"], interval_text(parameter["interval"], parameter["unit"], 3))
 
 
+def place_text(value: Any) -> str:
+    """A place of a report in words, to a tenth of a millimetre."""
+    return point_text(point_of_json(value), 1, "f")
+
+
 def drive_text(drive_hz: Sequence[float | None]) -> str:
     """The drive in words, such as "150 Hz and still", in the order of the actuators."""
     return " and ".join("still" if hz is None or math.isnan(hz) else f"{hz:g} Hz" for hz in drive_hz)
@@ -237,7 +241,7 @@ def _wrong_markdown(wrong: Sequence[dict[str, Any]]) -> str:
     if not wrong:
         return "No reading is off by more than four times the noise."
     lines = [
-        f"- {row['drive']} at {1e3 * row['position_m']:.1f} mm: {row['measured_over_predicted']:.2f} times the fitted"
+        f"- {row['drive']} at {place_text(row['position_m'])}: {row['measured_over_predicted']:.2f} times the fitted"
         for row in wrong[:_LISTED]
     ]
     more = [f"- and {len(wrong) - _LISTED} more"] if len(wrong) > _LISTED else []

@@ -11,9 +11,8 @@ from engine.device.texts import tables_of
 from precompute.calibration.calibrate import FittedDevice
 
 _DIGITS = 10  # finer than any interval, and still short
-_DAMPINGS = ("bar.mass_damping", "bar.stiffness_damping", "actuator.damping")
 _LEAST_DAMPING = "1e-9 s"
-"""The least that a file may state of the bar's stiffness damping."""
+"""The least that a file may state of the surface's stiffness damping."""
 
 
 def calibrated_text(calibration: FittedDevice, provenance: Mapping[str, str]) -> str:
@@ -33,16 +32,18 @@ def calibrated_text(calibration: FittedDevice, provenance: Mapping[str, str]) ->
             marks = table.get("inferred")
             if marks is not None and key in marks:
                 marks.remove(key)
-    _keep_damped(document, calibration.device.name)
+    _keep_damped(document, calibration.device)
     document["calibration"] = _calibration_table(calibration, provenance)
     return tomlkit.dumps(document)
 
 
-def _keep_damped(document: tomlkit.TOMLDocument, name: str) -> None:
+def _keep_damped(document: tomlkit.TOMLDocument, device: Device) -> None:
     """State the least damping where all are 0: such a file would be refused, and what was fitted would be lost."""
-    found = [tables_of(document, damping, name) for damping in _DAMPINGS]
+    own = f"{device.surface.kind}.stiffness_damping"
+    dampings = (f"{device.surface.kind}.mass_damping", own, "actuator.damping")
+    found = [tables_of(document, damping, device.name) for damping in dampings]
     if not any(float(str(table.get(key, "0")).split()[0]) for tables, key in found for table in tables):
-        tables, key = tables_of(document, "bar.stiffness_damping", name)
+        tables, key = tables_of(document, own, device.name)
         tables[0][key] = _LEAST_DAMPING
 
 

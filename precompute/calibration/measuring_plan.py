@@ -8,19 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Points
 from base.plain import to_plain
+from base.points import clip_points, json_of, parts_of
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
+from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, lay_out
 
 LEAST_NOISE = 1e-3
 """Least relative noise of a reading that is assumed of any accelerometer."""
 _FREQUENCIES = 49  # 97 leave errors 10 to 25 % smaller after 20 readings in 4 times the time, 25 up to 15 % greater
 _POINTS = 23  # 12 mm apart on 280 mm; 12 or 45 leave errors within a sixth of these after 20 readings
-_EDGE = 0.02  # of the bar: a sensor's middle cannot be at the bar's end
 _NOTHING = 1e-12  # m/s^2
 _LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
 
@@ -50,7 +51,7 @@ class Candidates:
     """
 
     frequency_hz: Array
-    position_m: Array
+    position_m: Points
     slope: Array
 
 
@@ -59,7 +60,7 @@ class Step:
     """One reading to take, and the standard deviations (parameter,) of the coordinates before and after it."""
 
     drive_hz: tuple[float, ...]
-    position_m: float
+    position_m: complex
     before: Array
     after: Array
 
@@ -90,7 +91,7 @@ class Plan:
             "readings": [
                 {
                     "drive_hz": to_plain(step.drive_hz),
-                    "position_m": step.position_m,
+                    "position_m": json_of(step.position_m),
                     "shrinks": {
                         p.name: float(1 - step.after[i] / step.before[i]) for i, p in enumerate(self.parameters)
                     },
@@ -129,12 +130,15 @@ def plan_after(calibration: Calibration, accuracy: Accuracy, count: int, criteri
 def propose_candidates(
     device: Device, parameters: tuple[Parameter, ...], coordinate: Array, sensor_mass_kg: float, accuracy: Accuracy
 ) -> Candidates:
-    """Drives of one frequency or a pair, on a grid within the actuators' bands, at even points along the bar."""
+    """Drives of one frequency or a pair, on a grid within the actuators' bands, at even points."""
     grid_hz = np.linspace(device.sweep.start_hz, device.sweep.stop_hz, _FREQUENCIES)
-    position_m = np.linspace(_EDGE, 1 - _EDGE, _POINTS) * device.bar.length_m
-    beside_m = np.minimum(position_m + accuracy.place_m, device.bar.length_m)
+    position_m, corner_m = even_places(device, _POINTS), device.surface.corner_m
     size, rate = _single_responses(device, parameters, coordinate, sensor_mass_kg, grid_hz, position_m)
-    beside, _ = _single_responses(device, parameters, coordinate, sensor_mass_kg, grid_hz, beside_m)
+    beside = [
+        _single_responses(device, (), np.zeros(0), sensor_mass_kg, grid_hz, clip_points(moved_m, corner_m))[0]
+        for way in (1.0, 1j)[: len(parts_of(corner_m))]
+        for moved_m in [position_m + way * accuracy.place_m]
+    ]
     bands = np.array([actuator.band_hz for actuator in device.actuators])
     in_band = (grid_hz >= bands[:, :1] - 1e-9) & (grid_hz <= bands[:, 1:] + 1e-9)
     drives = [[(one, f)] for one, f in np.argwhere(in_band).tolist()]
@@ -148,10 +152,10 @@ def propose_candidates(
         for actuator, f in drive:
             frequency_hz[row, actuator], moved[row, actuator, f] = grid_hz[f], 1.0
     # paper eq. (8): tones of different frequencies add as magnitudes
-    total, total_beside, total_rate = (np.tensordot(moved, part, 2) for part in (size, beside, rate))
+    total, total_rate, *totals_beside = (np.tensordot(moved, part, 2) for part in (size, rate, *beside))
     total = np.maximum(total, _NOTHING)
-    displaced = (total_beside - total) / total
-    deviation = np.sqrt(accuracy.relative**2 + (accuracy.floor_m_per_s2 / total) ** 2 + displaced**2)
+    displaced = sum(((each - total) / total) ** 2 for each in totals_beside)
+    deviation = np.sqrt(accuracy.relative**2 + (accuracy.floor_m_per_s2 / total) ** 2 + displaced)
     return Candidates(frequency_hz, position_m, total_rate / (total * deviation)[..., None])
 
 
@@ -161,7 +165,7 @@ def _single_responses(
     coordinate: Array,
     sensor_mass_kg: float,
     grid_hz: Array,
-    position_m: Array,
+    position_m: Points,
 ) -> tuple[Array, Array]:
     """Magnitude (actuator, frequency, point) of one actuator alone, and its derivative (..., parameter)."""
     actuators, shape = len(device.actuators), (len(device.actuators), len(grid_hz), len(position_m))
@@ -200,7 +204,7 @@ def plan_readings(candidates: Candidates, information: Array, count: int, criter
         steps.append(
             Step(
                 drive_hz=tuple(candidates.frequency_hz[drive].tolist()),
-                position_m=float(candidates.position_m[point]),
+                position_m=candidates.position_m[point].item(),
                 before=before,
                 after=np.sqrt(np.diag(covariance)),
             )

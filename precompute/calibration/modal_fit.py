@@ -1,11 +1,11 @@
 """Fit of a device to natural frequencies and damping ratios alone.
 
-Theory of operation. The model's modes are the complex poles of the untouched bar on its mounts, with the mass of the
+Theory of operation. The model's modes are the complex poles of the untouched surface on its mounts, with the mass of a
 sensor where it lay; dampers at the mounts make them non-proportional. Measured modes are paired with them, each with
 another one, by frequency and, where shapes are given, by the modal assurance criterion; modes between may be missing.
 The residuals are differences of ln frequency and ln damping ratio. Each is weighted by its stated error, in units of
 the typical error of a frequency, below which the noise is not taken to be. Pole derivatives are those of Lancaster
-(Lambda-matrices and Vibrating Systems, 1966): the matrices are symmetric, and affine in every single parameter.
+(Lambda-matrices and Vibrating Systems, 1966): the matrices are symmetric.
 
 Modes tell ratios: of stiffnesses to masses and of dampings to masses. No mode changes with a full scale.
 """
@@ -29,10 +29,12 @@ from precompute.calibration.fit import fit, pose
 from precompute.calibration.measuring_plan import Accuracy
 from precompute.calibration.misfit import Loss, Misfit, MisfitModel
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
+from precompute.measurements.model import force_slopes
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
 from precompute.measurements.types import MeasurementError
-from precompute.model.assembly import BarPlant, assemble_bar, dense
+from precompute.model.assembly import assemble, free_surface
 from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.model.plant import Plant
 
 _BEYOND = 16  # model modes above the measured ones: some may be missing, and dampers couple with higher ones
 _STILL = 1e-6  # share of a natural frequency below which a pole does not oscillate
@@ -52,7 +54,7 @@ class ModelModes:
     shape (place, mode): deflections where shapes were measured.
     """
 
-    plant: BarPlant
+    plant: Plant
     pole: Complex
     field: Complex
     shape: Complex
@@ -62,7 +64,7 @@ class ModesMisfit(MisfitModel):
     """The misfit of measured modes as a function of the coordinates of parameters (parameter,)."""
 
     def __init__(self, device: Device, modes: Modes, parameters: tuple[Parameter, ...]) -> None:
-        self._device, self._modes, self._last = device, modes, None
+        self._device, self._modes, self._last, self._free = device, modes, None, free_surface(device)
         self.parameters, self.is_peak, self.mean_reading = parameters, True, 1.0
         self.least_noise = float(np.median(modes.frequency_error))
         self._is_damped = ~np.isnan(modes.damping_ratio)
@@ -80,8 +82,8 @@ class ModesMisfit(MisfitModel):
     def _values_at(self, coordinate: Array) -> Array:
         return np.array([p.value_at(x) for p, x in zip(self.parameters, coordinate.tolist(), strict=True)])
 
-    def _plant(self, values: Array) -> BarPlant:
-        plant = assemble_bar(with_values(self._device, self.parameters, values))
+    def _plant(self, values: Array) -> Plant:
+        plant = self._free.plant(with_values(self._device, self.parameters, values))
         own = [v for p, v in zip(self.parameters, values.tolist(), strict=True) if p.part == "sensor"]
         mass_kg = own[0] if own else self._modes.sensor_mass_kg
         sensor = Finger(mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=0.0)
@@ -99,24 +101,19 @@ class ModesMisfit(MisfitModel):
         return ModelModes(plant, model.pole[chosen], basis.shape @ amplitude, shape)
 
     def _compute(self, coordinate: Array) -> Misfit:
-        values = self._values_at(coordinate)
         found, chosen = self.model_at(coordinate)
         pole, field = found.pole[chosen], found.field[:, chosen]
         size, damping = np.abs(pole), -pole.real / np.abs(pole)
-        C, M = dense(found.plant.C), dense(found.plant.M)
+        _, C, M = found.plant.dense()
         modal = (field * (2 * pole * (M @ field) + C @ field)).sum(axis=0)
-        of_size, of_damping = np.empty((2, len(pole), len(values)))
-        for i, (parameter, value) in enumerate(zip(self.parameters, values.tolist(), strict=True)):
-            step = max(value, parameter.knee)
-            moved = self._plant(values + step * (np.arange(len(values)) == i))
-            dK, dC, dM = (
-                dense(band) / step
-                for band in (moved.K - found.plant.K, moved.C - found.plant.C, moved.M - found.plant.M)
-            )
-            by = -(field * (pole**2 * (dM @ field) + pole * (dC @ field) + dK @ field)).sum(axis=0) / modal
-            by *= parameter.rate_at(float(coordinate[i]))
-            of_size[:, i] = (by / pole).real
-            of_damping[:, i] = -by.real / size - damping * of_size[:, i]
+        loaded = self._modes.sensor_mass_kg > 0
+        sensor = found.plant.sampler(np.array([self._modes.sensor_m])).sample(field.T)[:, 0] if loaded else 0 * pole
+        rates = np.array([p.rate_at(x) for p, x in zip(self.parameters, coordinate.tolist(), strict=True)])
+        none, still = 0 * pole, np.zeros((len(pole), len(self._device.actuators)), dtype=np.complex128)
+        at = (self._free, found.plant, self.parameters, pole, (field.T, field.T), (sensor**2, none), still)
+        by = force_slopes(*at) * rates / modal[:, None]
+        of_size = (by / pole[:, None]).real
+        of_damping = -by.real / size[:, None] - damping[:, None] * of_size
         damping += _LEAST_DAMPING
         measured = self._modes
         log = self._stack(np.log(size / (2 * np.pi * measured.frequency_hz)), np.log(damping / measured.damping_ratio))
@@ -189,7 +186,7 @@ def calibrate_modes(
     """
     names = modal_names(device, modes) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, modes.sensor_mass_kg)
-    if len(modes) > (most := assemble_bar(device).size // 2):
+    if len(modes) > (most := assemble(device).size // 2):
         raise MeasurementError(f"there are {len(modes)} modes; the model has {most} at the most: leave the highest out")
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         misfit = ModesMisfit(device, modes, chosen)
@@ -246,7 +243,7 @@ def _doubt(calibration: ModalCalibration) -> str:
     chance = float(chdtrc(max(values - len(calibration.estimates), 1), (errors**2).sum()))
     matters = np.abs(off) >= np.array([[SMALLEST_MISFIT], [DAMPING_ERROR]])
     worst = int(np.argmin(calibration.assurance))
-    check = "check the pairing, the device file's lengths, and whether fingers or other masses were on the bar"
+    check = "check the pairing, the device file's lengths, and whether fingers or other masses were on the surface"
     if calibration.assurance[worst] < _LEAST_ASSURANCE:
         return (
             f"the shape at {modes.frequency_hz[worst]:.6g} Hz agrees with no mode of the model (modal assurance "

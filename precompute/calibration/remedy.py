@@ -1,7 +1,7 @@
 """What a fit misses: the one parameter, or the one length of the description, that explains most of its misfit.
 
-Each parameter that was not fitted is a candidate, and so are the lengths that no fit changes: the bar's own, and the
-places of its actuators, which a ruler tells to a millimetre or so.
+Each parameter that was not fitted is a candidate, and so are the lengths that no fit changes: the surface's own, and
+the places of its actuators, which a ruler tells to a millimetre or so, on a plate along either side.
 
 Where the misfit may be noise, a score test picks the candidates worth a fit: the derivative of the readings by a
 candidate, less what the fitted parameters can do, correlated with the residuals. In noise that is chi-squared with one
@@ -13,11 +13,13 @@ wrong. The one that helps most is the remedy.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from base.arrays import Array
+from base.points import parts_of
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
 from precompute.calibration.fit import CAUCHY, Fit, Problem, fit, minimise, settle
@@ -43,23 +45,24 @@ _STEP, _EXACT, _ROUGH = 1e-4, 1e-4, 1e-5  # of the bar, of the bar, of the cost
 class Remedy:
     """A parameter or length that was not fitted, and the typical misfit of the fit with it.
 
-    length_m: the best value of a length; None for a parameter.
+    length_m: the best value of a length, or of a place, which is complex on a plate; None for a parameter.
     """
 
     name: str
     misfit: float
-    length_m: float | None = None
+    length_m: complex | None = None
 
 
 @dataclass(frozen=True)
 class _Length:
-    """A length of the description within its reach, and the device with another one."""
+    """A length of the description within its reach, what the file would say of another one, and the device with it."""
 
     name: str
     length_m: float
     low_m: float
     high_m: float
-    device_at: Callable[[float], Device]
+    written: Callable[[float], complex]
+    device_at: Callable[[complex], Device]
 
 
 def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, Bounds]) -> Remedy | None:
@@ -73,7 +76,7 @@ def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, B
     without = pose_fit(device, measurements, fitted)
 
     def pose_at(length: _Length, length_m: float) -> Problem:
-        return pose_fit(length.device_at(length_m), measurements, fitted)
+        return pose_fit(length.device_at(length.written(length_m)), measurements, fitted)
 
     gains = dict[float, Remedy]()
     for name, length_m, better in (
@@ -107,7 +110,7 @@ def _fits_with_parameters(
 
 def _fits_of_lengths(
     lengths: list[_Length], calibration: Calibration, without: Problem, pose_at: Callable[[_Length, float], Problem]
-) -> Iterator[tuple[str, float, Fit]]:
+) -> Iterator[tuple[str, complex, Fit]]:
     """The fit at the best value of each length that promises something."""
     residual = without.misfit.at(calibration.coordinate).log_residual
     for length in lengths:
@@ -125,7 +128,8 @@ def _fits_of_lengths(
         ends_m = places_m[max(best - 1, 0)], places_m[min(best + 1, _LOOKED_AT - 1)]
         exact_m = _EXACT * (length.high_m - length.low_m)
         found_m = float(minimize_scalar(cost_at, bounds=ends_m, method="bounded", options={"xatol": exact_m}).x)
-        yield length.name, found_m, settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
+        better = settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
+        yield length.name, length.written(found_m), better
 
 
 def _is_promising(without: Problem, calibration: Calibration, column: Array) -> bool:
@@ -142,33 +146,32 @@ def _is_promising(without: Problem, calibration: Calibration, column: Array) -> 
 
 
 def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
-    """The length of the bar, which holds everything on it, and the place of each actuator."""
-    length_m, places_m = device.bar.length_m, [actuator.position_m.real for actuator in device.actuators]
-    reach_m = _REACH * length_m
-    last_m = max(
-        [*places_m, float(np.nanmax(measurements.position_m)), float(np.nan_to_num(measurements.finger_m).max())]
-        + ([] if measurements.force_m is None else [float(measurements.force_m.max())])
-    )
+    """The sides of the surface, which hold everything on it, and the places of the actuators, along each side."""
+    places_m = [actuator.position_m for actuator in device.actuators]
+    told_m = [measurements.position_m, np.nan_to_num(measurements.finger_m)]
+    told_m += [] if measurements.force_m is None else [measurements.force_m]
+    every_m, found = np.concatenate([places_m, *told_m]), list[_Length]()
+    ways = zip(("length", "width"), (1.0, 1j), parts_of(device.surface.corner_m), strict=False)
+    for axis, (name, way, side_m) in enumerate(ways):
+        reach_m, last_m = _REACH * side_m, float((every_m / way).real.max())
 
-    def long(other_m: float) -> Device:
-        return replace(device, surface=replace(device.bar, length_m=other_m))
+        def resized(other_m: complex, key: str = f"{name}_m") -> Device:
+            side: dict[str, Any] = {key: other_m.real}
+            return replace(device, surface=replace(device.surface, **side))
 
-    def driven_at(index: int) -> Callable[[float], Device]:
-        def moved(place_m: float) -> Device:
-            actuators = list(device.actuators)
-            actuators[index] = replace(actuators[index], position_m=place_m)
-            return replace(device, actuators=tuple(actuators))
+        ends_m = max(side_m - reach_m, last_m), side_m + reach_m
+        found.append(_Length(f"{device.surface.kind}.{name}", side_m, *ends_m, lambda other_m: other_m, resized))
+        for index, place_m in enumerate(places_m):
 
-        return moved
+            def written(other_m: float, place_m: complex = place_m, way: complex = way, axis: int = axis) -> complex:
+                return place_m + way * (other_m - parts_of(place_m)[axis])
 
-    bar = _Length("bar.length", length_m, max(length_m - reach_m, last_m), length_m + reach_m, long)
-    return [bar] + [
-        _Length(
-            f"actuator[{index + 1}].position",
-            place_m,
-            max(place_m - reach_m, 0.0),
-            min(place_m + reach_m, length_m),
-            driven_at(index),
-        )
-        for index, place_m in enumerate(places_m)
-    ]
+            def moved(at_m: complex, index: int = index) -> Device:
+                actuators = list(device.actuators)
+                actuators[index] = replace(actuators[index], position_m=at_m)
+                return replace(device, actuators=tuple(actuators))
+
+            own_m = parts_of(place_m)[axis]
+            ends_m = max(own_m - reach_m, 0.0), min(own_m + reach_m, side_m)
+            found.append(_Length(f"actuator[{index + 1}].position", own_m, *ends_m, written, moved))
+    return found

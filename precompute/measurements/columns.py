@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, Points
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_quantity
 from precompute.measurements.response_unit import QUANTITIES, read_response_unit, to_acceleration
@@ -24,6 +24,7 @@ _SINGLE = {
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
 _MOTIONS = "acceleration", "velocity", "displacement"
 _ANGLES = {"rad": 1.0, **dict.fromkeys(("deg", "degrees", "°"), np.pi / 180)}
+_ACROSS = " across"
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
 """Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
 SIMULATED = "SIMULATED"
@@ -32,8 +33,37 @@ SIMULATED = "SIMULATED"
 
 def column_names(device: Device) -> dict[str, str]:
     """Every column that a file for this device may have, with its SI unit."""
-    own = {f"{key} {a.name}": unit for key, unit in _PER_ACTUATOR.items() for a in device.actuators}
-    return _SINGLE | own
+    single = {each: unit for name, unit in _SINGLE.items() for each in place_columns(device, name)}
+    return single | {f"{key} {a.name}": unit for key, unit in _PER_ACTUATOR.items() for a in device.actuators}
+
+
+def place_columns(device: Device, name: str) -> tuple[str, ...]:
+    """The columns of a place, `position` and on a plate `position across`; any other name alone."""
+    is_two = name.endswith("position") and isinstance(device.surface.corner_m, complex)
+    return (name, name + _ACROSS) if is_two else (name,)
+
+
+def split_places(device: Device, name: str, place_m: Points) -> dict[str, Array]:
+    """Places (row,) as the columns that a file has of them, NaN in each where there is none."""
+    parts = (np.where(np.isnan(place_m), np.nan, part) for part in (place_m.real, place_m.imag))
+    return dict(zip(place_columns(device, name), parts, strict=False))
+
+
+def side_of(device: Device, name: str) -> float:
+    """Length in metres of the side of the surface that a column of places runs along, of which it may be a share."""
+    corner_m = device.surface.corner_m
+    return corner_m.imag if name.endswith(_ACROSS) else corner_m.real
+
+
+def join_places(columns: Mapping[str, Array], device: Device, name: str, source: str) -> Points | None:
+    """Places (row,) of a file, None where it has none. Raises MeasurementError for one direction without the other."""
+    own = place_columns(device, name)
+    given = [columns[each] for each in own if each in columns]
+    empty = {np.isnan(each).tobytes() for each in given}
+    if given and (len(given) < len(own) or len(empty) > 1):
+        columns_of = " and ".join(f"{each} (mm)" for each in own)
+        raise MeasurementError(f"{source}: a place on a plate has two columns, {columns_of}; give both")
+    return None if not given else given[0] if len(own) == 1 else given[0] + 1j * given[1]
 
 
 def unit_scale(text: str, unit: str) -> float:
@@ -82,17 +112,20 @@ def assemble_measurements(
     Raises MeasurementError for a missing column and for impossible rows.
     """
     quantity, reading = _reading(columns, source)
-    if "position" not in columns:
+    position_m = join_places(columns, device, "position", source)
+    if position_m is None:
         raise MeasurementError(
             f"{source}: has no column 'position'; it says where the sensor was, such as position (mm)"
         )
-    rows = len(columns["position"])
+    rows = len(position_m)
     empty = np.full(rows, np.nan)
+    finger_m = join_places(columns, device, "finger position", source)
+    given_force_m = join_places(columns, device, "force position", source)
     frequency, amplitude, phase = (
         np.stack([columns.get(f"{key} {a.name}", empty) for a in device.actuators], axis=1) for key in _PER_ACTUATOR
     )
-    if {"frequency", "force position"} <= columns.keys() and np.isnan(frequency).all():
-        frequency[np.arange(rows), nearest_actuator(device, columns["force position"])] = columns["frequency"]
+    if "frequency" in columns and given_force_m is not None and np.isnan(frequency).all():
+        frequency[np.arange(rows), nearest_actuator(device, given_force_m)] = columns["frequency"]
     for i, actuator in enumerate(device.actuators):
         if f"amplitude {actuator.name}" not in columns:
             amplitude[:, i] = np.where(np.isnan(frequency[:, i]), 0.0, 1.0)
@@ -104,15 +137,15 @@ def assemble_measurements(
     frequency = np.where(np.nan_to_num(amplitude) > 0, frequency, np.nan)
     amplitude = np.nan_to_num(amplitude) * np.exp(1j * np.nan_to_num(phase))
     order = 0 if quantity is None else list(QUANTITIES).index(quantity) % len(_MOTIONS)
-    force_m = _force_places(columns, device, quantity, amplitude, source)
+    force_m = _force_places(columns, device, quantity, amplitude, given_force_m, source)
     return check_measurements(
         Measurements(
             kind=Kind.PEAK if quantity is None else Kind.RESPONSE,
-            position_m=columns["position"],
+            position_m=position_m,
             frequency_hz=frequency,
             amplitude=amplitude,
             sensor_mass_kg=columns.get("sensor mass", np.full(rows, sensor_mass_kg)),
-            finger_m=columns.get("finger position", empty),
+            finger_m=empty if finger_m is None else finger_m,
             acceleration=to_acceleration(reading, order, np.nan_to_num(frequency).max(axis=1)),
             is_simulated=is_simulated,
             force_m=force_m,
@@ -124,8 +157,13 @@ def assemble_measurements(
 
 
 def _force_places(
-    columns: Mapping[str, Array], device: Device, quantity: str | None, amplitude: Complex, source: str
-) -> Array | None:
+    columns: Mapping[str, Array],
+    device: Device,
+    quantity: str | None,
+    amplitude: Complex,
+    force_m: Points | None,
+    source: str,
+) -> Points | None:
     """Place (row,) of the force of responses per newton: its own column, or the actuator whose frequency is given."""
     own = sorted(columns.keys() & {"force position", "frequency"})
     named = [f"frequency {actuator.name}" for actuator in device.actuators]
@@ -141,8 +179,8 @@ def _force_places(
             "one frequency, of the actuator where the force was, or 'frequency (Hz)' with 'force position (mm)'"
         )
     base_m = np.array([actuator.position_m for actuator in device.actuators])
-    at_actuator: Array = base_m[amplitude.real.argmax(axis=1)]
-    return columns.get("force position", at_actuator)
+    at_actuator: Points = base_m[amplitude.real.argmax(axis=1)]
+    return at_actuator if force_m is None else force_m
 
 
 def _reading(columns: Mapping[str, Array], source: str) -> tuple[str | None, Complex]:

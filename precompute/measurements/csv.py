@@ -5,8 +5,9 @@ import io
 
 import numpy as np
 
+from base.points import parts_of
 from engine.device import Device
-from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty
+from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, split_places
 from precompute.measurements.csv_form import wrong_form
 from precompute.measurements.sheet import Sheet, read_columns, read_sheet
 from precompute.measurements.types import Kind, MeasurementError, Measurements
@@ -43,26 +44,28 @@ def write_csv(measurements: Measurements, device: Device, comment: str) -> str:
     if measurements.is_simulated and SIMULATED not in comment:
         out.write(f"# {SIMULATED}\n")
     names = [actuator.name for actuator in device.actuators]
-    has_finger, is_peak = not np.isnan(measurements.finger_m).all(), measurements.kind is Kind.PEAK
+    is_peak = measurements.kind is Kind.PEAK
+    is_touched = not np.isnan(measurements.finger_m).all()
+    fingers_m = split_places(device, "finger position", measurements.finger_m) if is_touched else {}
     has_phase = bool((measurements.amplitude.imag != 0).any())
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(
         [
-            "position (mm)",
+            *(f"{name} (mm)" for name in split_places(device, "position", measurements.position_m)),
             *(f"frequency {name} (Hz)" for name in names),
             *(f"amplitude {name} (%)" for name in names),
             *(f"phase {name} (rad)" for name in names if has_phase),
             "sensor mass (g)",
-            *(["finger position (mm)"] if has_finger else []),
+            *(f"{name} (mm)" for name in fingers_m),
             *(["peak acceleration (m/s^2)"] if is_peak else _PARTS),
         ]
     )
     for i, value in enumerate(measurements.acceleration):
-        drive, finger_m = measurements.amplitude[i], measurements.finger_m[i]
+        drive = measurements.amplitude[i]
         is_still = drive == 0
         writer.writerow(
             [
-                _exact(1e3 * measurements.position_m[i]),
+                *(_exact(1e3 * part_m) for part_m in parts_of(measurements.position_m[i])),
                 *(
                     "" if still else _exact(hz)
                     for hz, still in zip(measurements.frequency_hz[i], is_still, strict=True)
@@ -70,7 +73,7 @@ def write_csv(measurements: Measurements, device: Device, comment: str) -> str:
                 *("" if still else _exact(100 * abs(a)) for a, still in zip(drive, is_still, strict=True)),
                 *("" if still else _exact(np.angle(a)) for a, still in zip(drive, is_still, strict=True) if has_phase),
                 _exact(1e3 * measurements.sensor_mass_kg[i]),
-                *([] if not has_finger else ["" if np.isnan(finger_m) else _exact(1e3 * finger_m)]),
+                *("" if np.isnan(column[i]) else _exact(1e3 * column[i]) for column in fingers_m.values()),
                 *([f"{value.real:.6g}"] if is_peak else [f"{value.real:.6g}", f"{value.imag:.6g}"]),
             ]
         )

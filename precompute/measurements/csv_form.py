@@ -8,7 +8,10 @@ is said.
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from engine.device import Device
+from precompute.measurements.columns import split_places
 from precompute.measurements.sheet import has_no_header
 
 _TIME = re.compile(r"(t|time|zeit|temps|timestamp|seconds?)\b.*", re.IGNORECASE)
@@ -20,8 +23,11 @@ _SHOWN = 32  # enough to know a line again
 def example_csv(device: Device) -> str:
     """Header and a row of the right form for this device, as one line of text."""
     names = [actuator.name for actuator in device.actuators]
-    header = ["position (mm)", *(f"frequency {name} (Hz)" for name in names), "peak acceleration (m/s^2)"]
-    row = [f"{1e3 * device.bar.length_m / 4:.1f}", *(f"{150 - 20 * i}" for i in range(len(names))), "0.84"]
+    place_m = split_places(device, "position", np.array([device.surface.corner_m]) / 4)
+    header = [f"{name} (mm)" for name in place_m]
+    header += [*(f"frequency {name} (Hz)" for name in names), "peak acceleration (m/s^2)"]
+    row = [f"{1e3 * part_m[0]:.1f}" for part_m in place_m.values()]
+    row += [*(f"{150 - 20 * i}" for i in range(len(names))), "0.84"]
     return f"{','.join(header)!r}, then rows such as {','.join(row)!r}"
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from base.points import parts_of
 from engine.device import Device
 from precompute.measurements.columns import SIMULATED, column_names
 from precompute.measurements.csv import measurements_of
@@ -46,7 +47,10 @@ def arrays_to_measurements(content: Content, path: Path, device: Device, sensor_
         )
         raise MeasurementError(f"{path}: has the variables {', '.join(arrays) or 'none'}; {expected}")
     lines = arrays[axes[0]].size
-    places = np.zeros(0) if position is None else arrays[position].ravel()
+    axes_of_places = len(parts_of(device.surface.corner_m))
+    if position is not None and arrays[position].shape[-1] != 2 == axes_of_places:
+        raise MeasurementError(f"{path}: {position}: expected a row of two numbers for each place, along and across")
+    places = np.zeros((0, 1)) if position is None else arrays[position].reshape(-1, axes_of_places)
     columns: list[tuple[str, NDArray[Any]]] = []
     for name, array in arrays.items():
         words, unit = split_title(titles[name])
@@ -56,9 +60,10 @@ def arrays_to_measurements(content: Content, path: Path, device: Device, sensor_
         is_one = name == axes[0] or words in column_names(device) or PLACE.search(words) is not None
         if array.size in (1, lines) and is_one:
             columns.append((words + bracket, np.resize(array, lines)))
-        elif array.shape in ((lines, places.size), (places.size, lines)):
+        elif array.shape in ((lines, len(places)), (len(places), lines)):
             matrix, at = array if len(array) == lines else array.T, split_title(titles[str(position)])[1] or "mm"
-            columns += [(f"{words} {place:.9f} {at}{bracket}", matrix[:, i]) for i, place in enumerate(places.tolist())]
+            shown = [" x ".join(f"{part:.9f}" for part in place) for place in places.tolist()]
+            columns += [(f"{words} {place} {at}{bracket}", matrix[:, i]) for i, place in enumerate(shown)]
         else:
             expected = f"expected {lines} values and the place in the name, or a column for each place in position_mm"
             raise MeasurementError(f"{path}: {name}: has the shape {array.shape}; {expected}")

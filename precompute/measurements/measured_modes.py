@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, Points
+from base.points import point_text
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_quantity
-from precompute.measurements.columns import SIMULATED
+from engine.device.quantity import QuantityError, read_point_on
+from precompute.measurements.columns import SIMULATED, join_places, place_columns
 from precompute.measurements.measurement_file import check_file, read_table_text
 from precompute.measurements.sheet import read_columns, read_sheet
-from precompute.measurements.types import MOST_KG, MeasurementError
+from precompute.measurements.types import MOST_KG, MeasurementError, is_outside
 
 FREQUENCY_ERROR, DAMPING_ERROR = 0.002, 0.1
 """Relative standard deviations where a file states none. ESTIMATE: what repeated modal tests of small bars scatter."""
@@ -46,7 +47,7 @@ _SHAPES, _NORMAL, _COMPLEX = 55, 2, (3, 7)  # a dataset of universal files, and 
 
 @dataclass(frozen=True)
 class Modes:
-    """Measured modes of the untouched bar, on its mounts and with its actuators, in rising order.
+    """Measured modes of the untouched surface, on its mounts and with its actuators, in rising order.
 
     frequency_hz, damping_ratio (mode,): |p| / 2 pi and -Re p / |p| of the pole p; a damping that is not known is NaN.
     frequency_error, damping_error (mode,): relative standard deviations. place_m (place,) and shape (mode, place):
@@ -57,10 +58,10 @@ class Modes:
     damping_ratio: Array
     frequency_error: Array
     damping_error: Array
-    place_m: Array
+    place_m: Points
     shape: Complex
     sensor_mass_kg: float
-    sensor_m: float
+    sensor_m: complex
     is_simulated: bool
 
     def __len__(self) -> int:
@@ -83,8 +84,10 @@ def parse_modes(text: str, device: Device, sensor_mass_kg: float, source: str) -
     sheet = read_sheet(text, source, _EXAMPLE)
     titles = [_usual_title(title) for title in sheet.titles]
     places = {match[0].removesuffix("(1)").strip(): match[1] for title in titles if (match := _SHAPE.fullmatch(title))}
-    known = _KNOWN | dict.fromkeys(places, "")
-    columns = read_columns(sheet._replace(titles=titles), known, lambda name: name not in _FILLED, device, source)
+    known = {each: unit for name, unit in _KNOWN.items() for each in place_columns(device, name)}
+    known |= dict.fromkeys(places, "")
+    filled = {each for name in _FILLED for each in place_columns(device, name)}
+    columns = read_columns(sheet._replace(titles=titles), known, lambda name: name not in filled, device, source)
     if "frequency" not in columns or not sheet.rows:
         raise MeasurementError(f"{source}: has no natural frequency; write rows below the header {_EXAMPLE}")
     hz, empty = columns["frequency"], np.full(len(sheet.rows), np.nan)
@@ -94,15 +97,17 @@ def parse_modes(text: str, device: Device, sensor_mass_kg: float, source: str) -
     damping = columns.get("damping ratio", columns.get("loss factor", empty) / 2)
     if given == ["Q"]:
         damping = 1 / (2 * np.maximum(columns["Q"], 1e-9))  # what is not above 0 is refused as a damping
-    mass_kg, sensor_m = columns.get("sensor mass", np.array([sensor_mass_kg])), columns.get("sensor position", empty)
+    mass_kg = columns.get("sensor mass", np.array([sensor_mass_kg]))
+    own_m = join_places(columns, device, "sensor position", source)
+    sensor_m = empty if own_m is None else own_m
     for name, column in (("sensor mass", mass_kg), ("sensor position", sensor_m)):
         if not np.isnan(column[0]) and (column != column[0]).any():
-            raise MeasurementError(f"{source}: {name}: differs between rows; modes are of one bar with one sensor")
+            raise MeasurementError(f"{source}: {name}: differs between rows; modes are of one surface with one sensor")
     shape = np.array([columns[name] for name in places]).reshape(len(places), len(hz)).T
     with np.errstate(divide="ignore", invalid="ignore"):  # a frequency of 0 is refused below
         errors = (columns.get("frequency error", empty) / hz, columns.get("damping ratio error", empty) / damping)
     place_m = np.array([_place_m(text, device, source) for text in places.values()])
-    found = Modes(hz, damping, *errors, place_m, shape + 0j, float(mass_kg[0]), float(sensor_m[0]), sheet.is_simulated)
+    found = Modes(hz, damping, *errors, place_m, shape + 0j, float(mass_kg[0]), sensor_m[0].item(), sheet.is_simulated)
     return _checked(found, device, source, sheet.labels)
 
 
@@ -115,17 +120,17 @@ def _usual_title(title: str) -> str:
     return f"{name} {bracket}{unit}".strip() if has_unit else f"{name} (1)"
 
 
-def _place_m(text: str, device: Device, source: str) -> float:
+def _place_m(text: str, device: Device, source: str) -> complex:
     try:
-        share = read_quantity(text, "") * device.bar.length_m if text.endswith("%") else None
-        return read_quantity(text, "m") if share is None else share
+        return read_point_on(text, device.surface.corner_m, beside_too=True)
     except QuantityError as error:
         raise MeasurementError(f"{source}: column 'shape at {text}': {error}") from None
 
 
 def _checked(modes: Modes, device: Device, source: str, places: list[str]) -> Modes:
     """The modes with the usual errors where none are stated. Raises MeasurementError where a value is impossible."""
-    length_m, hz, damping = device.bar.length_m, modes.frequency_hz, modes.damping_ratio
+    corner_m, kind = device.surface.corner_m, device.surface.kind
+    hz, damping = modes.frequency_hz, modes.damping_ratio
     rules = (
         ("frequency", hz, "Hz", ~((hz > 0) & np.isfinite(hz)), "expected more than 0 Hz"),
         ("frequency", hz, "Hz", np.diff(hz, prepend=0.0) <= 0, "expected rising frequencies; leave repeated ones out"),
@@ -143,11 +148,10 @@ def _checked(modes: Modes, device: Device, source: str, places: list[str]) -> Mo
         if is_bad.any():
             row = int(np.argmax(is_bad))
             raise MeasurementError(f"{source}: {places[row]}: {name}: {value[row]:g} {unit}: {expected}")
-    for name, place_m in (("sensor position", [modes.sensor_m]), ("shape at", modes.place_m)):
-        for at_m in place_m:
-            if not (np.isnan(at_m) or 0 <= at_m <= length_m * (1 + 1e-9)):
-                text = f"expected 0 to {1e3 * length_m:g} mm, the bar's length"
-                raise MeasurementError(f"{source}: {name}: {1e3 * at_m:g} mm: {text}")
+    for name, place_m in (("sensor position", np.array([modes.sensor_m])), ("shape at", modes.place_m)):
+        for at_m in place_m[is_outside(place_m, corner_m)]:
+            text = f"expected 0 to {point_text(corner_m)}, the {kind}'s {'length' if kind == 'bar' else 'sides'}"
+            raise MeasurementError(f"{source}: {name}: {point_text(at_m)}: {text}")
     if not 0 <= modes.sensor_mass_kg <= MOST_KG:
         raise MeasurementError(f"{source}: sensor mass: {1e3 * modes.sensor_mass_kg:g} g: expected 0 to 1000 g")
     if modes.sensor_mass_kg and np.isnan(modes.sensor_m):
@@ -168,11 +172,11 @@ def _checked(modes: Modes, device: Device, source: str, places: list[str]) -> Mo
 def _read_universal(path: Path, device: Device, sensor_mass_kg: float) -> Modes:
     """Modes of dataset 55: frequency and damping ratio of normal modes, eigenvalues in rad/s of complex ones.
 
-    Shapes are the deflections across the bar, z, at nodes whose x is their place along the bar.
+    Shapes are the deflections in the direction of bending, z, at nodes whose x, and y on a plate, are their place.
     """
     from precompute.measurements.uff import read_sets
 
-    sets, place_m, _ = read_sets(path)
+    sets, place_m, _ = read_sets(path, device)
     found = [(f"dataset {n} (55)", part) for n, part in enumerate(sets, 1) if part["type"] == _SHAPES]
     rows = []
     for where, part in found:

@@ -1,20 +1,22 @@
 """Predicted accelerations of the rows of a measurement, and their derivatives by every fitted parameter.
 
-Sensor and finger are attached to the bar at each row's own places by a low-rank update: the bar is factorised once for
+Sensor and finger are attached to the surface at each row's own points by a low-rank update: fields are solved once for
 each frequency, wherever the sensor roves. The derivatives need no further solve: the dynamic stiffness D is symmetric,
 so the fields of unit forces at the attached points are the adjoint fields of the readings there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from base.arrays import Array, Complex, Integers
+from base.arrays import Array, Complex, Integers, Points
 from engine.device import Device, Finger
 from precompute.measurements.parameters import Parameter, with_values
 from precompute.measurements.types import Kind, Measurements
-from precompute.model.assembly import BANDWIDTH, BarPlant, add_actuators, assemble_bar
+from precompute.model.assembly import free_surface
+from precompute.model.plant import FreeSurface, Plant
 from precompute.model.response import solve_response
 from precompute.model.transfers import transfers_at
 
@@ -60,21 +62,21 @@ class _Loaded:
 class MeasurementModel:
     """Predicts the rows of `measurements` for `device` with any values of `parameters`.
 
-    The mesh is the one that tables are built on, without nodes at the sensor, so that a table fits what was measured.
+    The functions are those that tables are built on, without nodes at the sensor: a table fits what was measured.
     """
 
     def __init__(self, device: Device, measurements: Measurements, parameters: Sequence[Parameter]) -> None:
         self._device, self._parameters, self._kind = device, tuple(parameters), measurements.kind
-        bare = tuple(replace(a, stiffness_n_per_m=0.0, damping_n_s_per_m=0.0, mass_kg=0.0) for a in device.actuators)
-        self._free = assemble_bar(replace(device, actuators=bare))
+        self._free = free_surface(device)
         self._has_finger = ~np.isnan(measurements.finger_m)
-        attached_m = measurements.position_m[:, None]
+        attached_m: Any = measurements.position_m[:, None]
         if self._has_finger.any():
             finger_m = np.where(self._has_finger, measurements.finger_m, measurements.position_m)
             attached_m = np.stack([measurements.position_m, finger_m], axis=1)
         attached = attached_m.shape[1]
         if measurements.force_m is not None:
             attached_m = np.column_stack([attached_m, measurements.force_m])
+        self._place_m: Points
         self._place_m, place = np.unique(attached_m, return_inverse=True)
         places: Integers = place.reshape(len(attached_m), -1)
         self._place, self._forced = places[:, :attached], None if measurements.force_m is None else places[:, -1]
@@ -85,7 +87,7 @@ class MeasurementModel:
         """Prediction with the parameters at these values (parameter,), SI."""
         tones, count = self._tones, len(self._parameters)
         device = with_values(self._device, self._parameters, values)
-        plant = self._plant(device)
+        plant = self._free.plant(device)
         acceleration = np.empty(len(tones.row), dtype=np.complex128)
         slope = np.empty((len(tones.row), count), dtype=np.complex128)
         for start in range(0, len(tones.frequency_hz), _CHUNK):
@@ -95,13 +97,6 @@ class MeasurementModel:
             slope[chosen] = -(loaded.omega**2)[:, None] * self._slopes(plant, loaded, chosen)
         return self._combine(acceleration, slope)
 
-    def _plant(self, device: Device) -> BarPlant:
-        """The assembled bar: its stiffness is proportional to Young's modulus, its mass to the density."""
-        free, bar, was = self._free, device.bar, self._device.bar
-        K = free.K * (bar.youngs_modulus_pa / was.youngs_modulus_pa)
-        M = free.M * (bar.density_kg_per_m3 / was.density_kg_per_m3)
-        return add_actuators(device, free.node_m, K, M)
-
     def _sensor_kg(self, values: Array) -> Array:
         """Mass (row,) of the sensors; a fitted mass replaces every one that is not 0."""
         for parameter, value in zip(self._parameters, values, strict=True):
@@ -109,7 +104,7 @@ class MeasurementModel:
                 return np.where(self._sensor_mass_kg > 0, value, 0.0)
         return self._sensor_mass_kg
 
-    def _load(self, plant: BarPlant, values: Array, chosen: slice, first: int) -> _Loaded:
+    def _load(self, plant: Plant, values: Array, chosen: slice, first: int) -> _Loaded:
         """Solve the bar at up to _CHUNK frequencies from `first` and attach each tone's sensor and finger.
 
         With the receptance g of the two places, the dynamic stiffness Z attached there and the deflection u of the
@@ -150,52 +145,21 @@ class MeasurementModel:
             out[:, _FINGER] = np.where(self._has_finger[row], stiffness, 0.0)
         return out
 
-    def _slopes(self, plant: BarPlant, loaded: _Loaded, chosen: slice) -> Complex:
-        """Derivatives (tone, parameter) of the deflection at the sensor, q^T (dF/dp - dD/dp w).
+    def _slopes(self, plant: Plant, loaded: _Loaded, chosen: slice) -> Complex:
+        """Derivatives (tone, parameter) of the deflection at the sensor.
 
-        w is the field of the loaded bar, F the force of the actuators, and q the adjoint field: the field of a unit
-        force at the sensor, since D is symmetric (docs/theory.md, calibration).
+        The adjoint field is that of a unit force at the sensor, since D is symmetric (docs/theory.md, calibration).
         """
-        device, tones = plant.device, self._tones
-        jw = 1j * loaded.omega
-        drive, transfers = tones.drive[chosen], transfers_at(device.actuators, jw)
+        tones, jw = self._tones, (1j * loaded.omega).astype(np.complex128)
+        drive, transfers = tones.drive[chosen], transfers_at(plant.device.actuators, jw)
         if self._forced is not None:
             drive = np.zeros_like(drive)  # the bases of the actuators are still
         if transfers is not None:
             drive = drive * transfers
-        at, field = loaded.adjoint[:, plant.actuator_dof], loaded.field[:, plant.actuator_dof]
-        base_m = drive * np.array([actuator.full_scale_m for actuator in device.actuators])
-        stretch = at * (base_m - field)
-        k, c, m = np.array([(a.stiffness_n_per_m, a.damping_n_s_per_m, a.mass_kg) for a in device.actuators]).T
-        bent = -(loaded.adjoint * _times(self._free.K, loaded.field)).sum(axis=1) / self._device.bar.youngs_modulus_pa
-        moved = -(loaded.adjoint * _times(self._free.M, loaded.field)).sum(axis=1) / self._device.bar.density_kg_per_m3
-        E, rho = device.bar.youngs_modulus_pa, device.bar.density_kg_per_m3
-        sigma, eta = device.bar.mass_damping_per_s, device.bar.stiffness_damping_s
-        # damping_of "assembly": sigma and eta also damp the actuators' masses and springs.
-        damped = -jw[:, None] * at * field * (device.bar.damping_of == "assembly")
-        row, push = tones.row[chosen], -loaded.at_place.prod(axis=-1)
-        sensor, finger = push[:, _SENSOR] * (self._sensor_mass_kg[row] > 0), push[:, -1] * self._has_finger[row]
-        single = {
-            ("bar", "youngs_modulus"): (1 + jw * eta) * bent,
-            ("bar", "density"): (jw**2 + jw * sigma) * moved,
-            ("bar", "mass_damping"): jw * rho * moved + damped @ m,
-            ("bar", "stiffness_damping"): jw * E * bent + damped @ k,
-            ("finger", "stiffness"): finger,
-            ("finger", "damping"): jw * finger,
-            ("finger", "mass"): jw**2 * finger,
-            ("sensor", "mass"): jw**2 * sensor,
-        }
-        own = {
-            "stiffness": stretch + eta * damped,
-            "damping": jw[:, None] * stretch,
-            "full_scale": at * (k + jw[:, None] * c) * drive,
-            "mass": -(jw**2)[:, None] * at * field + sigma * damped,
-        }
-        slopes = [
-            own[p.key][:, list(p.actuators)].sum(axis=1) if p.part == "actuator" else single[p.part, p.key]
-            for p in self._parameters
-        ]
-        return np.array(slopes, dtype=np.complex128).reshape(len(slopes), len(row)).T
+        row, squares = tones.row[chosen], loaded.at_place.prod(axis=-1)
+        sensor = squares[:, _SENSOR] * (self._sensor_mass_kg[row] > 0)
+        attached = sensor, squares[:, -1] * self._has_finger[row]
+        return force_slopes(self._free, plant, self._parameters, jw, (loaded.adjoint, loaded.field), attached, drive)
 
     def _combine(self, acceleration: Complex, slope: Complex) -> Prediction:
         """Sum the tones of each row: their peaks add (paper eq. (8)); a response has one tone."""
@@ -210,6 +174,56 @@ class MeasurementModel:
         return Prediction(np.log(peak).astype(np.complex128), (total / peak[:, None]).astype(np.complex128))
 
 
+def force_slopes(
+    free: FreeSurface,
+    plant: Plant,
+    parameters: Sequence[Parameter],
+    s_per_s: Complex,
+    fields: tuple[Complex, Complex],
+    attached: tuple[Complex, Complex],
+    drive: Complex,
+) -> Complex:
+    """Derivatives (row, parameter) of q^T (F - D w) at complex frequencies (row,) by the SI values of the parameters.
+
+    D is the dynamic stiffness of the plant, F the force of its actuators under base displacements `drive` (row,
+    actuator) in fractions of full scale. fields: q and w (row, degree of freedom); attached: products of their
+    deflections (row,) at the sensor and at the finger, 0 where none is.
+    """
+    (q, w), s, device, surface = fields, s_per_s, plant.device, plant.device.surface
+    kind, actuators = surface.kind, device.actuators
+    at, field = (plant.actuators.sample(each) for each in fields)
+    base_m = drive * np.array([actuator.full_scale_m for actuator in actuators])
+    stretch = at * (base_m - field)
+    k, c, m = np.array([(a.stiffness_n_per_m, a.damping_n_s_per_m, a.mass_kg) for a in actuators]).T
+    strain, moved = free.strain(device, q, w), -free.motion(device, q, w)
+    E, rho = surface.youngs_modulus_pa, surface.density_kg_per_m3
+    sigma, eta = surface.mass_damping_per_s, surface.stiffness_damping_s
+    # damping_of "assembly": sigma and eta also damp the actuators' masses and springs.
+    damped = -s[:, None] * at * field * (surface.damping_of == "assembly")
+    sensor, finger = -attached[0], -attached[1]
+    single = {
+        **{(kind, key): -(1 + s * eta) * value for key, value in strain.items()},
+        (kind, "density"): (s**2 + s * sigma) * moved,
+        (kind, "mass_damping"): s * rho * moved + damped @ m,
+        (kind, "stiffness_damping"): -s * E * strain["youngs_modulus"] + damped @ k,
+        ("finger", "stiffness"): finger,
+        ("finger", "damping"): s * finger,
+        ("finger", "mass"): s**2 * finger,
+        ("sensor", "mass"): s**2 * sensor,
+    }
+    own = {
+        "stiffness": stretch + eta * damped,
+        "damping": s[:, None] * stretch,
+        "full_scale": at * (k + s[:, None] * c) * drive,
+        "mass": -(s**2)[:, None] * at * field + sigma * damped,
+    }
+    slopes = [
+        own[p.key][:, list(p.actuators)].sum(axis=1) if p.part == "actuator" else single[p.part, p.key]
+        for p in parameters
+    ]
+    return np.array(slopes, dtype=np.complex128).reshape(len(slopes), len(s)).T
+
+
 def _split_tones(measurements: Measurements) -> _Tones:
     """Split rows into tones; actuators of one row at the same frequency form one tone, since their fields add."""
     hz = np.where(np.abs(measurements.amplitude) > 0, measurements.frequency_hz, np.nan)
@@ -217,13 +231,3 @@ def _split_tones(measurements: Measurements) -> _Tones:
     frequency, row = np.nonzero((hz[None] == every[:, None, None]).any(axis=2))
     drive = np.where(hz[row] == every[frequency][:, None], measurements.amplitude[row], 0)
     return _Tones(every, row, frequency, drive)
-
-
-def _times(band: Array, field: Complex) -> Complex:
-    """A symmetric matrix in upper band form times fields (..., degree of freedom)."""
-    out: Complex = band[-1] * field
-    for k in range(1, BANDWIDTH + 1):
-        diagonal = band[BANDWIDTH - k, k:]
-        out[..., :-k] += diagonal * field[..., k:]
-        out[..., k:] += diagonal * field[..., :-k]
-    return out

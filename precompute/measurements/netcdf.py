@@ -5,10 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Points
 from engine.device import Device
 from engine.device.quantity import QuantityError
-from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, read_column
+from precompute.measurements.columns import (
+    SIMULATED,
+    assemble_measurements,
+    column_names,
+    may_be_empty,
+    read_column,
+    split_places,
+)
 from precompute.measurements.netcdf_content import Content, Variable, read_content
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
@@ -59,12 +66,12 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
 
     row, each = ("measurement",), ("measurement", "actuator")
     columns: dict[str, tuple[tuple[str, ...], Array, str]] = {
-        "position": (row, measurements.position_m, "m"),
+        **_places(device, "position", measurements.position_m),
         "frequency": (each, measurements.frequency_hz, "Hz"),
         "amplitude": (each, np.abs(measurements.amplitude), "1"),
         "phase": (each, np.angle(measurements.amplitude), "rad"),
         "sensor_mass": (row, measurements.sensor_mass_kg, "kg"),
-        "finger_position": (row, measurements.finger_m, "m"),
+        **_places(device, "finger position", measurements.finger_m),
     }
     acceleration = measurements.acceleration
     if measurements.kind is Kind.PEAK:
@@ -83,6 +90,12 @@ def write_netcdf(path: Path, measurements: Measurements, device: Device, comment
         for name, (dimensions, values, unit) in columns.items():
             file.create_variable(name, dimensions, data=values).attrs["units"] = unit
     path.write_bytes(memory.getvalue())
+
+
+def _places(device: Device, name: str, place_m: Points) -> dict[str, tuple[tuple[str, ...], Array, str]]:
+    """Arrays of places by name, as they are written."""
+    split = split_places(device, name, place_m)
+    return {each.replace(" ", "_"): (("measurement",), part_m, "m") for each, part_m in split.items()}
 
 
 def _read_column(variable: Variable, column: str, unit: str, path: Path) -> tuple[str, Array]:

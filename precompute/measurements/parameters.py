@@ -27,8 +27,9 @@ class ParameterError(CalibrationError):
 class Quantity:
     """One number of a part of the device: its field, the paper's letter and the usual bounds of a fit.
 
-    The bounds are the device's value divided and multiplied by `factor`. A damping, which no data sheet states, lies
-    between 0 and `greatest`; from `knee` on it affects a bar of some grams at some 100 Hz.
+    The bounds are the device's value divided and multiplied by `factor`, and at most `greatest` where that is given.
+    A damping, which no data sheet states, lies between 0 and `greatest`; from `knee` on it affects a bar of some grams
+    at some 100 Hz.
     """
 
     field: str
@@ -38,12 +39,21 @@ class Quantity:
     knee: float = 0.0
 
 
+_MEASURED = "measure it; a fit says where another {} would explain the readings"
 _RULED = {
-    "bar.length": "measure it; a fit says where another length would explain the readings",
-    "bar.thickness": "bar.youngs_modulus and bar.density stand for it, since a bar's motion depends on E h^3 and rho h",
-    ".position": "measure it; a fit says where another place would explain the readings",
+    "bar.length": _MEASURED.format("length"),
+    "plate.length": _MEASURED.format("length"),
+    "plate.width": _MEASURED.format("width"),
+    ".thickness": "{0}.youngs_modulus and {0}.density stand for it, since the motion depends on E h^3 and rho h",
+    ".position": _MEASURED.format("place"),
 }
 """What to do about lengths, by what their names end in."""
+_SURFACE = {
+    "mass_damping": Quantity("mass_damping_per_s", "sigma", greatest=100.0, knee=0.3),
+    "stiffness_damping": Quantity("stiffness_damping_s", "eta", greatest=1e-2, knee=1e-6),
+    "youngs_modulus": Quantity("youngs_modulus_pa", "E", factor=1.5),
+    "density": Quantity("density_kg_per_m3", "rho", factor=1.5),
+}
 QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
     "actuator": {
         "stiffness": Quantity("stiffness_n_per_m", "k", factor=3.0),
@@ -51,12 +61,8 @@ QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
         "full_scale": Quantity("full_scale_m", "alpha", factor=10.0),
         "mass": Quantity("mass_kg", "m", factor=5.0),
     },
-    "bar": {
-        "mass_damping": Quantity("mass_damping_per_s", "sigma", greatest=100.0, knee=0.3),
-        "stiffness_damping": Quantity("stiffness_damping_s", "eta", greatest=1e-2, knee=1e-6),
-        "youngs_modulus": Quantity("youngs_modulus_pa", "E", factor=1.5),
-        "density": Quantity("density_kg_per_m3", "rho", factor=1.5),
-    },
+    "bar": _SURFACE,
+    "plate": {**_SURFACE, "poissons_ratio": Quantity("poissons_ratio", "nu", factor=2.0, greatest=0.5)},
     "finger": {
         "mass": Quantity("mass_kg", "m_finger", factor=30.0),
         "damping": Quantity("damping_n_s_per_m", "c_finger", factor=30.0),
@@ -123,12 +129,12 @@ class Parameter:
 
 
 def default_names(device: Device) -> tuple[str, ...]:
-    """The first fit of one's own bar: the paper's six and Young's modulus.
+    """The first fit of one's own surface: the paper's parameters and Young's modulus.
 
     An alloy's modulus is known to some per cent, and 1 % of it moves every mode by 0.5 %. With the density it
-    stands for the thickness too, since a beam's motion depends on E h^3 and rho h alone.
+    stands for the thickness too, since the motion depends on E h^3 and rho h alone.
     """
-    return (*paper_names(device), "bar.youngs_modulus")
+    return (*paper_names(device), f"{device.surface.kind}.youngs_modulus")
 
 
 def paper_names(device: Device) -> tuple[str, ...]:
@@ -138,8 +144,8 @@ def paper_names(device: Device) -> tuple[str, ...]:
         *own,
         *_shared(device, "damping"),
         *_shared(device, "full_scale"),
-        "bar.mass_damping",
-        "bar.stiffness_damping",
+        f"{device.surface.kind}.mass_damping",
+        f"{device.surface.kind}.stiffness_damping",
     )
 
 
@@ -212,7 +218,7 @@ def _parse(device: Device, name: str) -> tuple[str, tuple[int, ...], str]:
     if match is None or name not in known:
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-        hint = next((text for end, text in _RULED.items() if name.endswith(end)), hint)
+        hint = next((text.format(device.surface.kind) for end, text in _RULED.items() if name.endswith(end)), hint)
         raise ParameterError(f"{name!r}: cannot be fitted to {device.name}; {hint}")
     part, index, key = match.groups()
     if part != "actuator":
@@ -224,6 +230,8 @@ def known_names(device: Device) -> list[str]:
     """Every name that can be fitted to this device."""
     names: list[str] = []
     for part, keys in QUANTITIES.items():
+        if part in ("bar", "plate") and part != device.surface.kind:
+            continue
         prefixes = [part, *(f"{part}[{i}]" for i in range(1, len(device.actuators) + 1))] if part == "actuator" else []
         names += [f"{prefix}.{key}" for prefix in prefixes or [part] for key in keys]
     return names
@@ -234,20 +242,21 @@ def _usual_bounds(name: str, quantity: Quantity, start: float) -> Bounds:
         return 0.0, max(quantity.greatest, 10 * start)
     if start <= 0:
         raise ParameterError(f"{name}: is 0 in the description, which says no range; give bounds for it")
-    return start / quantity.factor, start * quantity.factor
+    return start / quantity.factor, min(start * quantity.factor, quantity.greatest or math.inf)
 
 
 def _read(device: Device, part: str, key: str, actuators: tuple[int, ...]) -> float:
     field = QUANTITIES[part][key].field
     if part != "actuator":
-        return float(getattr(getattr(device, part), field))
+        return float(getattr(device.surface if part == device.surface.kind else getattr(device, part), field))
     values = [float(getattr(device.actuators[i], field)) for i in actuators]
     return math.prod(values) ** (1 / len(values)) if min(values) > 0 else 0.0
 
 
 def with_values(device: Device, parameters: Sequence[Parameter], values: Array) -> Device:
     """The device with these values (parameter,) in SI; the mass of a sensor is no part of it and is ignored."""
-    parts: dict[str, dict[str, Any]] = {"bar": {}, "finger": {}}
+    kind = device.surface.kind
+    parts: dict[str, dict[str, Any]] = {kind: {}, "finger": {}}
     actuators: list[dict[str, Any]] = [{} for _ in device.actuators]
     for parameter, value in zip(parameters, values.tolist(), strict=True):
         field = parameter.quantity.field
@@ -257,7 +266,7 @@ def with_values(device: Device, parameters: Sequence[Parameter], values: Array) 
             parts[parameter.part][field] = value
     return replace(
         device,
-        surface=replace(device.bar, **parts["bar"]),
+        surface=replace(device.surface, **parts[kind]),
         finger=replace(device.finger, **parts["finger"]),
         actuators=tuple(replace(a, **changes) for a, changes in zip(device.actuators, actuators, strict=True)),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from base.arrays import Array, Complex
+from base.points import parts_of
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
@@ -60,8 +61,9 @@ def write_modes(modes: Array, measurements: Measurements, source: str) -> str:
     simulated = f"{SIMULATED}, " if measurements.is_simulated else ""
     comment = f"# {simulated}picked from {Path(source).name}; errors are ESTIMATES"
     header = "frequency (Hz),damping ratio (%),frequency error (Hz),damping ratio error (%)"
-    header += ",sensor mass (g),sensor position (mm)"
-    where = 1e3 * np.array([measurements.sensor_mass_kg[0], measurements.position_m[0]])
+    place_m = parts_of(measurements.position_m[0])
+    header += "".join([",sensor mass (g),sensor position (mm)", ",sensor position across (mm)"][: len(place_m)])
+    where = 1e3 * np.array([measurements.sensor_mass_kg[0], *place_m])
     rows = [",".join(f"{value:.8g}" for value in (*row, *where)) for row in modes * [1, 100, 1, 100]]
     return "\n".join([comment, header, *rows, ""])
 
@@ -72,7 +74,7 @@ def _split(measurements: Measurements, source: str) -> list[tuple[Array, Complex
     if measurements.kind is not Kind.RESPONSE or (moving.sum(axis=1) > 1).any():
         raise MeasurementError(f"{source}: modes are picked from complex responses, one actuator moving in each")
     if (~np.isnan(measurements.finger_m)).any():
-        raise MeasurementError(f"{source}: has a finger on the bar; modes are those of the untouched bar")
+        raise MeasurementError(f"{source}: has a finger on it; modes are those of the untouched surface")
     places = np.unique(measurements.position_m)
     if measurements.sensor_mass_kg.any() and len(places) > 1:
         raise MeasurementError(

@@ -3,10 +3,12 @@
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from base.arrays import Array, Complex, Integers
+from base.arrays import Array, Complex, Integers, Points
+from base.points import point_text
 from engine.device import Device
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
@@ -21,14 +23,14 @@ from precompute.measurements.types import (
 from precompute.model.response import blocked_force
 
 FEWEST_PLACES = 4
-"""Places that a cubic spline needs."""
+"""Places that a cubic spline needs; a plate that moves as a whole is told by three."""
 _SAME_HZ, _SAME_M = 1e-6, 1e-6
 _SLACK = 1e-9
 
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Acceleration of the untouched bar without the sensor's mass, one actuator at full scale and the others still.
+    """Acceleration of the untouched surface without the sensor's mass, one actuator at full scale and the others still.
 
     frequency_hz (frequency,), position_m (place,), rising; acceleration (frequency, actuator, place), m/s^2, complex.
     name: of the file; sha256: of its bytes. is_per_newton: the file is, and the model's blocked forces made it of full
@@ -36,7 +38,7 @@ class MeasuredResponses:
     """
 
     frequency_hz: Array
-    position_m: Array
+    position_m: Points
     acceleration: Complex
     name: str
     sha256: str
@@ -53,7 +55,7 @@ def read_responses(
     Raises MeasurementError where one is missing; OSError if the file does not exist.
     """
     measurements = read_measurements(path, device, sensor_mass_kg)
-    _check_kind(measurements, str(path))
+    _check_kind(measurements, device, str(path))
     measurements = replace(measurements, acceleration=_unloaded(device, measurements))
     if (measurements.force_m is not None) is not scales_forces:
         remedy = (
@@ -87,11 +89,11 @@ def read_responses(
     return responses
 
 
-def _check_kind(measurements: Measurements, source: str) -> None:
+def _check_kind(measurements: Measurements, device: Device, source: str) -> None:
     if measurements.kind is not Kind.RESPONSE:
         raise MeasurementError(f"{source}: has peak accelerations; a table needs complex responses")
     if (~np.isnan(measurements.finger_m)).any():
-        raise MeasurementError(f"{source}: has a finger on the bar; a table needs the untouched bar")
+        raise MeasurementError(f"{source}: has a finger on it; a table needs the untouched {device.surface.kind}")
     moving = (np.abs(measurements.amplitude) > 0).sum(axis=1)
     if (moving > 1).any():
         text = measurements.drive_text(int((moving > 1).argmax()))
@@ -101,18 +103,19 @@ def _check_kind(measurements: Measurements, source: str) -> None:
 def _scaled_by_forces(device: Device, measurements: Measurements, source: str) -> Measurements:
     """Responses to the actuators at full scale from those per newton to forces at their places.
 
-    A force at the place of an actuator moves the bar on its mounts as the actuator does, whose force is that on a bar
-    that is held. A hammer that roves while the sensor stays at an actuator reads the same: receptances are symmetric.
+    A force at the place of an actuator moves the surface on its mounts as the actuator does, whose force is that on
+    one that is held. A hammer that roves while the sensor stays at an actuator reads the same: receptances are
+    symmetric.
     """
     force_m, sensor_m = np.asarray(measurements.force_m), measurements.position_m
     base_m = np.array([actuator.position_m for actuator in device.actuators])
     is_off = [
-        abs(each_m - base_m[nearest_actuator(device, each_m)]) > AT_ACTUATOR * device.bar.length_m
+        abs(each_m - base_m[nearest_actuator(device, each_m)]) > AT_ACTUATOR * device.surface.length_m
         for each_m in (force_m, sensor_m)
     ]
     if is_off[0].any() and is_off[1].any():
         raise MeasurementError(
-            f"{source}: force at {1e3 * force_m[int(is_off[0].argmax())]:.4g} mm: is where no actuator is; they are "
+            f"{source}: force at {point_text(force_m[int(is_off[0].argmax())], 4)}: is where no actuator is; they are "
             f"{text_of_places(device)}. A table needs all forces there, or all sensors; calibrate fits a device to any"
         )
     if is_off[0].any():
@@ -142,7 +145,7 @@ def _unloaded(device: Device, measurements: Measurements) -> Complex:
     return unloaded
 
 
-def _axis(values: Array, same: float) -> tuple[Array, Integers]:
+def _axis(values: Any, same: float) -> tuple[Any, Integers]:
     """Distinct rising values, and the index of each value among them; values closer than `same` are equal."""
     rounded, index = np.unique(np.round(values / same), return_inverse=True)
     return rounded * same, index
@@ -154,7 +157,7 @@ def _check_complete(responses: MeasuredResponses, device: Device, source: str) -
     if len(missing):
         f, i, p = missing[0].tolist()
         raise MeasurementError(
-            f"{source}: {device.actuators[i].name} at {hz[f]:g} Hz and {1e3 * place_m[p]:g} mm is missing, "
+            f"{source}: {device.actuators[i].name} at {hz[f]:g} Hz and {point_text(place_m[p])} is missing, "
             f"the first of {len(missing)}; measure every actuator at every frequency and place"
         )
     if len(place_m) < FEWEST_PLACES:

@@ -15,7 +15,7 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_number
-from precompute.measurements.columns import SIMULATED, read_column
+from precompute.measurements.columns import SIMULATED, read_column, side_of
 from precompute.measurements.types import MeasurementError
 
 MOST_ROWS = 100_000
@@ -129,8 +129,8 @@ def read_title(title: str, known: Mapping[str, str], device: Device, where: str)
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
         raise MeasurementError(f"{where}: unknown column; {hint}")
-    if name.endswith("position") and unit == "%":
-        return name, device.bar.length_m / 100
+    if "position" in name and unit == "%":
+        return name, side_of(device, name) / 100
     try:
         return read_column(name, unit, known[name])
     except QuantityError as error:

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Points
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, Measurements
 
 POINTS = 22
 """Measured points along the bar, as in the paper."""
-_FIRST, _LAST = 0.02, 0.98  # fractions of the bar: the middle of a sensor cannot be at the bar's end
+_FIRST, _LAST = 0.02, 0.98  # fractions of each side: the middle of a sensor cannot be at the edge
 _WRONG = 3.0  # a wrong range of the sensor; four standard deviations (OUTLIER) at 27 % noise
 
 
@@ -23,9 +23,16 @@ class Flaws:
     wrong: float = 0.0
 
 
-def even_places(device: Device, points: int = POINTS) -> Array:
-    """Positions (point,) in metres, evenly along the part of the bar that the middle of a sensor reaches."""
-    return np.linspace(_FIRST, _LAST, points) * device.bar.length_m
+def even_places(device: Device, points: int = POINTS) -> Points:
+    """Points (point,), evenly over the part of the surface that the middle of a sensor reaches.
+
+    On a plate they are rows and columns, about as far apart; at most `points` of them.
+    """
+    corner_m = device.surface.corner_m
+    rows = max(1, round((points * corner_m.imag / corner_m.real) ** 0.5))
+    x_m = np.linspace(_FIRST, _LAST, points // rows) * corner_m.real
+    y_m = np.linspace(_FIRST, _LAST, rows) * corner_m.imag
+    return (x_m + 1j * y_m[:, None]).ravel() if isinstance(corner_m, complex) else x_m
 
 
 def simulate_measurements(device: Device, layout: Measurements, flaws: Flaws, seed: int) -> Measurements:

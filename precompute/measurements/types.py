@@ -1,4 +1,4 @@
-"""Measured accelerations of a bar: what was driven, where and with what sensor it was measured, what was read."""
+"""Measured accelerations of a surface: what was driven, where and with what sensor it was measured, what was read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from base.arrays import Array, Complex, Integers, Mask
+from base.arrays import Array, Complex, Integers, Mask, Points
 from base.errors import TactableError
+from base.points import point_text
 from engine.device import Device
 
 Rows = Mask | Integers
@@ -27,7 +28,7 @@ MOST_M_S2 = 1e6
 MOST_KG = 1.0
 """Limit of the mass of a sensor."""
 AT_ACTUATOR = 0.01
-"""Of the bar: how far a place may be from the actuator that it stands for."""
+"""Of the length of the surface: how far a place may be from the actuator that it stands for."""
 
 
 class Kind(Enum):
@@ -41,24 +42,24 @@ class Kind(Enum):
 class Measurements:
     """A column for each quantity, a row for each acceleration that was read.
 
-    position_m (row,): of the sensor, from the bar's start. frequency_hz (row, actuator): NaN where the actuator is
+    position_m (row,): point of the sensor, complex on a plate. frequency_hz (row, actuator): NaN where the actuator is
     still. amplitude (row, actuator): complex, fractions of full scale. sensor_mass_kg (row,): mass of the sensor.
-    finger_m (row,): position of a finger on the bar, NaN for none. acceleration (row,): m/s^2; a peak is real.
+    finger_m (row,): point of a finger, NaN for none. acceleration (row,): m/s^2; a peak is real.
 
     force_m (row,): place of the force where the rows are responses per newton, None where actuators moved. Then the
     acceleration is that under 1 N, the actuators are still, and the frequency stands at the one next to the force.
     """
 
     kind: Kind
-    position_m: Array
+    position_m: Points
     frequency_hz: Array
     amplitude: Complex
     sensor_mass_kg: Array
-    finger_m: Array
+    finger_m: Points
     acceleration: Complex
     is_simulated: bool
     """Whether the file marks the readings as SIMULATED."""
-    force_m: Array | None = None
+    force_m: Points | None = None
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -79,7 +80,7 @@ class Measurements:
         A force at another place is another drive.
         """
         parts = [np.nan_to_num(self.frequency_hz), self.amplitude.real, self.amplitude.imag]
-        parts += [] if self.force_m is None else [self.force_m[:, None]]
+        parts += [] if self.force_m is None else [self.force_m.real[:, None], self.force_m.imag[:, None]]
         _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
@@ -94,23 +95,24 @@ class Measurements:
     def drive_text(self, row: int) -> str:
         """The drive of a row in words, such as "150 Hz and 130 Hz" or "150 Hz at 60 % and still"."""
         if self.force_m is not None:
-            return f"{np.nanmax(self.frequency_hz[row]):g} Hz, 1 N at {1e3 * self.force_m[row]:.4g} mm"
+            return f"{np.nanmax(self.frequency_hz[row]):g} Hz, 1 N at {point_text(self.force_m[row], 4)}"
         return " and ".join(
             "still" if amplitude == 0 else f"{hz:g} Hz" + ("" if amplitude == 1 else f" at {100 * amplitude:.3g} %")
             for hz, amplitude in zip(self.frequency_hz[row], np.abs(self.amplitude[row]), strict=True)
         )
 
 
-def lay_out(frequency_hz: Array, position_m: Array, sensor_mass_kg: float, kind: Kind = Kind.PEAK) -> Measurements:
+def lay_out(frequency_hz: Array, position_m: Points, sensor_mass_kg: float, kind: Kind = Kind.PEAK) -> Measurements:
     """Rows for every drive (drive, actuator) at every place (point,), measured with one roving sensor.
 
     A frequency of NaN means still, every other actuator moves at full scale. The accelerations are still to be read: 1.
     """
     each_hz = np.repeat(np.asarray(frequency_hz, dtype=np.float64), len(position_m), axis=0)
+    each_m: Any = np.tile(position_m, len(frequency_hz))
     rows = len(each_hz)
     return Measurements(
         kind=kind,
-        position_m=np.tile(position_m, len(frequency_hz)),
+        position_m=each_m,
         frequency_hz=each_hz,
         amplitude=np.where(np.isnan(each_hz), 0, 1).astype(np.complex128),
         sensor_mass_kg=np.full(rows, sensor_mass_kg),
@@ -129,16 +131,22 @@ def check_measurements(
     """
     if not len(measurements):
         raise MeasurementError(f"{source}: has no measurement; give at least one acceleration")
-    length_m = device.bar.length_m
+    corner_m, kind = device.surface.corner_m, device.surface.kind
     hz, amplitude, read = measurements.frequency_hz, np.abs(measurements.amplitude), measurements.acceleration
     size = read.real if measurements.kind is Kind.PEAK else np.abs(read)
     mass_kg = measurements.sensor_mass_kg
     force_m = np.full(len(hz), np.nan) if measurements.force_m is None else measurements.force_m
-    on_the_bar = f"expected 0 to {1e3 * length_m:g} mm, the bar's length"
+    places: tuple[tuple[str, Points], ...] = (
+        ("position", measurements.position_m),
+        ("finger position", measurements.finger_m),
+        ("force position", force_m),
+    )
+    for name, place_m in places:
+        if (outside := is_outside(place_m, corner_m)).any():
+            row = int(np.argmax(outside))
+            on_it = f"expected 0 to {point_text(corner_m)}, the {kind}'s {'length' if kind == 'bar' else 'sides'}"
+            raise MeasurementError(f"{source}: {place(row)}: {name}: {point_text(place_m[row])}: {on_it}")
     rules = (
-        ("position", 1e3 * measurements.position_m, "mm", _outside(measurements.position_m, length_m), on_the_bar),
-        ("finger position", 1e3 * measurements.finger_m, "mm", _outside(measurements.finger_m, length_m), on_the_bar),
-        ("force position", 1e3 * force_m, "mm", _outside(force_m, length_m), on_the_bar),
         ("frequency", hz, "Hz", ((amplitude > 0) & ~((hz > 0) & np.isfinite(hz))), "expected more than 0 Hz"),
         ("amplitude", 100 * amplitude, "%", ~(amplitude <= 1 + 1e-9), "expected at most 100 % of full scale"),
         ("amplitude", 100 * amplitude, "%", np.all(amplitude == 0, axis=1), "no actuator moves; leave the row out"),
@@ -164,7 +172,7 @@ def check_measurements(
     return measurements
 
 
-def nearest_actuator(device: Device, position_m: Array) -> Integers:
+def nearest_actuator(device: Device, position_m: Points) -> Integers:
     """Index (place,) of the actuator that is nearest to each position (place,) in metres."""
     base_m = np.array([actuator.position_m for actuator in device.actuators])
     nearest: Integers = np.abs(position_m[:, None] - base_m).argmin(axis=1)
@@ -173,8 +181,12 @@ def nearest_actuator(device: Device, position_m: Array) -> Integers:
 
 def text_of_places(device: Device) -> str:
     """The actuators and their places in words, such as "left 45 mm, right 273 mm"."""
-    return ", ".join(f"{actuator.name} {1e3 * actuator.position_m:g} mm" for actuator in device.actuators)
+    return ", ".join(f"{actuator.name} {point_text(actuator.position_m)}" for actuator in device.actuators)
 
 
-def _outside(position_m: Array, length_m: float) -> Mask:
-    return (position_m < 0) | (position_m > length_m * (1 + 1e-9))
+def is_outside(position_m: Points, corner_m: complex) -> Mask:
+    """Whether each point (point,) lies beyond the edges of the surface that reaches from 0 to `corner_m`."""
+    sides = (position_m.real, corner_m.real), (position_m.imag, corner_m.imag)
+    along, across = ((part < 0) | (part > side * (1 + 1e-9)) for part, side in sides)
+    outside: Mask = along | across
+    return outside

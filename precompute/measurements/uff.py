@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyuff
 
+from base.points import point_text
 from engine.device import Device
 from engine.device.quantity import QuantityError
 from precompute.measurements.columns import SIMULATED, unit_scale
@@ -38,10 +39,10 @@ _LONGEST_LINE = 80  # of an ID line of dataset 58
 def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     """Read a row from every line of every response: the acceleration for one actuator at full scale, or for 1 N.
 
-    The x of a node is its place along the bar. The reference node is the place of the force, or lies at an actuator.
-    What a file declares is read, or refused by its name. Raises MeasurementError.
+    The x of a node is its place along the surface, its y that across a plate. The reference node is the place of the
+    force, or lies at an actuator. What a file declares is read, or refused by its name. Raises MeasurementError.
     """
-    sets, place_m, units = read_sets(path)
+    sets, place_m, units = read_sets(path, device)
     responses = [(number, part) for number, part in enumerate(sets, 1) if part["type"] == _RESPONSES]
     if not responses:
         modes = "; give --modes to fit its modes" if any(part["type"] == 55 for part in sets) else ""
@@ -77,7 +78,7 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     )
 
 
-def read_sets(path: Path) -> tuple[Sequence[Mapping[str, Any]], dict[int, float], tuple[float, float]]:
+def read_sets(path: Path, device: Device) -> tuple[Sequence[Mapping[str, Any]], dict[int, Any], tuple[float, float]]:
     """Datasets of a universal file, the place in metres of every node, and its units of length and force in SI.
 
     Raises MeasurementError.
@@ -91,7 +92,8 @@ def read_sets(path: Path) -> tuple[Sequence[Mapping[str, Any]], dict[int, float]
         raise MeasurementError(f"{path}: cannot be read as a universal file: {cause}") from error
     units = next((part for part in sets if part["type"] == _UNITS), None)
     unit_m, unit_n = (1.0 if units is None else _unit_of(units, key, path) for key in ("length", "force"))
-    place_m = {number: unit_m * place for number, place in _read_nodes(sets, path).items()}
+    nodes = _read_nodes(sets, path, is_plate=isinstance(device.surface.corner_m, complex))
+    place_m = {number: unit_m * place for number, place in nodes.items()}
     return sets, place_m, (unit_m, unit_n)
 
 
@@ -116,7 +118,7 @@ def write_uff(path: Path, measurements: Measurements, device: Device, comment: s
     units = {"type": _UNITS, "units_code": _SI_UNITS, "units_description": "SI", "temp_mode": 1}
     factors = dict.fromkeys(("length", "force", "temp"), 1.0) | {"temp_offset": 273.15}
     nodes = {"type": 15, "node_nums": number, "def_cs": none + 1, "disp_cs": none + 1, "color": none + 1}
-    sets: list[dict[str, Any]] = [units | factors, nodes | {"x": node_m, "y": none, "z": none}]
+    sets: list[dict[str, Any]] = [units | factors, nodes | {"x": node_m.real, "y": node_m.imag, "z": none}]
     words = comment if not measurements.is_simulated or SIMULATED in comment else f"{SIMULATED}: {comment}"
     text = " ".join(words.split())[:_LONGEST_LINE]
     for actuator in np.unique(which).tolist():
@@ -157,30 +159,31 @@ def _unit_of(part: Mapping[str, Any], key: str, path: Path) -> float:
     return 1 / factor
 
 
-def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path) -> dict[int, float]:
-    """Place along the bar in the file's unit, by node number."""
-    places: dict[int, float] = {}
+def _read_nodes(sets: Sequence[Mapping[str, Any]], path: Path, *, is_plate: bool) -> dict[int, complex]:
+    """Place along the bar, or point of the plate, in the file's unit, by node number."""
+    places: dict[int, complex] = {}
     for number, part in enumerate(sets, 1):
         if part["type"] in _NODES:
             numbers, x = np.atleast_1d(part["node_nums"]), np.atleast_1d(part["x"])
+            x = x + 1j * np.atleast_1d(part["y"]) if is_plate else x
             if len(numbers) != len(x) or not (np.isfinite(numbers).all() and np.isfinite(x).all()):
                 raise MeasurementError(f"{path}: dataset {number}: expected a number and a place of each node")
-            places |= {int(number): float(place) for number, place in zip(numbers, x, strict=True)}
+            places |= dict(zip(numbers.astype(int).tolist(), x.tolist(), strict=True))
     return places
 
 
 class _Row(NamedTuple):
     """A response: places of sensor and reference in metres, frequencies in Hz (line,), m/s^2 or m/s^2/N (line,)."""
 
-    position_m: float
-    reference_m: float
+    position_m: complex
+    reference_m: complex
     frequency_hz: Any
     acceleration: Any
     is_per_newton: bool
 
 
 def _read_response(
-    part: Mapping[str, Any], place_m: Mapping[int, float], units: tuple[float, float], device: Device, where: str
+    part: Mapping[str, Any], place_m: Mapping[int, complex], units: tuple[float, float], device: Device, where: str
 ) -> _Row:
     """The response of a dataset 58; `units` of length and force are those of the file, in SI."""
     expected = (
@@ -200,8 +203,8 @@ def _read_response(
         scale *= -1.0 if int(part.get(key) or _UNSAID) == -_ACROSS else 1.0
     base_m = place_m[int(part["ref_node"])]
     off_m = min(abs(actuator.position_m - base_m) for actuator in device.actuators)
-    if not unit.is_per_newton and off_m > AT_ACTUATOR * device.bar.length_m:
-        text = f"{1e3 * base_m:g} mm: is where no actuator is; they are {text_of_places(device)}"
+    if not unit.is_per_newton and off_m > AT_ACTUATOR * device.surface.length_m:
+        text = f"{point_text(base_m)}: is where no actuator is; they are {text_of_places(device)}"
         raise MeasurementError(f"{where}: ref_node: {text}")
     count = int(part["num_pts"])  # the last line may be filled up with zeros
     hz = _unit(part, "abscissa_axis_units_lab", "Hz", 1.0, where) * np.asarray(part["x"], dtype=np.float64)[:count]
@@ -213,13 +216,13 @@ def _read_response(
 
 
 def _check_kind(part: Mapping[str, Any], where: str) -> None:
-    """Refuse a dataset that is no complex response across the bar."""
+    """Refuse a dataset that is no complex response in the direction of bending."""
     if int(part["ord_data_type"]) not in _COMPLEX:
         text = "a response is complex, 5 or 6; magnitudes alone have no phase"
         raise MeasurementError(f"{where}: ord_data_type: {part['ord_data_type']}: {text}")
     for key in ("rsp_dir", "ref_dir"):
         if abs(direction := int(part.get(key) or _UNSAID)) not in (_ACROSS, _UNSAID):
-            text = "expected 3 or -3, across the bar (z), where bending is"
+            text = "expected 3 or -3, across the surface (z), where bending is"
             raise MeasurementError(f"{where}: {key}: {direction}: {text}")
 
 

@@ -10,16 +10,20 @@ from typing import NamedTuple
 import numpy as np
 
 from base.arrays import Array
+from base.points import point_text
 from engine.device import Device
-from precompute.measurements.columns import column_names
+from engine.device.quantity import QuantityError, read_point_on
+from precompute.measurements.columns import column_names, split_places
 from precompute.measurements.response_unit import QUANTITIES
 from precompute.measurements.sheet import Sheet, read_numbers, read_title, split_title
 from precompute.measurements.types import MeasurementError
 
 FREQUENCY = re.compile(r"f|freq\.?|frequency|frequenz|fréquence|frequence", re.IGNORECASE)
-PLACE = re.compile(r"((?:(?<![^\s_])[-+]|(?<![^\W_])(?<![.,]))\d+(?:[.,]\d+)?) ?(mm|cm|m|%)(?![^\W_])(?![/^])")
+_NUMBER = r"\d+(?:[.,]\d+)?"
+PLACE = re.compile(
+    rf"((?:(?<![^\s_])[-+]|(?<![^\W_])(?<![.,])){_NUMBER}(?: ?[x×] ?{_NUMBER})? ?(?:mm|cm|m|%))(?![^\W_])(?![/^])"  # noqa: RUF001
+)
 _OF_A_FREQUENCY = re.compile(r"(?<![\w.,])\d+(?:[.,]\d+)? ?k?Hz(?!\w)")
-_UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _PARTS = {
     **dict.fromkeys(("real", "re"), "real"),
     **dict.fromkeys(("imaginary", "imag", "im"), "imaginary"),
@@ -34,7 +38,7 @@ class _Heading(NamedTuple):
     """What a column holds: `name` as in a plain table, None for complex cells of `quantity`."""
 
     actuator: int
-    place_m: float
+    place_m: complex
     quantity: str
     name: str | None
 
@@ -57,7 +61,7 @@ def read_wide(sheet: Sheet, device: Device, source: str) -> tuple[dict[str, Arra
             f"{source}: is a wide table: expected one column of the frequencies, but {what}; {_example(device)}"
         )
     hz, own = _frequencies(sheet, axes[0], device, source)
-    groups: dict[tuple[int, float], dict[str, Array]] = {}
+    groups: dict[tuple[int, complex], dict[str, Array]] = {}
     for i in wide:
         where = f"{source}: column {i + 1}: {sheet.titles[i]!r}"
         heading = _read_heading(names[i], device, own, where)
@@ -75,7 +79,7 @@ def read_wide(sheet: Sheet, device: Device, source: str) -> tuple[dict[str, Arra
 
 
 def _stacked(
-    groups: dict[tuple[int, float], dict[str, Array]],
+    groups: dict[tuple[int, complex], dict[str, Array]],
     hz: Array,
     others: dict[str, Array],
     sheet: Sheet,
@@ -87,10 +91,10 @@ def _stacked(
     rows: dict[str, list[Array]] = {}
     labels = list[str]()
     for (which, place_m), values in groups.items():
-        what = f"{device.actuators[which].name} at {1e3 * place_m:.4g} mm"
+        what = f"{device.actuators[which].name} at {point_text(place_m, 4)}"
         if values.keys() != parts:
             mine, theirs = (" and ".join(sorted(each)) for each in (values, parts))
-            other = f"{device.actuators[first[0]].name} at {1e3 * first[1]:.4g} mm"
+            other = f"{device.actuators[first[0]].name} at {point_text(first[1], 4)}"
             raise MeasurementError(f"{source}: {what}: has {mine}, but {other} has {theirs}; give all the same")
         empty = [np.isnan(value) for value in values.values()]
         if any((each != empty[0]).any() for each in empty):
@@ -103,7 +107,8 @@ def _stacked(
             for name in (f"amplitude {actuator.name}", f"phase {actuator.name}"):
                 if name in own and i != which:
                     own[name] = np.full(len(hz), np.nan)
-        own |= {f"frequency {device.actuators[which].name}": hz, "position": np.full(len(hz), place_m)}
+        own |= {f"frequency {device.actuators[which].name}": hz}
+        own |= split_places(device, "position", np.full(len(hz), place_m))
         for name, value in (values | own).items():
             rows.setdefault(name, []).append(value[kept])
     return {name: np.concatenate(value) for name, value in rows.items()}, labels
@@ -125,8 +130,11 @@ def _read_heading(name: str, device: Device, own: int | None, where: str) -> _He
     place = PLACE.search(name)
     if place is None:
         raise MeasurementError(f"{where}: names no place; {_example(device)}")
-    value, unit = float(place[1].replace(",", ".")), place[2]
-    place_m = value / 100 * device.bar.length_m if unit == "%" else value * _UNIT_M[unit]
+    try:
+        # What is off the surface is refused with its row.
+        place_m = read_point_on(place[1].replace(",", "."), device.surface.corner_m, beside_too=True)
+    except QuantityError as error:
+        raise MeasurementError(f"{where}: {error}") from None
     rest = f"{name[: place.start()]} {name[place.end() :]}"
     for i in sorted(range(len(device.actuators)), key=lambda i: -len(device.actuators[i].name)):
         found = re.search(rf"(?<![^\W_]){re.escape(device.actuators[i].name)}(?![^\W_])", rest, re.IGNORECASE)

@@ -13,7 +13,7 @@ from base.arrays import Array, Complex, Points
 from engine.device import Device, Finger
 from engine.device.parts import Bar, DeviceError
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
-from precompute.model.plant import Plant, Sampler
+from precompute.model.plant import FreeSurface, KnownDrive, Plant, Sampler
 
 BANDWIDTH = 3
 """Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
@@ -30,6 +30,7 @@ class BarPlant(Plant):
     K: Array
     C: Array
     M: Array
+    known: KnownDrive | None = None
 
     @property
     def size(self) -> int:
@@ -88,9 +89,13 @@ class BarPlant(Plant):
             out[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += self.element_integral[e]
         return out
 
-    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "BarPlant":
-        """The plant with a grounded finger at each position, assembled into the matrices (docs/theory.md#fingers)."""
-        fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
+    @property
+    def bending(self) -> Array:
+        """K of a bar without its actuators (degree of freedom, degree of freedom)."""
+        return dense(self.K)
+
+    def _loaded(self, position_m: Sequence[complex], fingers: Sequence[Finger]) -> Self:
+        """The plant with these fingers at these points."""
         K, C, M = self.K.copy(), self.C.copy(), self.M.copy()
         sampler = self.sampler(np.asarray(position_m, dtype=np.float64))
         for dof, weight, one in zip(sampler.dof[:, 0].tolist(), sampler.weight, fingers, strict=True):
@@ -99,6 +104,19 @@ class BarPlant(Plant):
             _add(C, dof, one.damping_n_s_per_m * outer)
             _add(M, dof, one.mass_kg * outer)
         return replace(self, K=K, C=C, M=M)
+
+    def through(self, position_m: Points) -> Array:
+        """Deflections and slopes of natural splines through the points, straight beyond the outermost ones."""
+        from scipy.interpolate import CubicSpline  # only who has measured responses waits for its import
+
+        place_m = position_m.real
+        spline = CubicSpline(place_m, np.eye(len(place_m)), bc_type="natural")
+        inside_m = np.clip(self.node_m, place_m[0], place_m[-1])
+        slope = spline(inside_m, 1)
+        out = np.empty((self.size, len(place_m)))
+        out[0::2] = spline(inside_m) + (self.node_m - inside_m)[:, None] * slope
+        out[1::2] = slope
+        return out
 
     @property
     def resolution(self) -> dict[str, int | float]:
@@ -155,13 +173,17 @@ def assemble_bar(device: Device) -> BarPlant:
 
     Raises DeviceError where an actuator is inertial: its moving mass does not fit into the band.
     """
+    _check_grounded(device)
+    return add_actuators(device, *_free_bar(device))
+
+
+def _check_grounded(device: Device) -> None:
     for actuator in device.actuators:
         if actuator.is_inertial:
             raise DeviceError(
                 f"{device.name}: {actuator.name} is inertial; measurements and calibrations are of grounded actuators "
                 "only: take its values from its data sheet"
             )
-    return add_actuators(device, *_free_bar(device))
 
 
 def _free_bar(device: Device) -> tuple[Array, Array, Array]:
@@ -180,16 +202,44 @@ def _free_bar(device: Device) -> tuple[Array, Array, Array]:
 def assemble(device: Device) -> Plant:
     """The plant of the untouched surface of a device."""
     from precompute.model.modal_plant import assemble_modes
+    from precompute.model.plate import assemble_plate
 
-    if isinstance(device.surface, Bar):
-        if not any(actuator.is_inertial for actuator in device.actuators):
-            return assemble_bar(device)
-        node_m, K, M = _free_bar(device)
-        return assemble_modes(device, BarPlant(device, node_m, K, np.zeros_like(K), M), dense(K), dense(M))
-    from precompute.model.plate import Ritz, degrees_of, plate_matrices
+    if not isinstance(device.surface, Bar):
+        return assemble_plate(device)
+    if not any(actuator.is_inertial for actuator in device.actuators):
+        return assemble_bar(device)
+    node_m, K, M = _free_bar(device)
+    return assemble_modes(device, BarPlant(device, node_m, K, np.zeros_like(K), M), dense(K), dense(M))
 
-    ritz = Ritz.of(device.surface, degrees_of(device.surface, device.sweep.stop_hz))
-    return assemble_modes(device, ritz, *plate_matrices(device.surface, ritz))
+
+def free_surface(device: Device) -> FreeSurface:
+    """The surface of a device without its actuators. Raises DeviceError for a bar with an inertial one."""
+    from precompute.model.plate import FreePlate
+
+    return FreeBar(device) if isinstance(device.surface, Bar) else FreePlate(device)
+
+
+class FreeBar(FreeSurface):
+    """A bar without its actuators: K and M (upper bands) scale with Young's modulus and the density."""
+
+    def __init__(self, device: Device) -> None:
+        _check_grounded(device)
+        self._was, (self._node_m, self._K, self._M) = device.bar, _free_bar(device)
+
+    def plant(self, device: Device) -> BarPlant:
+        """The plant of a device whose bar has the same lengths."""
+        K = self._K * (device.bar.youngs_modulus_pa / self._was.youngs_modulus_pa)
+        M = self._M * (device.bar.density_kg_per_m3 / self._was.density_kg_per_m3)
+        return add_actuators(device, self._node_m, K, M)
+
+    def strain(self, device: Device, one: Complex, other: Complex) -> dict[str, Complex]:  # noqa: ARG002  # K scales
+        """Derivative of one^T K other (row,) by Young's modulus."""
+        return {"youngs_modulus": (one * _times(self._K, other)).sum(axis=1) / self._was.youngs_modulus_pa}
+
+    def motion(self, device: Device, one: Complex, other: Complex) -> Complex:  # noqa: ARG002  # M scales
+        """Derivative of one^T M other (row,) by the density."""
+        product: Complex = (one * _times(self._M, other)).sum(axis=1) / self._was.density_kg_per_m3
+        return product
 
 
 def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> BarPlant:
@@ -224,3 +274,13 @@ def _add(band: Array, first: int, block: Array) -> None:
     for row in range(4):
         for column in range(row, 4):
             band[BANDWIDTH + row - column, first + column] += block[row, column]
+
+
+def _times(band: Array, field: Complex) -> Complex:
+    """A symmetric matrix in upper band form times fields (..., degree of freedom)."""
+    out: Complex = band[-1] * field
+    for k in range(1, BANDWIDTH + 1):
+        diagonal = band[BANDWIDTH - k, k:]
+        out[..., :-k] += diagonal * field[..., k:]
+        out[..., k:] += diagonal * field[..., :-k]
+    return out

@@ -17,10 +17,12 @@ from threadpoolctl import threadpool_limits
 
 from base.arrays import Array, Complex, Points
 from engine.device import Device, Finger
-from precompute.model.plant import Plant, Sampler, moved_masses
+from precompute.model.plant import KnownDrive, Plant, Sampler, moved_masses
 
 _MOST_MODES = 150
 """Modes that stand for the plant. Those above, at about 10 kHz on a tablet, would be as stiff as 3 MN/m at a point."""
+_HELD = 100.0
+"""Stiffness of the springs at measured points, in that of the highest mode."""
 
 
 class Functions(Protocol):
@@ -31,6 +33,10 @@ class Functions(Protocol):
 
     def mean_products(self, start_m: complex, stop_m: complex) -> Array:
         """Integral of f_k f_l over a part of the surface: (function, function)."""
+
+    @property
+    def bending(self) -> Array:
+        """Strain energy of bending (function, function), but for a factor."""
 
     @property
     def resolution(self) -> dict[str, int | float]:
@@ -64,6 +70,7 @@ class ModalPlant(Plant):
     K: Array
     C: Array
     M: Array
+    known: KnownDrive | None = None
 
     @property
     def size(self) -> int:
@@ -90,9 +97,20 @@ class ModalPlant(Plant):
         """Sampler at points (point,) on the surface."""
         return _of_modes(self.functions.at(position_m) @ self.shape)
 
-    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "ModalPlant":
-        """The plant with a grounded finger at each point (docs/theory.md#fingers)."""
-        fingers = [finger] * len(position_m) if isinstance(finger, Finger) else list(finger)
+    def rebuilt(self, device: Device, K: Array, M: Array) -> Self:
+        """The plant of a device with other values, on the same modes: K and M (mode, mode) are of its surface alone."""
+        at = self.sampler(np.array([actuator.position_m for actuator in device.actuators])).weight
+        K, C, M = _with_actuators(device, at, self.moved, K, M)
+        return replace(self, device=device, K=K, C=C, M=M)
+
+    def through(self, position_m: Points) -> Array:
+        """The least bent fields through the points, which are held by stiff springs."""
+        rows, energy = self.sampler(position_m).weight, self.shape.T @ self.functions.bending @ self.shape
+        spring = _HELD * energy.diagonal().max() / (rows**2).mean()
+        return np.asarray(np.linalg.solve(energy + spring * rows.T @ rows, spring * rows.T), dtype=np.float64)
+
+    def _loaded(self, position_m: Sequence[complex], fingers: Sequence[Finger]) -> Self:
+        """The plant with these fingers at these points."""
         rows = self.sampler(np.array(position_m)).weight
         stiffness, damping, mass = (
             np.array([getattr(each, key) for each in fingers])
@@ -155,11 +173,24 @@ def assemble_modes(device: Device, functions: Functions, K: Array, M: Array) -> 
     M and K there are the surface's own, or with `damping_of` "assembly" the whole plant's. Sigma damps the masses of
     inertial actuators either way: they are attached to nothing but the surface.
     """
-    surface, actuators, own = device.surface, device.actuators, len(K)
+    actuators, own = device.actuators, len(K)
+    inertial = sum(actuator.is_inertial for actuator in actuators)
+    K, M = (np.pad(each, (0, inertial)) for each in (K, M))
+    at = np.pad(functions.at(np.array([actuator.position_m for actuator in actuators])), ((0, 0), (0, inertial)))
+    K, C, M = _with_actuators(device, at, np.eye(inertial, len(K), own), K, M)
+    last = min(_MOST_MODES, len(K)) - 1
+    square, shape = scipy.linalg.eigh(K, M, subset_by_index=(0, last))
+    square, C = np.diag(np.maximum(square, 0.0)), shape.T @ C @ shape
+    return ModalPlant(device, functions, shape[:own], shape[own:], square, C, np.eye(len(square)))
+
+
+def _with_actuators(device: Device, at: Array, moving: Array, K: Array, M: Array) -> tuple[Array, Array, Array]:
+    """K, C and M of a surface with its actuators.
+
+    at (actuator, function): deflections at the actuators; moving (inertial actuator, function): of moving masses.
+    """
+    surface, actuators = device.surface, device.actuators
     inertial = np.flatnonzero([actuator.is_inertial for actuator in actuators])
-    K, M = (np.pad(each, (0, len(inertial))) for each in (K, M))
-    at = np.pad(functions.at(np.array([actuator.position_m for actuator in actuators])), ((0, 0), (0, len(inertial))))
-    moving = np.eye(len(inertial), len(K), own)
     springs, masses = at.copy(), np.concatenate([at, moving])
     springs[inertial] -= moving
     stiffness, damping = np.array([(each.stiffness_n_per_m, each.damping_n_s_per_m) for each in actuators]).T
@@ -169,8 +200,4 @@ def assemble_modes(device: Device, functions: Functions, K: Array, M: Array) -> 
     of_surface = surface.mass_damping_per_s * (M + floating) + surface.stiffness_damping_s * K
     K, M = K + (springs.T * stiffness) @ springs, M + (masses.T * mass) @ masses
     of_both = surface.mass_damping_per_s * M + surface.stiffness_damping_s * K
-    C = (of_surface if surface.damping_of == "bar" else of_both) + (springs.T * damping) @ springs
-    last = min(_MOST_MODES, len(K)) - 1
-    square, shape = scipy.linalg.eigh(K, M, subset_by_index=(0, last))
-    square, C = np.diag(np.maximum(square, 0.0)), shape.T @ C @ shape
-    return ModalPlant(device, functions, shape[:own], shape[own:], square, C, np.eye(len(square)))
+    return K, (of_surface if surface.damping_of == "bar" else of_both) + (springs.T * damping) @ springs, M

@@ -6,15 +6,15 @@ no more.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, even_points
+from base.arrays import Array, Complex, Points, even_points
 from engine.device import Actuator, Device, Finger
 
 _ZONE_PLACES = {"bar": (1, 257), "plate": (17, 17)}
@@ -45,10 +45,18 @@ def moved_masses(actuators: Sequence[Actuator]) -> Array:
     return np.array([*(actuator.mass_kg for actuator in actuators), *moving])
 
 
+class KnownDrive(Protocol):
+    """What is known of a surface that moves as it was measured."""
+
+    def at(self, frequency_hz: Array) -> tuple[Array, Complex]:
+        """As `Plant.known_drive`."""
+
+
 class Plant(ABC):
     """The untouched surface with its actuators; with `with_fingers` also with fingers."""
 
     device: Device
+    known: KnownDrive | None
 
     @property
     @abstractmethod
@@ -68,10 +76,6 @@ class Plant(ABC):
     @abstractmethod
     def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
         """Sampler at points (point,) on the surface."""
-
-    @abstractmethod
-    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> "Plant":
-        """The plant with a grounded finger at each point, assembled into the matrices (docs/theory.md#fingers)."""
 
     @property
     @abstractmethod
@@ -109,14 +113,53 @@ class Plant(ABC):
         """Sampler at all `zone_places_m`, zone after zone."""
         return self.sampler(self.zone_places_m.ravel())
 
+    @abstractmethod
+    def through(self, position_m: Points) -> Array:
+        """Shape (degree of freedom, point): the least bent fields that are 1 at one of the points and 0 at the others.
+
+        On a bar they are natural cubic splines. Fields of a plate with more points than degrees of freedom come near.
+        """
+
     @property
     def is_measured(self) -> bool:
         """Whether the responses to the actuators were measured: `known_drive` has them."""
-        return False
+        return self.known is not None
 
-    def known_drive(self, frequency_hz: Array) -> tuple[Array, Complex] | None:  # noqa: ARG002  # a model has none
+    def known_drive(self, frequency_hz: Array) -> tuple[Array, Complex] | None:
         """Displacement of the untouched surface where it was measured: functions, and their share; else None.
 
         shape (degree of freedom, function); drive (function, actuator, frequency), metres at full scale.
         """
-        return None
+        return None if self.known is None else self.known.at(frequency_hz)
+
+    def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> Self:
+        """The plant with a grounded finger at each point, assembled into the matrices (docs/theory.md#fingers).
+
+        Raises ValueError where the surface was measured, which was without fingers: predict.performance adds them.
+        """
+        if self.is_measured:
+            raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")
+        return self._loaded(position_m, [finger] * len(position_m) if isinstance(finger, Finger) else list(finger))
+
+    @abstractmethod
+    def _loaded(self, position_m: Sequence[complex], fingers: Sequence[Finger]) -> Self:
+        """The plant with these fingers at these points."""
+
+
+class FreeSurface(ABC):
+    """A surface without its actuators: makes plants of the same functions with other values of a device, for a fit."""
+
+    @abstractmethod
+    def plant(self, device: Device) -> Plant:
+        """The plant of a device whose surface has the same lengths."""
+
+    @abstractmethod
+    def strain(self, device: Device, one: Complex, other: Complex) -> Mapping[str, Complex]:
+        """Derivatives of one^T K other (row,) by the elastic values of the surface, by their keys in a device file.
+
+        one, other (row, degree of freedom): fields of the plant of the device. K is proportional to Young's modulus.
+        """
+
+    @abstractmethod
+    def motion(self, device: Device, one: Complex, other: Complex) -> Complex:
+        """Derivative of one^T M other (row,) by the density, which M is proportional to."""

@@ -8,14 +8,19 @@ The number of functions follows from the shortest wave along each side (`degrees
 Sources: A. W. Leissa, Vibration of Plates, NASA SP-160, 1969 (energies, eq. (1.10); free plates, table 4.74 ff.).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from base.arrays import Array, Points
+from base.arrays import Array, Complex, Points
+from engine.device import Device
 from engine.device.parts import Plate
+from precompute.model.modal_plant import ModalPlant, assemble_modes
+from precompute.model.plant import FreeSurface
 
 _MARGIN = 24
 """Degrees beyond half the wave number times the side: receptances on point springs are then right to 0.1 dB."""
@@ -65,6 +70,29 @@ class Ritz:
         (x, y) = (_products(degree, *side) for degree, side in zip((self.first, self.second), sides, strict=True))
         return x * y
 
+    @property
+    def bending(self) -> Array:
+        """Strain energy of bending (function, function) at a bending stiffness of 1 without Poisson's ratio."""
+        return self.energies[0]
+
+    @cached_property
+    def energies(self) -> tuple[Array, Array, Array]:
+        """Bending energy at a bending stiffness of 1 without Poisson's ratio, its part times that, and the mass of 1.
+
+        (function, function) each: K = D (first + nu second), M = rho h third.
+        """
+        (x0, x1, x2), (y0, y1, y2) = (_derivatives(degree) for degree in (self.first, self.second))
+        area, along, across = self.length_m * self.width_m / 4, (2 / self.length_m) ** 2, (2 / self.width_m) ** 2
+
+        def pair(x: Array, y: Array, degree_x: Array, degree_y: Array) -> Array:
+            return np.asarray((x @ degree_x.T) * (y @ degree_y.T))
+
+        bending = along**2 * pair(x2, y0, x2, y0) + across**2 * pair(x0, y2, x0, y2)
+        mixed = pair(x2, y0, x0, y2) + pair(x0, y2, x2, y0)
+        twist = pair(x1, y1, x1, y1)
+        plain = bending + 2 * along * across * twist
+        return area * plain, area * along * across * (mixed - 2 * twist), area * pair(x0, y0, x0, y0)
+
 
 def _products(degree: NDArray[np.int64], start_m: float, stop_m: float, side_m: float) -> Array:
     """Integral of P_i P_j over a part of a side, by the degrees of two functions: (function, function), m."""
@@ -76,24 +104,63 @@ def _products(degree: NDArray[np.int64], start_m: float, stop_m: float, side_m: 
     return square[np.ix_(degree, degree)]
 
 
-def plate_matrices(plate: Plate, ritz: Ritz) -> tuple[Array, Array]:
-    """Stiffness and mass of the plate alone: (function, function) each."""
-    (x0, x1, x2), (y0, y1, y2) = (_derivatives(degree) for degree in (ritz.first, ritz.second))
-    nu, area = plate.poissons_ratio, plate.length_m * plate.width_m / 4
-    along, across = (2 / plate.length_m) ** 2, (2 / plate.width_m) ** 2
+def plate_matrices(plate: Plate, energies: Sequence[Array]) -> tuple[Array, Array]:
+    """Stiffness and mass of the plate alone from `Ritz.energies`, or from those of its modes."""
+    plain, by_poisson, mass = energies
+    return (
+        plate.bending_n_m * (plain + plate.poissons_ratio * by_poisson),
+        plate.density_kg_per_m3 * plate.thickness_m * mass,
+    )
 
-    def product(one: Array, other: Array) -> Array:
-        return np.asarray(one @ other.T)
 
-    def pair(x: Array, y: Array, degree_x: Array, degree_y: Array) -> Array:
-        return product(x, degree_x) * product(y, degree_y)
+def assemble_plate(device: Device) -> ModalPlant:
+    """The plant of an untouched plate with its actuators."""
+    plate = device.surface
+    assert isinstance(plate, Plate)
+    ritz = Ritz.of(plate, degrees_of(plate, device.sweep.stop_hz))
+    return assemble_modes(device, ritz, *plate_matrices(plate, ritz.energies))
 
-    bending = along**2 * pair(x2, y0, x2, y0) + across**2 * pair(x0, y2, x0, y2)
-    mixed = pair(x2, y0, x0, y2) + pair(x0, y2, x2, y0)
-    twist = pair(x1, y1, x1, y1)
-    K = plate.bending_n_m * area * (bending + along * across * (nu * mixed + 2 * (1 - nu) * twist))
-    M = plate.density_kg_per_m3 * plate.thickness_m * area * pair(x0, y0, x0, y0)
-    return K, M
+
+class FreePlate(FreeSurface):
+    """A plate without its actuators. Its functions are the modes of the device with them, whatever its values become.
+
+    Readings are then those of a plate with modes of its own to 1e-4 of the greatest, and with another Poisson's ratio
+    to a fortieth of its relative change.
+    """
+
+    def __init__(self, device: Device) -> None:
+        self._base = assemble_plate(device)
+        functions, shape = self._base.functions, self._base.shape
+        assert isinstance(functions, Ritz)
+        self._energies = [shape.T @ each @ shape for each in functions.energies]
+
+    def plant(self, device: Device) -> ModalPlant:
+        """The plant of a device whose plate has the same lengths."""
+        plate = device.surface
+        assert isinstance(plate, Plate)
+        return self._base.rebuilt(device, *plate_matrices(plate, self._energies))
+
+    def strain(self, device: Device, one: Complex, other: Complex) -> dict[str, Complex]:
+        """Derivatives of one^T K other (row,) by Young's modulus and Poisson's ratio."""
+        plate = device.surface
+        assert isinstance(plate, Plate)
+        bent, coupled = (_between(one, energy, other) for energy in self._energies[:2])
+        nu, D = plate.poissons_ratio, plate.bending_n_m
+        both = bent + nu * coupled
+        return {
+            "youngs_modulus": D / plate.youngs_modulus_pa * both,
+            "poissons_ratio": D * (2 * nu / (1 - nu**2) * both + coupled),
+        }
+
+    def motion(self, device: Device, one: Complex, other: Complex) -> Complex:
+        """Derivative of one^T M other (row,) by the density."""
+        return device.surface.thickness_m * _between(one, self._energies[2], other)
+
+
+def _between(one: Complex, matrix: Array, other: Complex) -> Complex:
+    """one^T matrix other (row,)."""
+    product: Complex = (one * (other @ matrix)).sum(axis=1)
+    return product
 
 
 def _derivatives(degree: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -20,9 +20,9 @@ from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant
 from precompute.predict.performance import compute_figures
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
-from precompute.sampling.bars import sample_bars
 from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.steady_modes import steady_basis, steady_modes
+from precompute.sampling.surfaces import sample_surfaces
 
 Array = NDArray[np.float64]
 PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
@@ -108,7 +108,7 @@ class SteadyDesigner:
         touched = range(len(positions))
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
         power = compute_figures(self.plant, sampled, touched, hz, amplitude).power
-        bars = None if self.plant.is_measured else sample_bars(device, sampled)
+        bars = None if self.plant.is_measured else sample_surfaces(device, sampled)
         cases = power[1:] if bars is None else bars.powers(touched, hz, amplitude)
         level_db_of, sampled_db = (10 * np.log10(np.maximum(each, 1e-30)) for each in (power[0], cases))
         is_felt = np.array(felt, dtype=np.bool_)

@@ -10,7 +10,7 @@ from rich.table import Column
 from rich.table import Table as Grid
 
 from engine.device.quantity import interval_text, quantity_text
-from precompute.calibration.calibration_report import drive_text, open_text
+from precompute.calibration.calibration_report import drive_text, open_text, place_text
 from tactable.calibration.step_times import times_text
 from tactable.explain.words import print_lines
 
@@ -70,7 +70,7 @@ def print_plan(out: Console, plan: dict[str, Any]) -> None:
         for number, step in enumerate(plan["readings"], 1):
             best = max(step["shrinks"], key=lambda name: step["shrinks"][name])
             shrinks = f"{best} by {100 * step['shrinks'][best]:.2g} %"
-            grid.add_row(str(number), drive_text(step["drive_hz"]), f"{1e3 * step['position_m']:.1f} mm", shrinks)
+            grid.add_row(str(number), drive_text(step["drive_hz"]), place_text(step["position_m"]), shrinks)
         out.print(grid)
     grid = Grid("parameter", "value", "standard error", "after these")
     for p in plan["parameters"]:

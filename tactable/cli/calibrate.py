@@ -55,7 +55,7 @@ AppliedTable = Annotated[
     Path | None,
     typer.Option(
         metavar="TABLE",
-        help="Then rebuild this table for the calibrated bar and put it in place; a run that plays it changes over. "
+        help="Then rebuild this table for the calibrated device and put it in place; a run that plays it changes over. "
         "The same command continues after an interruption.",
     ),
 ]
@@ -98,7 +98,8 @@ def calibrate(
     measures: Annotated[
         bool,
         typer.Option(
-            "--measure", help="First measure the bar into MEASUREMENTS; with --apply verify the table before it counts."
+            "--measure",
+            help="First measure into MEASUREMENTS; with --apply verify the table before it counts.",
         ),
     ] = False,
     port_name: PortName = "",
@@ -297,8 +298,8 @@ def plan_measurements(
 ) -> None:
     """Propose the readings that tell most.
 
-    A reading is a frequency for each actuator and a point on the bar; the proposed ones reduce the uncertainty of the
-    parameters most.
+    A reading is a frequency for each actuator and a point of the surface; the proposed ones reduce the uncertainty of
+    the parameters most.
     """
     from threadpoolctl import threadpool_limits
 
@@ -335,7 +336,7 @@ def simulate_measurements(
     device_name: DeviceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
     drives: Frequencies = "150,130;150,200;150,230",
-    points: Annotated[int, typer.Option(min=1, max=1000, help="Evenly spaced points along the bar.")] = 22,
+    points: Annotated[int, typer.Option(min=1, max=1000, help="Evenly spaced points; a plate: at most so many.")] = 22,
     change: Change = None,
     noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading.")] = "1 %",
     wrong: Annotated[str, typer.Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",

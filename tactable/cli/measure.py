@@ -1,4 +1,4 @@
-"""Command `measure`: drive the bar along a guided walk of the sensor, and write what it does."""
+"""Command `measure`: drive the surface along a guided walk of the sensor, and write what it does."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from base.points import point_text
 from tactable.cli.console import EXIT_DOUBTFUL, note, remark, say, show
 from tactable.cli.options import (
     AsJson,
@@ -41,7 +42,8 @@ SensorPath = Annotated[
     typer.Option(
         "--sensor",
         metavar="SENSOR",
-        help="The board's own: board, or board:35mm where it is fixed. Sound card: audio:NAME,... (docs/audio.md). "
+        help="The board's own: board, or where it is fixed board:35mm, board:35x60mm. Sound card: audio:NAME,... "
+        "(docs/audio.md). "
         "Pipe of samples (tables/MEASUREMENTS.md). Or `simulated`.",
     ),
 ]
@@ -73,7 +75,9 @@ def measure(
         Path | None,
         typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
     ] = None,
-    places: Annotated[int, typer.Option(min=1, max=1000, help="Number of evenly spaced sensor positions.")] = 8,
+    places: Annotated[
+        int, typer.Option(min=1, max=1000, help="Even points of the sensor; on a plate at most so many.")
+    ] = 8,
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
     ] = "",
@@ -94,7 +98,7 @@ def measure(
     bit_rate_hz: BitRate = 115_200,
     as_json: AsJson = False,
 ) -> None:
-    """Drive the bar and record its responses along it, for calibrate and build.
+    """Drive a bar or a plate and record its responses at points, for calibrate and build.
 
     At each place each actuator plays one frequency after the other, or glides through all of them (--method sweep),
     first at --least and louder only where noise or hum demands it. The samples are kept in the folder OUTPUT.raw, and
@@ -153,18 +157,18 @@ def measure(
 def with_simulation(
     device: "Device", options: "ApparatusOptions", flaws: str, change: list[str] | None, seed: int
 ) -> "ApparatusOptions":
-    """The options with the flaws, the changes of the bar and the seed of a simulated bench. Raises OptionError."""
+    """The options with the flaws, the changes of the surface and the seed of a simulated bench. Raises OptionError."""
     from tactable.measure.simulated_bench import ConverterFlaws
 
     if options.is_simulated:
-        remark(f"{device.name}, SIMULATED: firmware, bar and sensor, in virtual time")
+        remark(f"{device.name}, SIMULATED: firmware, {device.surface.kind} and sensor, in virtual time")
     elif flaws or change:
         raise OptionError("--flaws and --change belong to a simulated bench; leave them out")
     return replace(options, flaws=ConverterFlaws.parse(flaws), changes=read_changes(change, device), seed=seed)
 
 
 def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "tuple[Stop, ...]":
-    """The walk; with an accelerometer that is fixed to the bar all its tones at that one place."""
+    """The walk; with an accelerometer that is fixed to the surface all its tones at that one place."""
     from tactable.measure.board_sensor import fixed_position_m
     from tactable.measure.walk import Stop
 
@@ -183,7 +187,7 @@ def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSi
         with apparatus.open_driven() as driven:
             return SteppedSine(device, driven, apparatus.sensor, options).listen().mean
 
-    apparatus.guide(device.bar.length_m / 2)
+    apparatus.guide(device.surface.corner_m / 2)
     level = mean()
     apparatus.turn_over()
     turned = mean()
@@ -318,8 +322,9 @@ def tell_reading(device: "Device", stop: "Stop", reading: "Reading") -> None:
     """Print one reading with what spoiled it."""
     named = "".join(f"; {fault.name}" for fault in reading.faults)
     named += f"; repeated for {', '.join(fault.name for fault in reading.earlier)}" if reading.earlier else ""
+    at = point_text(stop.position_m, 1, "f")
     say(
-        f"{1e3 * stop.position_m:6.1f} mm  {device.actuators[reading.actuator].name} {reading.frequency_hz:g} Hz at "
+        f"{at:>9}  {device.actuators[reading.actuator].name} {reading.frequency_hz:g} Hz at "
         f"{100 * reading.amplitude:.3g} %: {abs(reading.acceleration):.3g} m/s^2, coherence {reading.coherence:.4f}, "
         f"error {100 * reading.error:.2g} %{named}"
     )

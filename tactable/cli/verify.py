@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from base.points import json_of, point_of_json, point_text
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, say, show
 from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, ask, with_simulation
 from tactable.cli.options import (
@@ -29,13 +30,13 @@ if TYPE_CHECKING:
 
 
 _VERDICTS = {
-    "kept": "the bar keeps the promise",
-    "broken": "the bar does not keep the promise",
-    "in part": "too few readings show whether the bar keeps the promise; those that do, say so",
-    "not shown": "no reading shows whether the bar keeps the promise",
+    "kept": "the {0} keeps the promise",
+    "broken": "the {0} does not keep the promise",
+    "in part": "too few readings show whether the {0} keeps the promise; those that do, say so",
+    "not shown": "no reading shows whether the {0} keeps the promise",
 }
 _REMEDIES = {
-    "broken": "measure the bar and calibrate: it, the sensor or its scale is not what the table was made for",
+    "broken": "measure the {0} and calibrate: it, the sensor or its scale is not what the table was made for",
     "in part": "see to the faults, take a quieter sensor, or play louder by --level",
 }
 _REMEDIES["not shown"] = _REMEDIES["in part"]
@@ -45,7 +46,9 @@ def verify(
     table_path: TableArgument,
     port_name: PortName,
     sensor_path: SensorPath,
-    places: Annotated[int, typer.Option(min=1, max=100, help="Number of evenly spaced sensor positions.")] = 4,
+    places: Annotated[
+        int, typer.Option(min=1, max=100, help="Even points of the sensor; on a plate at most so many.")
+    ] = 4,
     placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",
     drives: DrivesOf = None,
@@ -60,10 +63,10 @@ def verify(
     """Play drives and clicks of a table, and compare a sensor with the promise.
 
     Steady drives and clicks of random placements, or with --drives zones the rows of the sweep for their zones, are
-    played on the untouched bar, and read point by point. The promise is an interval over the bars that the table holds
-    for possible, and only a reading that could have shown it broken keeps it. Exit status 3: more than a tenth of the
-    points are beyond it, or more than a tenth of the readings stayed spoiled or are too noisy to show it. It has never
-    been run on hardware.
+    played on the untouched surface, and read point by point. The promise is an interval over the surfaces that the
+    table holds for possible, and only a reading that could have shown it broken keeps it. Exit status 3: more than a
+    tenth of the points are beyond it, or more than a tenth of the readings stayed spoiled or are too noisy to show it.
+    It has never been run on hardware.
     """
     from threadpoolctl import threadpool_limits
 
@@ -105,6 +108,7 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
     return {
         "table": str(table.path),
         "device": table.device.name,
+        "surface": table.device.surface.kind,
         "simulated": is_simulated,
         **asdict(judgement),
         "verdict": judgement.verdict.value,
@@ -113,9 +117,9 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
         "points": [
             {
                 "kind": point.played.kind,
-                "finger_m": list(point.played.placement.position_m),
+                "finger_m": [*map(json_of, point.played.placement.position_m)],
                 "is_felt": list(point.played.placement.is_felt),
-                "position_m": point.position_m,
+                "position_m": json_of(point.position_m),
                 "read_m_per_s2": point.read_m_per_s2,
                 "promised_m_per_s2": point.promised_m_per_s2,
                 "low_m_per_s2": point.low_m_per_s2,
@@ -133,14 +137,16 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
 def _print(summary: dict[str, Any]) -> None:
     from rich.table import Table as Grid
 
+    from precompute.calibration.calibration_report import place_text
     from tactable.measure.faults import Fault
 
     grid = Grid("played", "sensor", "read", "promised", "interval", "")
     for point in summary["points"]:
-        fingers = ", ".join(f"{1e3 * at_m:.0f}" for at_m in point["finger_m"])
+        points = map(point_of_json, point["finger_m"])
+        fingers = ", ".join(point_text(at_m, 0, "f").removesuffix(" mm") for at_m in points)
         grid.add_row(
             f"{point['kind']} for {fingers} mm",
-            f"{1e3 * point['position_m']:.1f} mm",
+            place_text(point["position_m"]),
             f"{point['read_m_per_s2']:.3g} ± {point['error_m_per_s2']:.2g} m/s^2",
             f"{point['promised_m_per_s2']:.3g}",
             f"{point['low_m_per_s2']:.3g} to {point['high_m_per_s2']:.3g}",
@@ -148,11 +154,12 @@ def _print(summary: dict[str, Any]) -> None:
         )
     OUT.print(grid)
     marked = " SIMULATED" if summary["simulated"] else ""
-    say(f"{summary['device']}{marked}: {summary['judgement']}: {_VERDICTS[summary['verdict']]}")
+    verdict = _VERDICTS[summary["verdict"]].format(summary["surface"])
+    say(f"{summary['device']}{marked}: {summary['judgement']}: {verdict}")
     for name, count in summary["faults"].items():
         say(f"{count} readings: {Fault[name].value}")
     if summary["verdict"] in _REMEDIES:
-        note(_REMEDIES[summary["verdict"]])
+        note(_REMEDIES[summary["verdict"]].format(summary["surface"]))
 
 
 def _draw(summary: dict[str, Any], outputs: "Outputs") -> None:

@@ -1,19 +1,22 @@
-"""A calibration along the bar: readings against the fitted model, a panel for each drive (paper's Figures 6 and 7)."""
+"""A calibration: readings against the fitted model, a panel for each drive (on a bar the paper's Figures 6 and 7)."""
 
 import io
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from base.arrays import Integers
+from base.arrays import Integers, even_points
 from precompute.calibration.calibrate import Calibration, FittedDevice
 from precompute.calibration.modal_fit import ModalCalibration
-from tactable.figures.response_picture import reading_along
-from tactable.figures.style import BLACK, BLUE, GREY, VERMILLION, draw_actuators
+from tactable.figures.response_picture import PLACES, reading_at
+from tactable.figures.style import BLACK, BLUE, COLOUR_MAP, GREY, VERMILLION, draw_actuators
 
 _DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than picture_file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
+_MAP = 61, 37  # points of a map, along and across: 5 mm apart on a tablet
+_READINGS = (False, BLACK, "measured"), (True, VERMILLION, "measured, taken for wrong")
 
 
 def plot_calibration(calibration: Calibration) -> Figure:
@@ -68,16 +71,43 @@ def calibration_png(calibration: FittedDevice) -> bytes:
 
 
 def _draw(axes: Axes, calibration: Calibration, rows: Integers) -> None:
-    measurements = calibration.measurements
-    place_m, level = reading_along(calibration.device, measurements, int(rows[0]))
-    axes.plot(1e3 * place_m, level, color=BLUE, lw=1.5, label="fitted")
-    for is_wrong, colour, name in ((False, BLACK, "measured"), (True, VERMILLION, "measured, taken for wrong")):
+    measurements, device = calibration.measurements, calibration.device
+    axes.set_title(measurements.drive_text(int(rows[0])), fontsize="small")
+    if np.iscomplexobj(measurements.position_m):
+        _draw_from_above(axes, calibration, rows)
+        return
+    place_m = np.linspace(0.0, device.bar.length_m, PLACES)
+    axes.plot(
+        1e3 * place_m, reading_at(device, measurements, int(rows[0]), place_m), color=BLUE, lw=1.5, label="fitted"
+    )
+    for is_wrong, colour, name in _READINGS:
         chosen = rows[calibration.is_wrong[rows] == is_wrong]
         size = np.abs(measurements.acceleration[chosen])
-        axes.plot(1e3 * measurements.position_m[chosen], size, "o", ms=4, color=colour, label=name)
-    draw_actuators(axes, calibration.device)
-    axes.set_title(measurements.drive_text(int(rows[0])), fontsize="small")
-    axes.set(xlim=(0, 1e3 * calibration.device.bar.length_m), ylim=(0, None))
+        axes.plot(1e3 * measurements.position_m[chosen].real, size, "o", ms=4, color=colour, label=name)
+    draw_actuators(axes, device)
+    axes.set(xlim=(0, 1e3 * device.bar.length_m), ylim=(0, None))
     axes.set_xlabel("along the bar (mm)", fontsize="small")
     axes.set_ylabel("peak acceleration (m/s²)", fontsize="small")
     axes.grid(color=GREY, lw=0.3)
+
+
+def _draw_from_above(axes: Axes, calibration: Calibration, rows: Integers) -> None:
+    """The fitted readings as a map, and on it the measured ones as discs of the same colours."""
+    measurements, device = calibration.measurements, calibration.device
+    corner_m, place_m = device.surface.corner_m, even_points(0j, device.surface.corner_m, *_MAP)
+    fitted = reading_at(device, measurements, int(rows[0]), place_m).reshape(_MAP[::-1])
+    greatest = float(max(fitted.max(), np.abs(measurements.acceleration[rows]).max()))
+    extent = (0, 1e3 * corner_m.real, 0, 1e3 * corner_m.imag)
+    scale: dict[str, Any] = {"cmap": COLOUR_MAP, "vmin": 0.0, "vmax": greatest}
+    drawn = axes.imshow(fitted, origin="lower", extent=extent, interpolation="bilinear", **scale)
+    for is_wrong, colour, name in _READINGS:
+        chosen = rows[calibration.is_wrong[rows] == is_wrong]
+        at_mm, size = 1e3 * measurements.position_m[chosen], np.abs(measurements.acceleration[chosen])
+        axes.scatter(at_mm.real, at_mm.imag, 60, size, edgecolors=colour, label=name, zorder=3, **scale)
+    base_mm = 1e3 * np.array([actuator.position_m for actuator in device.actuators])
+    axes.plot(base_mm.real, base_mm.imag, "^", color="white", mec=BLACK, ms=6, label="actuators")
+    bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
+    bar.set_label("peak, map: fitted (m/s²)", fontsize="x-small")
+    axes.set(xlim=extent[:2], ylim=extent[2:])
+    axes.set_xlabel("along the plate (mm)", fontsize="small")
+    axes.set_ylabel("across (mm)", fontsize="small")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from base.arrays import Array
+from base.arrays import Array, Points
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Measurements, lay_out
@@ -29,7 +29,8 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     measured = layout if has_readings else None
     number = layout.drive_of_row
     first_rows = [int((number == drive).argmax()) for drive in range(min(int(number.max()) + 1, MOST_PANELS))]
-    curves = [reading_along(device, layout, row) for row in first_rows]
+    place_m = np.linspace(0.0, device.bar.length_m, PLACES)
+    curves = [(place_m, reading_at(device, layout, row, place_m)) for row in first_rows]
     figure = Figure(figsize=(9, 1.8 + 2.0 * len(curves)), layout="constrained")
     panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
     for k, (axes, row, curve) in enumerate(zip(panels, first_rows, curves, strict=True)):
@@ -52,16 +53,15 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     )
 
 
-def reading_along(device: Device, measurements: Measurements, row: int) -> tuple[Array, Array]:
-    """Places (place,) in metres and what a reading there would be (place,), m/s^2, driven and loaded as `row`."""
-    place_m = np.linspace(0.0, device.bar.length_m, PLACES)
-    along = replace(
+def reading_at(device: Device, measurements: Measurements, row: int, place_m: Points) -> Array:
+    """What a reading at places (place,) would be (place,), m/s^2, driven and loaded as `row`."""
+    there = replace(
         lay_out(measurements.frequency_hz[row : row + 1], place_m, float(measurements.sensor_mass_kg[row])),
-        amplitude=np.repeat(measurements.amplitude[row : row + 1], PLACES, axis=0),
-        finger_m=np.full(PLACES, measurements.finger_m[row]),
-        force_m=None if measurements.force_m is None else np.full(PLACES, measurements.force_m[row]),
+        amplitude=np.repeat(measurements.amplitude[row : row + 1], len(place_m), axis=0),
+        finger_m=np.full(len(place_m), measurements.finger_m[row]),
+        force_m=None if measurements.force_m is None else np.full(len(place_m), measurements.force_m[row]),
     )
-    return place_m, _predicted(device, along)
+    return _predicted(device, there)
 
 
 def find_nodes(position_m: Array, level: Array) -> Array:
@@ -132,7 +132,7 @@ def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     """A row a reading."""
     names = [actuator.name for actuator in device.actuators]
     return {
-        "position (m)": measured.position_m,
+        "position (m)": measured.position_m.real,
         **{f"frequency of {name} (Hz)": measured.frequency_hz[:, i] for i, name in enumerate(names)},
         **{f"amplitude of {n} (fraction of full scale)": abs(measured.amplitude[:, i]) for i, n in enumerate(names)},
         "sensor mass (kg)": measured.sensor_mass_kg,

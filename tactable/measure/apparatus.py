@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from base.points import point_text
 from engine.device import Device
 from engine.loop.loop import SystemClock
 from firmware_link.host.session import Port
@@ -35,7 +36,7 @@ class ApparatusOptions:
     """port and sensor: names, or both simulated; most: amplitude that the board is armed for; the rest is simulated.
 
     A name is a serial port or a pipe of samples, "audio:NAME,..." for a sound card, or "simulated". The sensor may be
-    "board", the accelerometer of the board itself, or "board:35mm", where it is fixed at that place.
+    "board", the accelerometer of the board itself, or "board:35mm", on a plate "board:35x60mm", where it is fixed.
 
     changes: values (SI) by parameter of the simulated bar; what `device` says stays what is believed.
     """
@@ -66,11 +67,11 @@ class ApparatusOptions:
 
 @dataclass(frozen=True)
 class Apparatus:
-    """open_driven arms the board; guide has the sensor put at a place, in metres; turn_over has it turned over."""
+    """open_driven arms the board; guide has the sensor put at a point; turn_over has it turned over."""
 
     sensor: Sensor
     open_driven: Callable[[], DrivenDevice]
-    guide: Callable[[float], None]
+    guide: Callable[[complex], None]
     turn_over: Callable[[], None]
 
     @property
@@ -104,9 +105,9 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
         stack.callback(sensor.close)
         most = [options.most] * len(device.actuators)
 
-        def guide(position_m: float) -> None:
+        def guide(position_m: complex) -> None:
             if not is_fixed:
-                ask(f"sensor to {1e3 * position_m:.1f} mm, then Enter")
+                ask(f"sensor to {point_text(position_m, 1, 'f')}, then Enter")
 
         yield Apparatus(
             sensor,

@@ -1,4 +1,4 @@
-"""A bench in virtual time whose sensor is the board's own accelerometer on the simulated bar. SIMULATED."""
+"""A bench in virtual time whose sensor is the board's own accelerometer on the simulated surface. SIMULATED."""
 
 from engine.device import Device
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -14,9 +14,9 @@ _OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "ji
 
 
 class BoardBench(VirtualLine):
-    """Port, clock and person at the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
+    """Port, clock and person at the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
 
-    Raises SensorError for flaws that an accelerometer on the board cannot have, and for a place off the bar.
+    Raises SensorError for flaws that an accelerometer on the board cannot have, and for a place beside it.
     """
 
     def __init__(
@@ -34,13 +34,13 @@ class BoardBench(VirtualLine):
                 raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
         self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID)))
         kept = (flaws.drift, flaws.gain, flaws.offset_m_per_s2, flaws.noise_m_per_s2)
-        part = EmulatedAccelerometer(0.5 * true.bar.length_m, sensor_mass_kg, *kept)
+        part = EmulatedAccelerometer(true.surface.corner_m / 2, sensor_mass_kg, *kept)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
         super().__init__(self._sensed)
 
-    def place(self, position_m: float) -> None:
-        """Put the sensor here; that takes as long as the bar takes to come to rest."""
+    def place(self, position_m: complex) -> None:
+        """Put the sensor here; that takes as long as the surface takes to come to rest."""
         self.run_to(self.time_ns + MOVING_NS)
         self._sensed.place(position_m)
 

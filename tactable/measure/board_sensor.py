@@ -16,7 +16,7 @@ import numpy as np
 
 from base.arrays import Array
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_quantity
+from engine.device.quantity import QuantityError, read_point_on
 from engine.loop.loop import Clock
 from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.host.session import Port
@@ -35,28 +35,26 @@ _NS_PER_S = 1_000_000_000
 
 
 def is_board(name: str) -> bool:
-    """Whether the name of a sensor means the board's own, at a place or guided along the bar."""
+    """Whether the name of a sensor means the board's own, at a place or guided over the surface."""
     return name == NAME or name.startswith(f"{NAME}:")
 
 
-def fixed_position_m(name: str, device: Device) -> float | None:
-    """Place of a fixed sensor, "board:35mm" or "board:25%"; None for one that is moved. Raises SensorError."""
+def fixed_position_m(name: str, device: Device) -> complex | None:
+    """Point of a fixed sensor, "board:35mm" or "board:25%", on a plate "board:35x60mm"; None for one that is moved.
+
+    Raises SensorError.
+    """
     _, _, text = name.partition(":")
     if name == NAME or not is_board(name):
         return None
-    length_m = device.bar.length_m
     try:
-        is_share = text.strip().endswith("%")
-        position_m = length_m * read_quantity(text, "") if is_share else read_quantity(text, "m")
+        return read_point_on(text, device.surface.corner_m)
     except QuantityError as error:
-        raise SensorError(f"--sensor {name}: {error}; give a place of the bar, such as {NAME}:35mm") from None
-    if not 0 <= position_m <= length_m:
-        raise SensorError(f"--sensor {name}: {1e3 * position_m:g} mm is off the bar of {1e3 * length_m:g} mm")
-    return position_m
+        raise SensorError(f"--sensor {name}: {error}") from None
 
 
-def fixed_places(device: Device, name: str, places_m: list[float]) -> list[float]:
-    """The places of a walk in metres, or the one of a sensor that is fixed. Raises SensorError."""
+def fixed_places(device: Device, name: str, places_m: list[complex]) -> list[complex]:
+    """The points of a walk, or the one of a sensor that is fixed. Raises SensorError."""
     fixed_m = fixed_position_m(name, device)
     return places_m if fixed_m is None else [fixed_m]
 

@@ -28,9 +28,9 @@ from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measure
 LEVEL_DB = 20.0  # DEFAULT_LEVEL_DB of engine.table.levels
 PLACES, PLACEMENTS = 3, 5  # 15 points of drives and 15 of clicks: minutes; `verify` takes more
 _DOUBTS = {
-    Verdict.BROKEN: "the bar does not keep what the new table promises",
-    Verdict.IN_PART: "too few readings of the new table on the bar show that it is kept",
-    Verdict.NOT_SHOWN: "no reading of the new table on the bar shows whether it is kept",
+    Verdict.BROKEN: "the {0} does not keep what the new table promises",
+    Verdict.IN_PART: "too few readings of the new table on the {0} show that it is kept",
+    Verdict.NOT_SHOWN: "no reading of the new table on the {0} shows whether it is kept",
 }
 
 
@@ -83,4 +83,4 @@ class Circle:
             points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
         judgement = Judgement.of(points)
         doubt = _DOUBTS.get(judgement.verdict)
-        return "" if doubt is None else f"{doubt}: {judgement}"
+        return "" if doubt is None else f"{doubt.format(self.device.surface.kind)}: {judgement}"

@@ -1,4 +1,4 @@
-"""A bench in virtual time: the emulated firmware, the bar in time, and a sensor with its converter. SIMULATED.
+"""A bench in virtual time: the emulated firmware, the surface in time, and a sensor with its converter. SIMULATED.
 
 The bench is the port, the clock and the sensor of a measurement, so that the code that measures is the code of a real
 one. Time passes only in `wait`; half an hour at the bar takes seconds. The converter has what real ones have, each of
@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from base.arrays import Array
+from base.points import is_within, point_text
 from engine.device import Device, Finger
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -116,12 +117,12 @@ class _Converter:
 
 
 class SimulatedBench(VirtualLine):
-    """Port, clock and sensor of the bar `true`, of whose actuators `board` says the full scales. SIMULATED.
+    """Port, clock and sensor of the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
 
     The board is an emulated firmware, or `card`. With `has_sum` one loopback channel has the outputs of all actuators,
     and is that of each.
 
-    Raises SensorError for a place off the bar.
+    Raises SensorError for a place beside it.
     """
 
     def __init__(
@@ -158,14 +159,15 @@ class SimulatedBench(VirtualLine):
         self._ready: list[tuple[int, Array]] = []
         self._made_us = 0.0
         self._upright = 1.0  # -1 when it is turned over
-        self.place(0.5 * true.bar.length_m)
+        self.place(true.surface.corner_m / 2)
 
     # ---- what a person does at the bench ----
 
-    def place(self, position_m: float) -> None:
-        """Put the sensor here; that takes as long as the bar takes to come to rest."""
-        if not 0 <= position_m <= self._device.bar.length_m:
-            raise SensorError(f"{1e3 * position_m:g} mm is off the bar of {1e3 * self._device.bar.length_m:g} mm")
+    def place(self, position_m: complex) -> None:
+        """Put the sensor here; that takes as long as the surface takes to come to rest."""
+        surface = self._device.surface
+        if not is_within(position_m, surface.corner_m):
+            raise SensorError(f"{point_text(position_m)} is off the {surface.kind} of {point_text(surface.corner_m)}")
         self.run_to(self.time_ns + MOVING_NS)
         self._make_samples()
         self._plant.rest()

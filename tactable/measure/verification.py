@@ -1,6 +1,6 @@
 """A table's promise compared with what a sensor reads: steady drives and clicks of random placements, point by point.
 
-The untouched bar is compared, with the sensor's mass on it: fingers would load it by an unknown amount. What
+The untouched surface is compared, with the sensor's mass on it: fingers would load it by an unknown amount. What
 is played is what a run would play for the placements. The promise at a point is an interval, the range over bars that
 the table holds for possible: those that its calibration leaves, or those within `[spread]`, each with the sensor up to
 about a millimetre beside its place.
@@ -27,6 +27,7 @@ from enum import StrEnum
 import numpy as np
 
 from base.arrays import Array
+from base.points import clip_points, parts_of
 from engine.device import Device, Finger
 from engine.effects.rules import Drives
 from engine.steady import SteadyDrive
@@ -103,7 +104,7 @@ class Point:
     """One reading against its promise: peaks in m/s^2; low to high is the promised interval, `error` the reading's."""
 
     played: Played
-    position_m: float
+    position_m: complex
     read_m_per_s2: float
     promised_m_per_s2: float
     low_m_per_s2: float
@@ -183,33 +184,35 @@ def _drive_of(table: Table, placement: Placement, level_db: float, drives: Drive
     return table.drive_for(felt, quiet, level_db)
 
 
-class PossibleBars:
-    """Bars that a table holds for possible, the nominal one first, with a sensor of a mass at a place."""
+class PossibleSurfaces:
+    """Surfaces that a table holds for possible, the nominal one first, with a sensor of a mass at a place."""
 
     def __init__(self, device: Device, sensor_mass_kg: float) -> None:
         scenarios, random = sample_scenarios(device, BARS, SEED), np.random.default_rng(SEED)
         others = (scenarios.device_of(i) for i in range(1, len(scenarios)))
         self._plants: list[Plant] = [assemble(each) for each in (device, *others)]
         self._bases = [compute_basis(plant) for plant in self._plants]
-        self._off_m = np.concatenate([[0.0], PLACE_M * random.standard_normal(len(self._plants) - 1)])
+        self._corner_m = device.surface.corner_m
+        ways = (1.0, 1j)[: len(parts_of(self._corner_m))]
+        off_m = sum(way * PLACE_M * random.standard_normal(len(self._plants) - 1) for way in ways)
+        self._off_m = np.concatenate([[0.0], off_m])
         self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
-        self._length_m = device.bar.length_m
 
-    def peaks(self, played: Played, position_m: float) -> Array:
-        """Peak (bar,) at the sensor in m/s^2."""
-        places_m = np.clip(position_m + self._off_m, 0.0, self._length_m)
-        return np.array([self._peak(bar, played, float(place_m)) for bar, place_m in enumerate(places_m)])
+    def peaks(self, played: Played, position_m: complex) -> Array:
+        """Peak (surface,) at the sensor in m/s^2."""
+        places_m = clip_points(position_m + self._off_m, self._corner_m)
+        return np.array([self._peak(number, played, place_m) for number, place_m in enumerate(places_m.tolist())])
 
-    def _peak(self, bar: int, played: Played, place_m: float) -> float:
+    def _peak(self, number: int, played: Played, place_m: complex) -> float:
         place = np.array([place_m])
         if played.asked is not None:
-            loaded, tones = self._plants[bar].with_fingers([place_m], self._sensor), played.asked.tones
+            loaded, tones = self._plants[number].with_fingers([place_m], self._sensor), played.asked.tones
             hz = np.array([tone.frequency_hz for tone in tones])
             unit = solve_response(loaded, hz).acceleration(place)[:, :, 0]
             return float(sum(abs(tone.phasors @ each) for tone, each in zip(tones, unit, strict=True)))
         assert played.click is not None
         click = played.click
-        plant = TransientPlant(self._bases[bar], place, _RATE_HZ)
+        plant = TransientPlant(self._bases[number], place, _RATE_HZ)
         plant.touch([(place_m, self._sensor)])
         time_s = np.arange(round((click.length_s + RING_S) * _RATE_HZ)) / _RATE_HZ
         samples = click.amplitude * click.samples / SAMPLE_FULL_SCALE
@@ -221,13 +224,13 @@ class PossibleBars:
 def verify_table(
     table: Table,
     played: Sequence[Played],
-    position_m: Sequence[float],
+    position_m: Sequence[complex],
     apparatus: Apparatus,
     options: SteppedSineOptions,
     sensor_mass_kg: float,
 ) -> tuple[Point, ...]:
     """Play everything at every place, and compare."""
-    bars, decay_per_s = PossibleBars(table.device, sensor_mass_kg), slowest_decay_per_s(table.device)
+    possible, decay_per_s = PossibleSurfaces(table.device, sensor_mass_kg), slowest_decay_per_s(table.device)
     points = []
     for place_m in position_m:
         apparatus.guide(place_m)
@@ -237,7 +240,7 @@ def verify_table(
             read = [(each, found) for each in played if (found := _read(stepped, driven, each)) is not None]
         # Not before the board is at rest: an armed one does not wait for so long.
         for each, (size, error, faults) in read:
-            promised = bars.peaks(each, place_m)
+            promised = possible.peaks(each, place_m)
             points.append(
                 Point(
                     each, place_m, size, float(promised[0]), float(promised.min()), float(promised.max()), error, faults

@@ -1,4 +1,4 @@
-"""A guided walk along the bar: the stops of the sensor and the tones to read there, and the run from stop to stop.
+"""A guided walk over the surface: the stops of the sensor and the tones to read there, and the run from stop to stop.
 
 The raw samples and readings of a stop are kept in a folder as soon as the stop is complete. A run that was interrupted
 goes on after the last complete stop; the folder refuses another device, walk, sensor or other options.
@@ -19,6 +19,7 @@ import numpy as np
 
 from base.arrays import Array
 from base.files import replace_file
+from base.points import json_of, order_of, parts_of, point_of_json
 from engine.device import Device
 from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
 from precompute.measurements.parameters import default_names
@@ -50,7 +51,7 @@ _DAMAGES = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeErro
 class Stop:
     """A place of the sensor, and the tones to read there: (index of the actuator, frequency in Hz)."""
 
-    position_m: float
+    position_m: complex
     tones: tuple[tuple[int, float], ...]
 
 
@@ -58,7 +59,7 @@ class Stop:
 class StopRecord:
     """Readings of a stop. latency_s: from drive to samples, None without loopback."""
 
-    position_m: float
+    position_m: complex
     rest: AtRest
     latency_s: float | None
     readings: tuple[Reading, ...]
@@ -93,11 +94,11 @@ def default_frequencies(device: Device) -> list[float]:
 def planned_walk(device: Device, readings: int, sensor_mass_kg: float) -> tuple[Stop, ...]:
     """The readings that `plan-measurements` proposes before any measurement, each actuator of a drive alone."""
     plan = plan_first(device, default_names(device), {}, sensor_mass_kg, Accuracy(), readings, Criterion.VOLUME)
-    tones: dict[float, dict[tuple[int, float], None]] = {}
+    tones: dict[complex, dict[tuple[int, float], None]] = {}
     for step in plan.steps:
         at = tones.setdefault(step.position_m, {})
         at.update({(index, hz): None for index, hz in enumerate(step.drive_hz) if not np.isnan(hz)})
-    return tuple(Stop(position_m, tuple(sorted(tones[position_m]))) for position_m in sorted(tones))
+    return tuple(Stop(position_m, tuple(sorted(tones[position_m]))) for position_m in sorted(tones, key=order_of))
 
 
 class RawFolder:
@@ -108,7 +109,7 @@ class RawFolder:
 
     def __init__(self, path: Path, device: Device, walk: Sequence[Stop], settings: dict[str, Any]) -> None:
         self.path = path
-        stops = [[stop.position_m, [list(tone) for tone in stop.tones]] for stop in walk]
+        stops = [[json_of(stop.position_m), [list(tone) for tone in stop.tones]] for stop in walk]
         identity = {"form": _FORM, "device": device.fingerprint, "stops": stops, **settings}
         text = json.dumps(identity, indent=1)
         self._identity = hashlib.sha256(text.encode()).hexdigest()
@@ -134,19 +135,19 @@ class RawFolder:
             record, found = _record_of(json.loads(str(kept["record"]))), json.loads(str(kept["identity"]))
         except _DAMAGES as error:
             raise MeasurementError(f"{file}: is damaged ({error}); remove it to measure this place again") from None
-        if found != [self._identity, stop.position_m]:
+        if found != [self._identity, json_of(stop.position_m)]:
             raise MeasurementError(f"{file}: is of another measurement or place; remove it to measure this place again")
         return record
 
     def write(self, stop: Stop, record: StopRecord, samples: Sequence[Array]) -> None:
         """Keep a complete stop; samples (sample, channel) of each reading."""
-        arrays: dict[str, Any] = {"identity": json.dumps([self._identity, stop.position_m])}
+        arrays: dict[str, Any] = {"identity": json.dumps([self._identity, json_of(stop.position_m)])}
         arrays |= {f"samples_{i:03d}": each.astype(np.float32) for i, each in enumerate(samples)}
         with replace_file(self._file(stop)) as partial, partial.open("wb") as file:
             np.savez_compressed(file, record=json.dumps(_record_json(record)), **arrays)
 
     def _file(self, stop: Stop) -> Path:
-        return self.path / f"{1e3 * stop.position_m:07.2f}mm.npz"
+        return self.path / f"{'x'.join(f'{1e3 * part_m:07.2f}' for part_m in parts_of(stop.position_m))}mm.npz"
 
 
 class Methods(Enum):
@@ -255,7 +256,7 @@ def _record_json(record: StopRecord) -> dict[str, Any]:
         }
         for reading in record.readings
     ]
-    return asdict(record) | {"readings": readings}
+    return asdict(record) | {"position_m": json_of(record.position_m), "readings": readings}
 
 
 def _record_of(values: dict[str, Any]) -> StopRecord:
@@ -270,4 +271,5 @@ def _record_of(values: dict[str, Any]) -> StopRecord:
         )
         for each in values["readings"]
     )
-    return StopRecord(**values | {"rest": AtRest(**values["rest"]), "readings": readings})
+    position_m = point_of_json(values["position_m"])
+    return StopRecord(**values | {"position_m": position_m, "rest": AtRest(**values["rest"]), "readings": readings})

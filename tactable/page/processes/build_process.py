@@ -34,10 +34,7 @@ STEADY = (
 """What steady drives at any positions take."""
 SWEEP = ("precompute.model.band_solver", "precompute.model.gram", "precompute.sweep.sweep_kernels")
 """What the rows of a sweep take, which zones play."""
-BUILDS = (
-    "precompute.sampling.bars",
-    "precompute.predict.rise_time",
-)
+BUILDS = ("precompute.predict.rise_time",)
 """What builds take beside that."""
 _FIRST_CLICK = "the first click"
 _ALL = (_FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)

@@ -37,7 +37,7 @@ def dense_reading(device: Device, rows: Measurements, row: int) -> complex:
     attached = [(float(rows.position_m[row]), mass)]
     if not np.isnan(rows.finger_m[row]):
         attached.append((float(rows.finger_m[row]), device.finger))
-    model, place = DenseModel(device, attached), rows.position_m[row : row + 1]
+    model, place = DenseModel(device, attached), rows.position_m[row : row + 1].real
     moved = np.flatnonzero(rows.amplitude[row])
     total: complex = 0.0
     for hz in np.unique(rows.frequency_hz[row, moved]):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray
 
+from engine.device import Device
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.netcdf import measurements_of, read_netcdf
 from precompute.measurements.netcdf_content import load_content, read_content
@@ -43,9 +44,9 @@ def written(data: xarray.Dataset, folder: Path) -> Path:
     return path
 
 
-def read_here(path: Path) -> Measurements:
+def read_here(path: Path, device: Device = DEVICE) -> Measurements:
     """As `read_netcdf`, without the start of a process."""
-    return measurements_of(load_content(path), path, DEVICE, 0.0)
+    return measurements_of(load_content(path), path, device, 0.0)
 
 
 def test_the_same_is_read_as_was_written(tmp_path: Path) -> None:

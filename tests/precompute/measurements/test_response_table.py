@@ -12,11 +12,12 @@ from engine.table import Table
 from precompute.builder.measured_responses import interpolation_errors_of, plant_of, source_attributes
 from precompute.builder.table_build import build_table
 from precompute.measurements.csv import write_csv
-from precompute.measurements.plant import MeasuredPlant, estimate_errors, measured_plant
+from precompute.measurements.plant import estimate_errors, measured_plant
 from precompute.measurements.response_table import MeasuredResponses, read_responses
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import CalibrationError, Kind, Measurements, lay_out
 from precompute.model.assembly import assemble
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sweep.grid import compute_grid_response, zone_points
@@ -49,7 +50,7 @@ def rows(device: Device, frequency_hz: Array, places: int, sensor_mass_kg: float
     return simulate_measurements(device, layout, Flaws(), 0)
 
 
-def relative_error(device: Device, plant: MeasuredPlant, frequency_hz: Array) -> Array:
+def relative_error(device: Device, plant: Plant, frequency_hz: Array) -> Array:
     """Of accelerations relative to the greatest at the frequency: (frequency, actuator, zone, point)."""
     found, true = (
         compute_grid_response(each, frequency_hz, zone_points(device)).acceleration
@@ -227,7 +228,7 @@ def test_the_same_responses_are_taken_over_and_others_are_not(tables: tuple[Path
 def test_the_plant_of_a_table_is_the_one_it_was_built_from(tables: tuple[Path, Path]) -> None:
     for path, kind in zip(tables, (False, True), strict=True):
         with Table.open(path) as table:
-            assert isinstance(plant_of(table), MeasuredPlant) is kind
+            assert plant_of(table).is_measured is kind
             plant = plant_of(table)
             modes = steady_modes(steady_basis(plant))
             assert np.array_equal(modes.drive, table.modes.drive) and np.array_equal(modes.shape, table.modes.shape)

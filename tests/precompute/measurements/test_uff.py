@@ -182,7 +182,7 @@ def test_a_last_line_that_is_filled_up_is_no_value(tmp_path: Path) -> None:
         ),
         ([units(9, 0.0), nodes(), response(1, 8)], "dataset 164: factor of length 0"),
         ([nodes(), response(1, 8, orddenom_spec_data_type=8)], "orddenom_spec_data_type: 8: the response is per displ"),
-        ([nodes(), response(1, 8, rsp_dir=1)], "dataset 2 (58): rsp_dir: 1: expected 3 or -3, across the bar"),
+        ([nodes(), response(1, 8, rsp_dir=1)], "dataset 2 (58): rsp_dir: 1: expected 3 or -3, across the surface"),
         ([nodes(), response(1, 8, ref_dir=-2)], "ref_dir: -2: expected 3 or -3"),
         ([nodes(), response(1, 8, data=np.ones(4), ord_data_type=4)], "ord_data_type: 4: a response is complex"),
         ([nodes(), response(1, 8, abscissa_axis_units_lab="rpm")], "abscissa_axis_units_lab: "),

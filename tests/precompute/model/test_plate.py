@@ -43,7 +43,7 @@ def plant_of(device: Device) -> ModalPlant:
 
 def frequencies_hz(plate: Plate, degrees: tuple[int, int], actuators: tuple[Actuator, ...] = ()) -> NDArray[np.float64]:
     ritz = Ritz.of(plate, degrees)
-    K, M = plate_matrices(plate, ritz)
+    K, M = plate_matrices(plate, ritz.energies)
     if actuators:
         rows = ritz.at(np.array([actuator.position_m for actuator in actuators]))
         K = K + (rows.T * [actuator.stiffness_n_per_m for actuator in actuators]) @ rows

@@ -41,7 +41,7 @@ def read_seed(seed: int) -> list[tuple[Reading, complex, float]]:
     return found
 
 
-def _true(reading: Reading, position_m: float) -> complex:
+def _true(reading: Reading, position_m: complex) -> complex:
     drive = np.full((1, len(DEVICE.actuators)), np.nan)
     drive[0, reading.actuator] = reading.frequency_hz
     layout = lay_out(drive, np.array([position_m]), MASS_KG, Kind.RESPONSE)

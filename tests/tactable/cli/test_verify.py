@@ -22,7 +22,7 @@ SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "-
 def bars_once() -> Iterator[None]:
     """The bars that a table holds for possible are the same each time that it is verified."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verification, "PossibleBars", cache(verification.PossibleBars))
+        patch.setattr(verification, "PossibleSurfaces", cache(verification.PossibleSurfaces))
         yield
 
 

@@ -9,7 +9,7 @@ from precompute.measurements.simulate import Flaws, even_places, simulate_measur
 from precompute.measurements.types import Measurements, lay_out
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from tactable.figures.response_picture import find_nodes, plot_response, reading_along
+from tactable.figures.response_picture import PLACES, find_nodes, plot_response, reading_at
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")
@@ -44,10 +44,12 @@ def test_noiseless_readings_lie_on_the_curve_that_has_the_sensor_at_each_place()
     read = readings((150.0, 130.0), (NAN, 200.0))
     picture = plot_response(DEVICE, read, has_readings=True)
     assert np.asarray(picture.columns["computed (m/s^2)"]) == pytest.approx(abs(read.acceleration), rel=1e-6)
-    place_m, level = reading_along(DEVICE, read, 0)
-    first = slice(0, 22)
-    assert np.interp(read.position_m[first], place_m, level) == pytest.approx(abs(read.acceleration[first]), rel=0.01)
-    bare = reading_along(DEVICE, drives((150.0, 130.0)), 0)[1]
+    place_m, first = np.linspace(0.0, DEVICE.bar.length_m, PLACES), slice(0, 22)
+    level = reading_at(DEVICE, read, 0, place_m)
+    assert np.interp(read.position_m[first].real, place_m, level) == pytest.approx(
+        abs(read.acceleration[first]), rel=0.01
+    )
+    bare = reading_at(DEVICE, drives((150.0, 130.0)), 0, place_m)
     assert abs(level / bare - 1).max() > 0.1, "2 g are felt on this bar"
 
 

@@ -10,8 +10,8 @@ from engine.device import Device, FittedValue, Uncertainty
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from precompute.predict.performance import compute_figures
-from precompute.sampling.bars import SampledBars, sample_bars
 from precompute.sampling.fingers import SAMPLES
+from precompute.sampling.surfaces import SampledSurfaces, sample_surfaces
 from tests.precompute.builder.test_table_build import SMALL
 from tests.precompute.sampled import sample_fingers
 
@@ -32,8 +32,8 @@ def calibrated(deviation: float, spread: float = 0.0) -> Device:
     )
 
 
-def bars_of(device: Device) -> SampledBars:
-    bars = sample_bars(device, sample_fingers(device))
+def bars_of(device: Device) -> SampledSurfaces:
+    bars = sample_surfaces(device, sample_fingers(device))
     assert bars is not None
     return bars
 
@@ -60,4 +60,4 @@ def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:
 
 
 def test_without_a_calibration_there_are_no_other_bars() -> None:
-    assert sample_bars(DEVICE, sample_fingers(DEVICE)) is None
+    assert sample_surfaces(DEVICE, sample_fingers(DEVICE)) is None

@@ -1,0 +1,30 @@
+"""What a calibration of a plate must show: values found again within their intervals, and a misread place named."""
+
+import pytest
+
+from precompute.calibration.calibrate import calibrate
+from precompute.calibration.device_text import calibrated_device
+from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after
+from precompute.measurements.simulate import Flaws
+from precompute.measurements.types import Kind
+from tests.precompute.devices import shipped
+from tests.precompute.measured import NAN, read_bar
+
+TRUTH = {"plate.youngs_modulus": 73.1e9, "actuator.stiffness": 18.2e3, "actuator.full_scale": 3.7e-6}
+TRUTH |= {"plate.mass_damping": 2.0, "plate.stiffness_damping": 6e-5}
+DRIVES_HZ = [[hz if i == j else NAN for j in range(3)] for hz in (66.0, 114.0, 162.0, 210.0, 281.0) for i in range(3)]
+
+
+def test_values_are_found_within_their_intervals_and_the_device_file_says_them() -> None:
+    device = shipped("reference-p")
+    read = read_bar(device, TRUTH, [[*d, NAN] for d in DRIVES_HZ], Flaws(noise=0.02), points=8, kind=Kind.RESPONSE)
+    found = calibrate(device, read, [*TRUTH, "plate.poissons_ratio"], starts=1)
+    truth = {**TRUTH, "plate.poissons_ratio": 0.23}
+    off = [2 * abs(e.value - truth[e.parameter.name]) / (e.high - e.low) for e in found.estimates]
+    assert sum(each < 1 for each in off) >= len(off) - 1 and max(off) < 1.5, off
+    assert all(each.high / each.low < 1.3 for each in found.estimates)
+    new = calibrated_device(found)
+    assert new.surface.poissons_ratio == pytest.approx(found.device.surface.poissons_ratio, rel=1e-9)  # type: ignore[union-attr]
+    assert new.uncertainty is not None and new.uncertainty.fitted[-1].name == "plate.poissons_ratio"
+    step = plan_after(found, Accuracy(), 1, Criterion.VOLUME).summary()["readings"][0]
+    assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0
