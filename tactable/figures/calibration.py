@@ -32,7 +32,10 @@ def plot_calibration(calibration: Calibration) -> Figure:
         _draw(panel, calibration, np.flatnonzero(drive == number))
     for panel in panels[len(drives) :]:
         panel.set_visible(False)
-    panels[0].legend(fontsize="x-small")
+    if np.iscomplexobj(measurements.position_m):
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="x-small")
+    else:
+        panels[0].legend(fontsize="x-small")
     typical = 100 * float(np.median(np.abs(calibration.log_residual)))
     simulated = " SIMULATED" if measurements.is_simulated else ""
     figure.suptitle(
@@ -106,8 +109,9 @@ def _draw_from_above(axes: Axes, calibration: Calibration, rows: Integers) -> No
         axes.scatter(at_mm.real, at_mm.imag, 60, size, edgecolors=colour, label=name, zorder=3, **scale)
     base_mm = 1e3 * np.array([actuator.position_m for actuator in device.actuators])
     axes.plot(base_mm.real, base_mm.imag, "^", color="white", mec=BLACK, ms=6, label="actuators")
-    bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
+    bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.6)
     bar.set_label("peak, map: fitted (m/s²)", fontsize="x-small")
     axes.set(xlim=extent[:2], ylim=extent[2:])
+    axes.tick_params(labelbottom=True)
     axes.set_xlabel("along the plate (mm)", fontsize="small")
     axes.set_ylabel("across (mm)", fontsize="small")
