@@ -14,8 +14,14 @@ _WORDS = re.compile(r"(.+?)\s*[x×]\s*(.+)")  # noqa: RUF001  # as people type i
 
 def is_within(point: complex, corner_m: complex, beyond_m: float = 0.0) -> bool:
     """Whether a point lies on the surface that reaches from 0 to `corner_m`, or at most so far beside it."""
-    x, y = -beyond_m <= point.real <= corner_m.real + beyond_m, -beyond_m <= point.imag <= corner_m.imag + beyond_m
-    return x and y
+    return is_between(point, 0.0, corner_m, beyond_m)
+
+
+def is_between(point: complex, start_m: complex, stop_m: complex, beyond_m: float = 0.0) -> bool:
+    """Whether a point lies in the stretch or rectangle between two corners, or at most so far beside it."""
+    if not start_m.real - beyond_m <= point.real <= stop_m.real + beyond_m:
+        return False
+    return start_m.imag - beyond_m <= point.imag <= stop_m.imag + beyond_m
 
 
 def clip_points(points: Any, corner_m: complex) -> Any:

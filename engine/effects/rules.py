@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from base.errors import TactableError
-from base.points import is_within
+from base.points import is_between
 from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
@@ -91,8 +91,7 @@ class Rule:
         if self.zones is not None:
             return touch.zone in self.zones
         if self.region_m is not None:
-            start_m, stop_m = self.region_m
-            return is_within(touch.position_m - start_m, stop_m - start_m)
+            return is_between(touch.position_m, *self.region_m)
         return True
 
 

@@ -15,7 +15,7 @@ from bisect import bisect_right
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from base.points import is_within
+from base.points import is_between
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
 
@@ -66,6 +66,11 @@ class TouchPosition:
         span = field.logical_maximum - field.logical_minimum
         self.m_per_unit = (-active_m if lies.flip else active_m) / span
 
+    @property
+    def sides(self) -> "tuple[TouchPosition, ...]":
+        """The one side of a bar."""
+        return (self,)
+
     def position_m(self, contact: Contact) -> float:
         """Position of the contact, from 0 to the length of the surface: beyond an end, that end."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
@@ -84,6 +89,7 @@ class TouchPoint:
 
     def __init__(self, along: TouchPosition, across: TouchPosition) -> None:
         self.along, self.across = along, across
+        self.sides: tuple[TouchPosition, ...] = (along, across)
 
     def position_m(self, contact: Contact) -> complex:
         """Point of the contact on the plate: beyond an edge, at it."""
@@ -139,8 +145,7 @@ class ZoneRectangles:
             *([] if previous is None else [(previous, self.hysteresis_m)]),
             *((k, 0.0) for k in order),
         ):
-            start_m, stop_m = self.zones[zone].start_m, self.zones[zone].stop_m
-            if is_within(position_m - start_m, stop_m - start_m, beyond_m):
+            if is_between(position_m, self.zones[zone].start_m, self.zones[zone].stop_m, beyond_m):
                 return zone
         return None
 

@@ -31,7 +31,7 @@ def basis_of(actuators: int, *counts: int) -> Basis:
 
 def places_of(device: Device) -> Places:
     """The places of clicks made by hand."""
-    return Places.every(device.bar.length_m, PITCH_M)
+    return Places.every(device.surface.corner_m, PITCH_M)
 
 
 def in_zones(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) -> Placement:

@@ -18,6 +18,7 @@ CONSTANTS = {
     "MOST_FINGERS": 2,  # of a click that is looked up
     "MOST_PLACED": MOST_FINGERS,  # of a drive that is looked up
     "MOST_ZONES": 16,
+    "SIDES": 2,  # of a plate; a bar has the first one
     "MOST_RULES": 64,
     "MOST_WAITED": 5,  # the touches, the port, new tables, solved clicks, control steps
     "LONGEST_BODY": 250,  # of a command; up to here COBS has one block without a zero
@@ -42,29 +43,36 @@ NONE = CONSTANTS["NONE"]
 STRUCTURES = {
     # A field of a report: `byte` and `shift` of its lowest bit. A mask of 0: the device has no such field.
     "Bits": ["int64_t byte shift mask"],
-    "Slot": ["Bits tip contact_id valid hover confidence place", "int64_t sign minimum maximum"],
+    # A coordinate of a contact along a side of the surface, in logical units.
+    "Place": ["Bits bits", "int64_t sign minimum maximum"],
+    "Slot": ["Bits tip contact_id valid hover confidence", "Place place[SIDES]"],
     "Plan": ["int64_t report_id needed_bytes slots", "Bits count scan_time", "Slot slot[MOST_SLOTS]"],
-    # Where the rule holds: between start_m and stop_m; if start_m > stop_m, in the zones whose bits are set in `zones`
+    # A point of the surface, metres; on a bar the second coordinate is 0.
+    "Point": ["double m[SIDES]"],
+    # Where the rule holds: between start and stop; where has_region is 0, in the zones whose bits are set in `zones`
     # (NONE: in all zones).
-    "Rule": ["int64_t trigger zones level is_click", "double start_m stop_m"],
+    "Rule": ["int64_t trigger zones level is_click has_region", "Point start stop"],
     "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
-    "Active": ["int64_t contact_id place tip seen"],
-    # `held_m` is the position that drives are made for.
-    "Finger": ["int64_t contact_id zone level click_ns", "double position_m held_m"],
+    "Active": ["int64_t contact_id place[SIDES] tip seen"],
+    # `held` is the position that drives are made for.
+    "Finger": ["int64_t contact_id zone level click_ns", "Point position held"],
+    # A side of the surface: how the digitizer lies along it (`zero` is the logical place of its start), and the places
+    # of clicks along it. Where there is no second side, all of it is 0, but for one place and a pitch.
+    "Side": ["int64_t zero places", "double start_m m_per_unit length_m pitch_m"],
     "Fast": [
         # What stays during a run: the digitizer,
         "int64_t uses_report_ids packet_head plans key count_is_accurate frame_may_be_empty ignores_duplicates",
         "int64_t unseen_means_up maximum_contacts",
         "Plan plan[MOST_PLANS]",
-        # the bar (`zero` is the logical place of its start), the rules,
-        "double start_m m_per_unit length_m zone_start_m[MOST_ZONES] zone_stop_m[MOST_ZONES]",
+        # the surface, the rules,
+        "Side side[SIDES]",
+        "Point zone_start[MOST_ZONES] zone_stop[MOST_ZONES]",
         "double follow_m closest_m reach_m",
-        "int64_t zero zones rules follows_moves",
+        "int64_t zones rules follows_moves",
         "Rule rule[MOST_RULES]",
         # the clicks: a row, NONE without a click, by the codes of two fingers (0 for no finger, else 1 + 2 * place +
         # is_felt); of each row its set, fraction bits and number of weights, and the weights; amplitudes by level and
         # row, NONE for a click that is not played;
-        "double pitch_m",
         "int64_t places rows functions",
         "const_int32_t* pair",
         "const_uint8_t* head",

@@ -54,7 +54,7 @@ class FastRendering(Rendering):
     """A rendered table with its clicks as the compiled step reads them."""
 
     fast_table: FastTable | None
-    """The clicks for the compiled step, or None where they are too many or of a plate, or the device plays none."""
+    """The clicks for the compiled step, or None where they are too many, or the device plays none."""
 
 
 def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:
@@ -66,8 +66,7 @@ def _make_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastTa
     rendered, levels_db = rendering.renderer.clicks, tuple(sorted(rendering.renderer.levels_db))
     clicks = rendered.clicks
     cells = max((2 * clicks.places.count + 1) ** 2, len(levels_db) * len(clicks))
-    # The compiled step looks places up along one axis: fingers on a plate take the Python loop.
-    if clicks.places.across > 1 or cells > MOST_CELLS or len(rendering.device.zones) > CONSTANTS["MOST_ZONES"]:
+    if cells > MOST_CELLS or len(rendering.device.zones) > CONSTANTS["MOST_ZONES"]:
         return None
     lease_ms = min(rendering.configuration.lease_ms, capabilities.longest_lease_ms)
     drive_size = DRIVE_SIZE * capabilities.number_of_actuators

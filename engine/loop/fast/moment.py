@@ -18,7 +18,7 @@ from engine.loop.pipeline import Pipeline
 from engine.render.link_commands import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.digitizer import AGAIN
-from engine.touch.finger_tracker import REACH_M, TouchPosition
+from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M
 from engine.touch.quirks import Key
 from engine.touch.report_plan import NumberBits, ReportPlan, SlotPlan
@@ -49,7 +49,7 @@ class Moment:
         # Each look at a place of an array makes an object: they are kept.
         self._active, self._finger = [*self.fast.active], [*self.fast.finger]
         self._table: FastTable | None = None
-        self._column = 0  # of a contact, along the bar
+        self._columns: list[int] = []  # of a contact, along the sides of the surface
         self._held: DriveCommand | None = None
         self._levels: dict[float | None, int] = {}
         if len(_rules_of(effects)) > CONSTANTS["MOST_RULES"]:
@@ -73,11 +73,8 @@ class Moment:
         self._levels = {None: NONE} | {level_db: index for index, level_db in enumerate(table.levels_db)}
         if any(_first_level(rule) not in self._levels for rule in rules):
             return
-        position = pipeline.tracker.position
-        if not isinstance(position, TouchPosition):  # a plate, whose touches the Python loop answers
-            return
-        self._column = position.column
-        _set_bar(self.fast, pipeline, position)
+        self._columns = [side.column for side in pipeline.tracker.position.sides]
+        _set_surface(self.fast, pipeline)
         self._table, fast = table, self.fast
         fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
         for place, rule in zip(fast.rule, rules, strict=False):
@@ -90,7 +87,9 @@ class Moment:
         place.trigger, place.is_click = _TRIGGERS[rule.on], _first_segment(rule).is_click
         place.level = self._levels[_first_level(rule)]
         place.zones = NONE if rule.zones is None else sum(1 << zone for zone in rule.zones)
-        place.start_m, place.stop_m = _stretch_of(rule)
+        place.has_region = rule.zones is None and rule.region_m is not None
+        for point, at_m in zip((place.start, place.stop), rule.region_m or (), strict=False):
+            _set_point(point, at_m)
 
     def write(
         self,
@@ -146,11 +145,13 @@ class Moment:
             return False
         if pipeline.digitizer.debounce is not None:
             return False
-        column = self._column
+        columns = self._columns
         for active, contact in zip(self._active, frame.active.values(), strict=False):
             if contact.contact_id >= AGAIN:
                 return False  # the step knows fingers by the device's ids
-            active.contact_id, active.place = contact.contact_id, contact[column]
+            active.contact_id = contact.contact_id
+            for side, column in enumerate(columns):
+                active.place[side] = contact[column]
             active.tip, active.seen = contact.tip, contact.contact_id in frame.seen
         fingers = (*player.fingers.values(), *player.lifted)
         for place, finger in zip(self._finger, fingers, strict=False):
@@ -159,7 +160,8 @@ class Moment:
             if finger.is_kept_quiet or level_db not in levels:
                 return False
             place.contact_id, place.level = touch.contact_id, levels[level_db]
-            place.position_m, place.held_m = touch.position_m.real, finger.held_m.real
+            _set_point(place.position, touch.position_m)
+            _set_point(place.held, finger.held_m)
             place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
         fast.actives, fast.fingers, fast.lifted = len(frame.active), len(player.fingers), len(player.lifted)
@@ -177,13 +179,6 @@ def _first_segment(rule: Rule) -> Segment:
 def _first_level(rule: Rule) -> float | None:
     """The level that a finger feels first by a rule."""
     return changed_level(_first_segment(rule).level_db, rule.level_change_db)
-
-
-def _stretch_of(rule: Rule) -> tuple[float, float]:
-    """Start and stop of the rule's region along the bar; an empty stretch where it has none."""
-    if rule.zones is not None or rule.region_m is None:
-        return 1.0, 0.0
-    return rule.region_m[0].real, rule.region_m[1].real
 
 
 def _rules_of(effects: Effects) -> list[Rule]:
@@ -208,21 +203,31 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
     fast.plans = len(plans)
 
 
-def _set_bar(fast: Any, pipeline: Pipeline, position: TouchPosition) -> None:
-    zones = pipeline.device.zones
+def _set_point(place: Any, at_m: complex) -> None:
+    place.m[0], place.m[1] = at_m.real, at_m.imag
+
+
+def _set_surface(fast: Any, pipeline: Pipeline) -> None:
+    zones, sides = pipeline.device.zones, pipeline.tracker.position.sides
     fast.zones = len(zones)
     fast.follow_m, fast.closest_m, fast.reach_m = FOLLOW_M, CLOSEST_M, REACH_M
-    fast.zone_start_m[: fast.zones] = [zone.start_m.real for zone in zones]
-    fast.zone_stop_m[: fast.zones] = [zone.stop_m.real for zone in zones]
-    fast.start_m, fast.m_per_unit, fast.length_m = position.start_m, position.m_per_unit, position.length_m
-    fast.zero = position.zero
-    # Only the coordinate along the bar is read, so the plans follow from the bar, too.
+    for start, stop, zone in zip(fast.zone_start, fast.zone_stop, zones, strict=False):
+        _set_point(start, zone.start_m)
+        _set_point(stop, zone.stop_m)
+    fast.side[1] = type(fast.side[1])()  # of a plate that was there before
+    for place, side in zip(fast.side, sides, strict=False):
+        place.start_m, place.m_per_unit, place.length_m = side.start_m, side.m_per_unit, side.length_m
+        place.zero = side.zero
+    # Only coordinates along the sides are read, so the plans follow from the surface, too.
     for place, (report_id, plan) in zip(fast.plan, pipeline.digitizer.plans.items(), strict=False):
-        _set_plan(place, report_id, plan, position.column)
+        _set_plan(place, report_id, plan, [side.column for side in sides])
 
 
 def _set_table(fast: Any, table: FastTable) -> None:
-    fast.pitch_m, fast.places = table.places.pitch_m, table.places.count
+    places, fast.places = table.places, table.places.count
+    counts, corner_m = (places.along, places.across), places.corner_m
+    for place, count, side_m in zip(fast.side, counts, (corner_m.real, corner_m.imag), strict=True):
+        place.places, place.pitch_m = count, side_m / (count - 1) if count > 1 else 1.0
     fast.rows, fast.functions = table.weights.shape
     fast.pair, fast.head = table.pair.ctypes.data, table.head.ctypes.data
     fast.weight, fast.amplitude = table.weights.ctypes.data, table.amplitude.ctypes.data
@@ -235,27 +240,29 @@ def _set_body(place: Any, body: bytes) -> None:
     place.kind, place.size, place.body[: len(body)] = CONSTANTS["SET"], len(body), body
 
 
-def _set_plan(place: Any, report_id: int, plan: ReportPlan, column: int) -> None:
+def _set_plan(place: Any, report_id: int, plan: ReportPlan, columns: Sequence[int]) -> None:
     place.report_id, place.needed_bytes, place.slots = report_id, plan.needed_bytes, len(plan.slots)
     for field, bits in ((place.count, plan.count), (place.scan_time, plan.scan_time)):
         _set_bits(field, 0 if bits is None else bits.start, (0, 0) if bits is None else (bits.shift, bits.mask))
     for slot_place, slot in zip(place.slot, plan.slots, strict=False):
-        _set_slot(slot_place, slot, column)
+        _set_slot(slot_place, slot, columns)
 
 
-def _set_slot(place: Any, slot: SlotPlan, column: int) -> None:
+def _set_slot(place: Any, slot: SlotPlan, columns: Sequence[int]) -> None:
     start: int = slot.place.start
-    position = slot.x if column == 1 else slot.y
     for field, number in (
         (place.tip, slot.tip),
         (place.contact_id, slot.contact_id),
         (place.valid, slot.valid),
         (place.hover, slot.hover),
         (place.confidence, slot.confidence),
-        (place.place, position[:2]),
     ):
         _set_bits(field, start, number)
-    place.sign, place.minimum, place.maximum = position[2:]
+    place.place[1] = type(place.place[1])()
+    for side, column in zip(place.place, columns, strict=False):
+        position = slot.x if column == 1 else slot.y
+        _set_bits(side.bits, start, position[:2])
+        side.sign, side.minimum, side.maximum = position[2:]
 
 
 def _set_bits(place: Any, start: int, number: NumberBits) -> None:

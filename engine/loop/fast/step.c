@@ -102,11 +102,15 @@ static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t
             at = count++;
             active[at].contact_id = contact_id;
         }
-        /* Only the coordinate along the bar, clamped to its logical range. */
-        int64_t place = (get(report, &slot->place) ^ slot->sign) - slot->sign;
-        if (place < slot->minimum) place = slot->minimum;
-        if (place > slot->maximum) place = slot->maximum;
-        active[at].place = place, active[at].tip = tip, active[at].seen = 1;
+        /* The coordinates along the sides of the surface, clamped to their logical ranges; 0 without a second side. */
+        for (int side = 0; side < SIDES; side++) {
+            const Place *read = &slot->place[side];
+            int64_t place = (get(report, &read->bits) ^ read->sign) - read->sign;
+            if (place < read->minimum) place = read->minimum;
+            if (place > read->maximum) place = read->maximum;
+            active[at].place[side] = place;
+        }
+        active[at].tip = tip, active[at].seen = 1;
     }
     if (received < expected) return NONE; /* the frame goes on in another report */
     if (fast->unseen_means_up) {
@@ -118,37 +122,56 @@ static int decode(const Fast *fast, const uint8_t *report, int64_t size, int64_t
     return count;
 }
 
-/* ---- contacts to places on the bar and zones, as engine/touch/finger_tracker.py ---- */
+/* ---- contacts to points of the surface and zones, as engine/touch/finger_tracker.py ---- */
 
-static double position_of(const Fast *fast, int64_t place) {
-    const double position_m = fast->start_m + (double)(place - fast->zero) * fast->m_per_unit;
-    if (position_m >= 0.0 && position_m <= fast->length_m) return position_m;
-    return position_m < 0.0 ? 0.0 : fast->length_m;
+static double along(const Side *side, int64_t place) {
+    return side->start_m + (double)(place - side->zero) * side->m_per_unit;
 }
 
-/* Whether a contact that comes down is too far beyond an end of the bar to be a finger of it. */
-static int is_beside(const Fast *fast, int64_t place) {
-    const double position_m = fast->start_m + (double)(place - fast->zero) * fast->m_per_unit;
-    return !(position_m >= -fast->reach_m && position_m <= fast->length_m + fast->reach_m);
+static Point point_of(const Fast *fast, const int64_t *place) {
+    Point point;
+    for (int i = 0; i < SIDES; i++) {
+        const double m = along(&fast->side[i], place[i]), length_m = fast->side[i].length_m;
+        point.m[i] = m >= 0.0 && m <= length_m ? m : m < 0.0 ? 0.0 : length_m;
+    }
+    return point;
 }
 
-/* The zone of a finger that comes down: hysteresis is for fingers that move, and only the loop follows those. */
-static int64_t zone_of(const Fast *fast, double position_m) {
-    int64_t zone = NONE;
-    while (zone + 1 < fast->zones && fast->zone_start_m[zone + 1] <= position_m) zone++;
-    return zone != NONE && position_m <= fast->zone_stop_m[zone] ? zone : NONE;
+/* Whether a contact that comes down is too far beyond an edge of the surface to be a finger of it. */
+static int is_beside(const Fast *fast, const int64_t *place) {
+    for (int i = 0; i < SIDES; i++) {
+        const double m = along(&fast->side[i], place[i]);
+        if (!(m >= -fast->reach_m && m <= fast->side[i].length_m + fast->reach_m)) return 1;
+    }
+    return 0;
+}
+
+static double distance_m(Point a, Point b) { return hypot(a.m[0] - b.m[0], a.m[1] - b.m[1]); }
+
+static int is_between(Point point, Point start, Point stop) {
+    for (int i = 0; i < SIDES; i++)
+        if (!(start.m[i] <= point.m[i] && point.m[i] <= stop.m[i])) return 0;
+    return 1;
+}
+
+/* The zone of a finger that comes down, the last of those that share an edge: hysteresis is for fingers that move, and
+ * only the loop follows those. */
+static int64_t zone_of(const Fast *fast, Point point) {
+    int64_t zone = fast->zones - 1;
+    while (zone >= 0 && !is_between(point, fast->zone_start[zone], fast->zone_stop[zone])) zone--;
+    return zone; /* -1 is NONE */
 }
 
 /* ---- fingers to what is felt, as engine/effects/effect_player.py ---- */
 
-typedef struct { double held_m; int64_t level, click_ns, is_lifted; } Present;
+typedef struct { Point held; int64_t level, click_ns, is_lifted; } Present;
 
 /* What the fingers bring: the wanted level, when its click began, and the fingers, those that have lifted included. */
 typedef struct { int64_t level, click_ns, count; Present finger[3 * MOST_CONTACTS]; } Felt;
 
 /* The click that began last is all that is felt; of equal ones, and of steady levels, the greatest level. */
-static void feel(Felt *felt, double held_m, int64_t level, int64_t click_ns, int64_t is_lifted) {
-    felt->finger[felt->count++] = (Present){held_m, level, click_ns, is_lifted};
+static void feel(Felt *felt, Point held, int64_t level, int64_t click_ns, int64_t is_lifted) {
+    felt->finger[felt->count++] = (Present){held, level, click_ns, is_lifted};
     if (level == NONE) return;
     if (click_ns == felt->click_ns) {
         if (level > felt->level) felt->level = level;
@@ -157,21 +180,19 @@ static void feel(Felt *felt, double held_m, int64_t level, int64_t click_ns, int
     }
 }
 
-static const Rule *rule_for(const Fast *fast, int64_t trigger, int64_t zone, double position_m) {
+static const Rule *rule_for(const Fast *fast, int64_t trigger, int64_t zone, Point point) {
     for (int i = 0; i < fast->rules; i++) {
         const Rule *rule = &fast->rule[i];
         if (rule->trigger != trigger) continue;
-        const int is_by_place = rule->start_m <= rule->stop_m;
-        const int has_place = rule->start_m <= position_m && position_m <= rule->stop_m;
         const int has_zone = rule->zones == NONE || (zone != NONE && rule->zones >> zone & 1);
-        if (is_by_place ? has_place : has_zone) return rule;
+        if (rule->has_region ? is_between(point, rule->start, rule->stop) : has_zone) return rule;
     }
     return NULL;
 }
 
 /* The position that drives are made for: it follows a finger that is more than follow_m away from it. */
-static double held_of(const Fast *fast, const Finger *finger, double position_m) {
-    return fabs(position_m - finger->held_m) > fast->follow_m ? position_m : finger->held_m;
+static Point held_of(const Fast *fast, const Finger *finger, Point point) {
+    return distance_m(point, finger->held) > fast->follow_m ? point : finger->held;
 }
 
 /* Whether a finger came or lifted; `felt` is what the contacts bring. */
@@ -181,19 +202,19 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
     int64_t here[MOST_CONTACTS];
     for (int i = 0; i < count; i++) {
         if (!active[i].tip) continue;
-        const double position_m = position_of(fast, active[i].place);
+        const Point point = point_of(fast, active[i].place);
         const Finger *finger = NULL;
         for (int k = 0; k < fast->fingers; k++)
             if (fast->finger[k].contact_id == active[i].contact_id) finger = &fast->finger[k];
         if (finger == NULL && is_beside(fast, active[i].place)) continue;
         here[touching++] = active[i].contact_id;
         if (finger != NULL) {
-            if (fast->follows_moves && position_m != finger->position_m) return 0; /* a drag, or the end of a hold */
-            feel(felt, held_of(fast, finger, position_m), finger->level, finger->click_ns, 0);
+            if (fast->follows_moves && distance_m(point, finger->position) != 0.0) return 0; /* a drag, or the end of a hold */
+            feel(felt, held_of(fast, finger, point), finger->level, finger->click_ns, 0);
         } else {
-            const Rule *rule = rule_for(fast, TOUCH, zone_of(fast, position_m), position_m);
+            const Rule *rule = rule_for(fast, TOUCH, zone_of(fast, point), point);
             changed = 1;
-            feel(felt, position_m, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 0);
+            feel(felt, point, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 0);
         }
     }
     /* Fingers that have just lifted, by their lift rule; then those lifted before, whose effect goes on. */
@@ -204,11 +225,11 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
             for (int i = 0; i < touching; i++) is_here |= here[i] == finger->contact_id;
             if (is_here) continue;
             changed = 1;
-            const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position_m);
+            const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position);
             if (rule == NULL) continue;
-            feel(felt, finger->held_m, rule->level, rule->is_click ? time_ns : NONE, 1);
+            feel(felt, finger->held, rule->level, rule->is_click ? time_ns : NONE, 1);
         } else {
-            feel(felt, finger->held_m, finger->level, finger->click_ns, 1);
+            feel(felt, finger->held, finger->level, finger->click_ns, 1);
         }
     }
     return changed;
@@ -216,27 +237,33 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
 
 /* ---- placement to click, as engine/table/click_grid.py ---- */
 
-static int64_t place_of(const Fast *fast, double position_m) {
-    const int64_t place = (int64_t)(position_m / fast->pitch_m + 0.5), last = fast->places - 1;
-    return place < 0 ? 0 : place > last ? last : place;
+/* The nearest place; they are numbered along the surface first, as engine/touch/places.py has it. */
+static int64_t place_of(const Fast *fast, Point point) {
+    int64_t number = 0;
+    for (int i = 0; i < SIDES; i++) {
+        const Side *side = &fast->side[i];
+        const int64_t place = (int64_t)(point.m[i] / side->pitch_m + 0.5), last = side->places - 1;
+        number = side->places * number + (place < 0 ? 0 : place > last ? last : place);
+    }
+    return number;
 }
 
 /* Row of the click for these fingers; NONE: there is none, or the case is left to Python. */
 static int64_t row_of(const Fast *fast, const Felt *felt) {
     /* The felt fingers, and all others that touch; code 0 stands for no finger, 1 + 2 * place + is_felt for one. The
      * finger that came last has the last code: `warm` has brought the row of the code before it. */
-    double held_m[MOST_FINGERS] = {0.0};
+    Point held[MOST_FINGERS] = {0};
     int64_t code[MOST_FINGERS] = {0}, count = 0;
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
         const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
         if (finger->is_lifted && !is_felt) continue;
         if (count == MOST_FINGERS) return NONE;
-        held_m[0] = held_m[1], code[0] = code[1], count++;
-        held_m[1] = finger->held_m, code[1] = 1 + 2 * place_of(fast, finger->held_m) + is_felt;
+        held[0] = held[1], code[0] = code[1], count++;
+        held[1] = finger->held, code[1] = 1 + 2 * place_of(fast, finger->held) + is_felt;
     }
-    /* Fingers that are too close are one to the bar. */
-    if (count == MOST_FINGERS && fabs(held_m[0] - held_m[1]) < fast->closest_m) return NONE;
+    /* Fingers that are too close are one to the surface. */
+    if (count == MOST_FINGERS && distance_m(held[0], held[1]) < fast->closest_m) return NONE;
     return fast->pair[code[0] * (2 * fast->places + 1) + code[1]]; /* in either order */
 }
 
@@ -257,7 +284,7 @@ static int play(const Fast *fast, int64_t row, int64_t level, Command *command) 
 
 /* The zones of the fingers that feel, a bit for each; NONE: the case is left to Python. */
 static int64_t combination_of(const Fast *fast, const Felt *felt) {
-    double held_m[MOST_PLACED];
+    Point held[MOST_PLACED];
     int64_t zones = 0, count = 0;
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
@@ -265,9 +292,9 @@ static int64_t combination_of(const Fast *fast, const Felt *felt) {
         if (finger->is_lifted && !is_felt) continue;
         if (count == MOST_PLACED) return NONE; /* some are left out */
         for (int k = 0; k < count; k++)
-            if (fabs(held_m[k] - finger->held_m) < fast->closest_m) return NONE; /* one finger to the bar */
-        held_m[count++] = finger->held_m;
-        const int64_t zone = zone_of(fast, finger->held_m);
+            if (distance_m(held[k], finger->held) < fast->closest_m) return NONE; /* one finger to the surface */
+        held[count++] = finger->held;
+        const int64_t zone = zone_of(fast, finger->held);
         if (is_felt && zone != NONE) zones |= (int64_t)1 << zone;
     }
     return zones;
@@ -403,7 +430,7 @@ static void warm(Fast *fast) {
     encode(fast, fast->rows && play(fast, 0, 0, &click) ? &click : &fast->silence, 0, fast->frame);
     if (!fast->rows) return;
     const int64_t codes = 2 * fast->places + 1;
-    const int64_t code = fast->fingers ? 1 + 2 * place_of(fast, fast->finger[fast->fingers - 1].held_m) : 0;
+    const int64_t code = fast->fingers ? 1 + 2 * place_of(fast, fast->finger[fast->fingers - 1].held) : 0;
     for (int64_t k = 0; k < codes; k += 16) __builtin_prefetch(fast->pair + code * codes + k); /* 16 rows a line */
 }
 

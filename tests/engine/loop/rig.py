@@ -49,8 +49,8 @@ SLOTS = 4
 DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
 BIT_RATE_HZ = 1_000_000
 
-Touch = tuple[int, float]
-"""Contact id and place, as a fraction of the bar."""
+Touch = tuple[int, complex]
+"""Contact id and place, as fractions of the sides of the touch area; a real one lies in its middle across."""
 
 
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
@@ -65,11 +65,15 @@ def index_of(*zones: int, quiet: Sequence[int] = ()) -> int:
 def report(*touches: Touch, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
     """One frame of up to four contacts in one report: those that touch, some as palms, and those that lift."""
     slots = [
-        struct.pack("<BBHH", 3 if contact_id in palms else 7, contact_id, round(1000 * place), 500)
+        struct.pack("<BBHH", 3 if contact_id in palms else 7, contact_id, round(1000 * place.real), across_of(place))
         for contact_id, place in touches
     ]
     slots += [struct.pack("<BBHH", 4, contact_id, 0, 500) for contact_id in lifted]
     return b"\x01" + b"".join(slots[:SLOTS]).ljust(6 * SLOTS, b"\0") + bytes([min(len(slots), SLOTS)])
+
+
+def across_of(place: complex) -> int:
+    return round(1000 * place.imag) if isinstance(place, complex) else 500
 
 
 def recording_of(*frames: tuple[float, bytes]) -> Recording:

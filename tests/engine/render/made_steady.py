@@ -3,6 +3,7 @@
 from collections.abc import Collection, Sequence
 from types import SimpleNamespace
 
+from base.points import is_within
 from engine.device import Device
 from engine.render.chosen_basis import NO_BASIS
 from engine.render.click_renderer import RenderedClicks
@@ -45,7 +46,7 @@ class MadeSteady:
         return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
-        assert all(0 <= at_m.real <= self.device.bar.length_m for at_m in placement.position_m)
+        assert all(is_within(at_m, self.device.surface.corner_m) for at_m in placement.position_m)
         self.solved.append((placement, level_db))
         self.held_hz.append(held_hz)
         states = placement.zone_states(self.device)

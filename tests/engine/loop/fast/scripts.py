@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from engine.device import Device
+from engine.device.parts import Plate, TouchAcross, Zone
 from engine.effects.rules import Effect, Rule, Segment, Trigger, click
 from engine.table import Clicks
 from engine.touch.places import Key
@@ -29,7 +30,7 @@ _TRIGGERS = tuple(Trigger)
 _CHANCES_OF_TRIGGERS = (0.5, 0.1, 0.3, 0.1)  # touch, hold, lift, drag
 
 Fingers = Mapping[int, float]
-"""Places by contact id, as fractions of the bar."""
+"""Places by contact id, as fractions of the bar; how far across a plate follows from both."""
 
 
 def device_with_gaps() -> Device:
@@ -41,6 +42,21 @@ def device_with_gaps() -> Device:
     text = DEVICE.text.replace("count = 5 # equal; or [[zone]] tables with name, start, stop\n", "")
     text = text.replace('inferred = ["count", "hysteresis"]\n', 'inferred = ["hysteresis"]\n\n' + zones)
     return Device.parse(text, "bar.toml")
+
+
+def plate_device() -> Device:
+    """A plate with a gap between its zones, whose digitizer lies along Y, reaches beyond it, and is flipped across."""
+    lower_m = (0j, 0.07 + 0.05j), (0.07 + 0j, 0.15 + 0.05j)
+    corners_m = (*lower_m, (0.05j, 0.06 + 0.09j), (0.08 + 0.05j, 0.15 + 0.09j))
+    across = TouchAcross(flip=True, start_margin_m=0.0, end_margin_m=-0.01, active_length_m=None)
+    left, right = DEVICE.actuators
+    return replace(
+        DEVICE,
+        surface=Plate(0.15, 0.09, 1e-3, 70e9, 2500.0, 0.23, 0.0, 0.0),
+        actuators=(replace(left, position_m=0.02 + 0.02j), replace(right, position_m=0.13 + 0.07j)),
+        zones=tuple(Zone(name, *ends) for name, ends in zip("ABCD", corners_m, strict=True)),
+        touch_axis=replace(DEVICE.touch_axis, axis="y", start_margin_m=-0.01, across=across),
+    )
 
 
 def varied_clicks(device: Device, missing: int = 9) -> Clicks:
@@ -71,7 +87,8 @@ def varied_clicks(device: Device, missing: int = 9) -> Clicks:
 
 def report(fingers: Fingers, lifted: Sequence[int] = (), palms: Collection[int] = ()) -> bytes:
     """One frame of up to four contacts in one report."""
-    return rig.report(*fingers.items(), lifted=lifted, palms=palms)
+    touches = [(contact, complex(place, (0.37 * contact + 0.9 * place) % 1)) for contact, place in fingers.items()]
+    return rig.report(*touches, lifted=lifted, palms=palms)
 
 
 def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, bytes]]:
@@ -110,9 +127,17 @@ def random_rules(random: np.random.Generator, device: Device) -> tuple[Rule, ...
             _TRIGGERS[int(random.choice(len(_TRIGGERS), p=_CHANCES_OF_TRIGGERS))],
             _EFFECTS[int(random.choice(len(_EFFECTS), p=_CHANCES))],
             zones=frozenset(random.choice(zones, 1 + int(random.integers(2))).tolist()) if where == "zones" else None,
-            region_m=tuple(sorted(random.uniform(0, device.bar.length_m, 2).tolist())) if where == "region" else None,
+            region_m=_region(random, device.surface.corner_m) if where == "region" else None,
             after_ns=20 * MS,
             every_m=0.01,
         )
         for where in random.choice(("zones", "region", "anywhere"), 1 + int(random.integers(4))).tolist()
     )
+
+
+def _region(random: np.random.Generator, corner_m: complex) -> tuple[complex, complex]:
+    start_m, stop_m = sorted(random.uniform(0, corner_m.real, 2).tolist())
+    if not isinstance(corner_m, complex):
+        return start_m, stop_m
+    low_m, high_m = sorted(random.uniform(0, corner_m.imag, 2).tolist())
+    return complex(start_m, low_m), complex(stop_m, high_m)

