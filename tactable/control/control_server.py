@@ -21,7 +21,7 @@ import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from typing import Any, Protocol
 
-from base.points import json_of
+from base.points import json_of, point_text
 from engine.device import Device
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.program_scene import Scene
@@ -260,7 +260,8 @@ class ControlServer:
         if outcome is Outcome.OFF:
             raise ControlError("trigger.type: 'trigger': a program has switched feeling off: it must set enabled again")
         if outcome is Outcome.OFF_BAR:
-            raise ControlError(f"trigger.at: {request.position_m:g} m: is beyond the surface since its table changed")
+            place = point_text(request.position_m or 0.0)
+            raise ControlError(f"trigger.at: {place}: is beyond the surface since its table changed")
 
     def _no_finger(self, key: str, contact_id: int | None) -> ControlError:
         there = ", ".join(str(each["finger"]) for each in self._fingers()) or "none does"

@@ -59,7 +59,8 @@ def _switch(value: Value) -> bool:
 
 
 def _place(value: Value) -> str:
-    return f"{_number(value):.6f} mm"
+    """A number of mm, or a text such as "60 x 40 mm" on a plate."""
+    return value if isinstance(value, str) else f"{_number(value):.6f} mm"
 
 
 def _change(values: Sequence[Value]) -> dict[str, str]:
@@ -120,8 +121,8 @@ def _json(values: Sequence[Value]) -> dict[str, Any]:
 
 _MESSAGES: Mapping[str, tuple[str, Callable[[Sequence[Value]], dict[str, Any]]]] = {
     "trigger": ("effect, finger, and a change of level in dB if wanted", _trigger),
-    "trigger_at": ("effect, place in mm, and a change of level in dB if wanted", _trigger_at),
-    "region": ("name, start and stop in mm, then pairs of event and effect such as touch press", _region),
+    "trigger_at": ("effect, place in mm or such as 60 x 40 mm, and a change of level in dB if wanted", _trigger_at),
+    "region": ("name, start and stop in mm or as texts, then pairs of event and effect such as touch press", _region),
     "remove": ("the name of a region", _remove),
     "settings": ("enabled, rule_file (0 or 1), and a change of level in dB if wanted", _settings),
     "quiet": ("finger, and 1 for quiet or 0 for by rules", _quiet),
@@ -183,7 +184,10 @@ class _Sender:
             self._owner.send(self.reply_to, "event", [json.dumps(document)])
 
     def _send_touches(self, fingers: list[dict[str, Any]]) -> None:
-        values = [value for each in fingers for value in (each["finger"], 1e3 * each["at_m"])]
+        values = list[Value]()
+        for each in fingers:
+            at_m = each["at_m"]
+            values += each["finger"], *(1e3 * side_m for side_m in (at_m if isinstance(at_m, list) else [at_m]))
         self._owner.send(self.reply_to, "touches", values)
 
     async def drain(self) -> None:

@@ -2,14 +2,15 @@
 
 import asyncio
 import random
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tactable.control.control_server import ControlServer
-from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, message_of
+from tactable.control.osc import _MESSAGES, LEASE_S, PREFIX, OscControl, _Sender, message_of
 from tactable.control.osc_codec import _DEEPEST, OscError, Value, decode_osc, encode_osc
 from tactable.control.requests import MOST_BYTES, read_request
 from tactable.shipped import find_device, named_effects
@@ -103,6 +104,21 @@ def test_each_address_is_a_message_of_the_channel(name: str) -> None:
     message = message_of(PREFIX + name, ASKED[name])
     MESSAGE.validate(message)
     read_request(message, find_device("reference-a"), named_effects(), 1)
+
+
+def test_places_on_a_plate_are_texts_and_touches_there_have_both_coordinates() -> None:
+    asked: dict[str, list[Value]] = {
+        "trigger_at": ["error", "60 x 40 mm"],
+        "region": ["ok", "20 x 10 mm", "60 x 50 mm", "touch", "press"],
+    }
+    for name, values in asked.items():
+        message = message_of(PREFIX + name, values)
+        MESSAGE.validate(message)
+        read_request(message, find_device("reference-p"), named_effects(), 1)
+    sent = list[Any]()
+    sender = _Sender(cast("OscControl", SimpleNamespace(send=lambda *what: sent.append(what))), ("127.0.0.1", 9))
+    sender._send_touches([{"finger": 1, "at_m": [0.06, 0.04]}])
+    assert sent == [(("127.0.0.1", 9), "touches", [1, 60.0, 40.0])]
 
 
 @pytest.mark.parametrize(
