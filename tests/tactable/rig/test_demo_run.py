@@ -18,7 +18,6 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, read_recording, write_recording
-from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause, DriveEvent, PlayedWaveform
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.host.reopening import ReopeningPort
@@ -29,6 +28,7 @@ from tactable.rig import demo_run
 from tactable.rig.demo_page import print_demo
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport
 from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, run_demo
+from tactable.rig.emulate import configuration_of
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
 from tactable.rig.simulated_surface import ENVELOPE_S, SimulatedDrive, is_felt
@@ -37,6 +37,7 @@ from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
 from tests.engine.shared_recordings import recording_params
 from tests.tactable.cli.in_process import summary_of
+from tests.tactable.page.test_plate_page import PLATE
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tools.virtual import VirtualLine
 
@@ -56,6 +57,17 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Table:
     coarse = Device.read(folder / "bar.toml")
     build_table(coarse, folder / "bar.nc", created="test", click_options=CHEAP)
     return Table.open(folder / "bar.nc", device=coarse)
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> Table:
+    """A small plate on two actuators, with a coarse sweep."""
+    path, device = (
+        tmp_path_factory.mktemp("plate") / "plate.nc",
+        Device.parse(PLATE.replace('"1 Hz"', '"20 Hz"'), "plate"),
+    )
+    build_table(device, path, created="test", click_options=CHEAP)
+    return Table.open(path, device=device)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +98,7 @@ def play(
     table: Table, recording: Recording, speed: float, effects: Effects = DEFAULT_EFFECTS, faults: str = ""
 ) -> LiveRun:
     """As the demo does, in virtual time."""
-    line = VirtualLine(DeviceConfiguration(0, len(table.device.actuators)), faults)
+    line = VirtualLine(configuration_of(table.device), faults)
     reopening, solving = ReopeningPort(line.open, line), SolvingHere(solver_of(table.path))
     return play_to(
         *(line, line, table, Playback(recording, speed), effects),
@@ -107,11 +119,13 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
+@pytest.mark.parametrize("surface", ["table", pytest.param("plate", marks=pytest.mark.long)])
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1)[::4])
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
-    path: Path, table: Table, reporter: Reporter
+    path: Path, surface: str, request: pytest.FixtureRequest
 ) -> None:
-    recording = read_recording(path)
+    table, recording = request.getfixturevalue(surface), read_recording(path)
+    reporter = Reporter(table)
     duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
     for effects in (DEFAULT_EFFECTS, HELD):
         run = play(table, recording, max(1.0, duration_s / SHORTEST_S), effects)
@@ -178,6 +192,20 @@ def test_the_demo_tells_all_of_it_and_draws_it(tmp_path: Path, table: Table) -> 
     assert {click["wanted_level_db"] for click in report["clicks"]} == {20.0}
     assert report["commands_applied"] == report["commands_sent"] > 0
     assert (tmp_path / "demo.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("virtual")
+def test_a_plate_s_fingers_are_told_and_drawn_as_points(tmp_path: Path, plate: Table) -> None:
+    for effects in (DEFAULT_EFFECTS, HELD):
+        report = run_demo(plate, THREE_FINGERS, effects)
+        assert report.agrees and (report.drives if effects is HELD else report.clicks)
+        draw_demo(report, tmp_path / "demo.png")
+        told = io.StringIO()
+        print_demo(Console(file=told, width=200), report, tmp_path / "demo.png")
+        assert "20 x 59.94 mm" in told.getvalue() and "plate" in told.getvalue()
+        first = (demo_json(report)["states"] or demo_json(report)["clicks"])[0]["fingers"][0]
+        assert first["position_m"] == pytest.approx([0.02, 0.06], abs=2e-4)
 
 
 @pytest.mark.machine
