@@ -6,9 +6,9 @@ the places of its actuators, which a ruler tells to a millimetre or so, on a pla
 Where the misfit may be noise, a score test picks the candidates worth a fit: the derivative of the readings by a
 candidate, less what the fitted parameters can do, correlated with the residuals. In noise that is chi-squared with one
 degree of freedom, and it needs no fit. A linear model says nothing of a bar whose modes lie elsewhere, so where the
-misfit is larger than noise usually is, every candidate is fitted. In noise twice the fall of the cost is chi-squared as
-well (likelihood ratio); where it is far beyond that, and the typical misfit falls by a tenth or more, the candidate was
-wrong. The one that helps most is the remedy.
+misfit is larger than noise usually is, every candidate of a bar is fitted, and of a plate the three that promise most.
+In noise twice the fall of the cost is chi-squared as well (likelihood ratio); where it is far beyond that, and the
+typical misfit falls by a tenth or more, the candidate was wrong. The one that helps most is the remedy.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -37,7 +37,11 @@ _NOISY = 0.03
 """Relative noise beyond which the score is not asked: accelerometers and their places are better."""
 _REACH = 0.05
 """Of the bar: how far off a length is looked for. Millimetres are misread, or the other end is counted from."""
-_LOOKED_AT = 17  # 0.6 % of the bar apart, since costs have several minima; 9 pass the tests too
+_LOOKED_AT = {"bar": 17, "plate": 7}  # 0.6 % of the bar apart, since costs have several minima; 9 pass the tests too
+_MOST_FITTED = {"bar": None, "plate": 3}
+"""Candidates that are fitted, the most promising ones: a fit of a plate takes a hundred times as long as of a bar."""
+_SOUGHT_EVERYWHERE = ("bar",)
+"""Surfaces on which candidates are fitted from everywhere, and where the misfit is large whatever their score."""
 _STEP, _EXACT, _ROUGH = 1e-4, 1e-4, 1e-5  # of the bar, of the bar, of the cost
 
 
@@ -78,11 +82,14 @@ def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, B
     def pose_at(length: _Length, length_m: float) -> Problem:
         return pose_fit(length.device_at(length.written(length_m)), measurements, fitted)
 
+    candidates = [
+        *_parameters_worth_a_fit(device, calibration, bounds, without),
+        *_lengths_worth_a_fit(_lengths_of(device, measurements), calibration, without, pose_at),
+    ]
+    candidates.sort(key=lambda each: -each[0])
     gains = dict[float, Remedy]()
-    for name, length_m, better in (
-        *_fits_with_parameters(device, calibration, bounds, without),
-        *_fits_of_lengths(_lengths_of(device, measurements), calibration, without, pose_at),
-    ):
+    for _, name, fitted_with in candidates[: _MOST_FITTED[device.surface.kind]]:
+        length_m, better = fitted_with()
         _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
         misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
         if misfit <= _WORTH * before:
@@ -90,10 +97,14 @@ def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, B
     return gains[max(gains)] if gains and max(gains) >= _GAIN else None
 
 
-def _fits_with_parameters(
+_Candidate = tuple[float, str, Callable[[], tuple[complex | None, Fit]]]
+"""Score, name, and what makes the fit, with the best value of a length."""
+
+
+def _parameters_worth_a_fit(
     device: Device, calibration: Calibration, bounds: Mapping[str, Bounds], without: Problem
-) -> Iterator[tuple[str, None, Fit]]:
-    """A fit with each further parameter that promises something."""
+) -> Iterator[_Candidate]:
+    """Each further parameter that promises something."""
     measurements, names = calibration.measurements, tuple(p.name for p in calibration.parameters)
     for name in known_names(device):
         try:
@@ -102,47 +113,52 @@ def _fits_with_parameters(
         except CalibrationError:  # it is fitted already or under another name, is 0, or changes none of these readings
             continue
         started = np.append(calibration.coordinate, problem.start[-1])
-        if not _is_promising(without, calibration, problem.misfit.at(started).log_slope[:, -1]):
-            continue
-        both = (fit(problem, Loss.ROBUST, 1, 0), settle(problem, Loss.ROBUST, started))
-        yield name, None, min(both, key=lambda found: found.noise)
+
+        def fitted_with(problem: Problem = problem, started: Array = started) -> tuple[None, Fit]:
+            found = [settle(problem, Loss.ROBUST, started)]
+            found += [fit(problem, Loss.ROBUST, 1, 0)] if device.surface.kind in _SOUGHT_EVERYWHERE else []
+            return None, min(reversed(found), key=lambda each: each.noise)
+
+        score = _score(without, calibration, problem.misfit.at(started).log_slope[:, -1])
+        if score >= _PROMISING or (calibration.noise > _NOISY and device.surface.kind in _SOUGHT_EVERYWHERE):
+            yield score, name, fitted_with
 
 
-def _fits_of_lengths(
+def _lengths_worth_a_fit(
     lengths: list[_Length], calibration: Calibration, without: Problem, pose_at: Callable[[_Length, float], Problem]
-) -> Iterator[tuple[str, complex, Fit]]:
-    """The fit at the best value of each length that promises something."""
-    residual = without.misfit.at(calibration.coordinate).log_residual
+) -> Iterator[_Candidate]:
+    """Each length that promises something."""
+    kind, residual = calibration.device.surface.kind, without.misfit.at(calibration.coordinate).log_residual
     for length in lengths:
         step_m = _STEP * (length.high_m - length.low_m)
         moved = pose_at(length, length.length_m + step_m).misfit.at(calibration.coordinate).log_residual
-        if not _is_promising(without, calibration, (moved - residual) / step_m):
-            continue
 
         def cost_at(length_m: float, length: _Length = length) -> float:
             problem = pose_at(length, float(length_m))
             return minimise(problem, Loss.ROBUST, calibration.noise, calibration.coordinate, _ROUGH)[1]
 
-        places_m = np.linspace(length.low_m, length.high_m, _LOOKED_AT)
-        best = int(np.argmin([cost_at(place_m) for place_m in places_m.tolist()]))
-        ends_m = places_m[max(best - 1, 0)], places_m[min(best + 1, _LOOKED_AT - 1)]
-        exact_m = _EXACT * (length.high_m - length.low_m)
-        found_m = float(minimize_scalar(cost_at, bounds=ends_m, method="bounded", options={"xatol": exact_m}).x)
-        better = settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
-        yield length.name, length.written(found_m), better
+        def fitted_with(length: _Length = length, cost_at: Callable[[float], float] = cost_at) -> tuple[complex, Fit]:
+            places_m = np.linspace(length.low_m, length.high_m, _LOOKED_AT[kind])
+            best = int(np.argmin([cost_at(place_m) for place_m in places_m.tolist()]))
+            ends_m = places_m[max(best - 1, 0)], places_m[min(best + 1, len(places_m) - 1)]
+            exact_m = _EXACT * (length.high_m - length.low_m)
+            found_m = float(minimize_scalar(cost_at, bounds=ends_m, method="bounded", options={"xatol": exact_m}).x)
+            return length.written(found_m), settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
+
+        score = _score(without, calibration, (moved - residual) / step_m)
+        if score >= _PROMISING or (calibration.noise > _NOISY and kind in _SOUGHT_EVERYWHERE):
+            yield score, length.name, fitted_with
 
 
-def _is_promising(without: Problem, calibration: Calibration, column: Array) -> bool:
-    """Whether a candidate is worth a fit; column (datum,): the derivative of the residuals by it."""
-    if calibration.noise > _NOISY:
-        return True
+def _score(without: Problem, calibration: Calibration, column: Array) -> float:
+    """Twice the fall of the cost that a candidate promises; column (datum,): the derivative of the residuals by it."""
     misfit = without.misfit.at(calibration.coordinate)
     residual = misfit.log_residual / calibration.noise
     weight = 1 / np.sqrt(1 + (residual / CAUCHY) ** 2)
     slope, own = misfit.log_slope * weight[:, None], column * weight
     own = own - slope @ np.linalg.lstsq(slope, own, rcond=None)[0]
     size = float(own @ own)
-    return size > 0 and float(own @ (residual * weight)) ** 2 >= _PROMISING * size
+    return float(own @ (residual * weight)) ** 2 / size if size > 0 else 0.0
 
 
 def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:

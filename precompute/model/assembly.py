@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -212,8 +212,9 @@ def assemble(device: Device) -> Plant:
     return assemble_modes(device, BarPlant(device, node_m, K, np.zeros_like(K), M), dense(K), dense(M))
 
 
+@lru_cache(maxsize=8)
 def free_surface(device: Device) -> FreeSurface:
-    """The surface of a device without its actuators. Raises DeviceError for a bar with an inertial one."""
+    """The surface of a device without its actuators, kept for fits. Raises DeviceError for inertial ones on bars."""
     from precompute.model.plate import FreePlate
 
     return FreeBar(device) if isinstance(device.surface, Bar) else FreePlate(device)

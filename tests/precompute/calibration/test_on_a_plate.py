@@ -1,13 +1,16 @@
 """What a calibration of a plate must show: values found again within their intervals, and a misread place named."""
 
+from dataclasses import replace
+
 import pytest
 
+from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.device_text import calibrated_device
 from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
-from tests.precompute.devices import shipped
+from tests.precompute.devices import shipped, tablet
 from tests.precompute.measured import NAN, read_bar
 
 TRUTH = {"plate.youngs_modulus": 73.1e9, "actuator.stiffness": 18.2e3, "actuator.full_scale": 3.7e-6}
@@ -28,3 +31,16 @@ def test_values_are_found_within_their_intervals_and_the_device_file_says_them()
     assert new.uncertainty is not None and new.uncertainty.fitted[-1].name == "plate.poissons_ratio"
     step = plan_after(found, Accuracy(), 1, Criterion.VOLUME).summary()["readings"][0]
     assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0
+
+
+@pytest.mark.long
+def test_a_misread_place_of_an_actuator_is_named_with_the_point() -> None:
+    plate = tablet()
+    moved = replace(plate.actuators[1], position_m=0.264 + 0.035j)
+    true = replace(plate, actuators=(plate.actuators[0], moved, plate.actuators[2]))
+    read = read_bar(true, {}, DRIVES_HZ, Flaws(noise=0.01), points=8, kind=Kind.RESPONSE)
+    names = ["plate.youngs_modulus", "actuator.full_scale", "actuator.stiffness"]
+    report = adequacy_report(plate, calibrate(plate, read, names, starts=1), {})
+    assert report["remedy"]["name"] == "actuator[2].position"
+    assert report["remedy"]["length_m"] == pytest.approx([0.264, 0.035], abs=2e-4)
+    assert "Measure actuator[2].position again: with 264 x 35 mm in the device file" in report["doubt"]
