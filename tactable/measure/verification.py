@@ -23,6 +23,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from engine.table.best_rows import BestRow
 from engine.touch import Placement
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, encode_click
 from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis
+from precompute.model.modal import Basis, compute_basis
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from precompute.model.transient import TransientPlant
@@ -191,12 +192,16 @@ class PossibleSurfaces:
         scenarios, random = sample_scenarios(device, BARS, SEED), np.random.default_rng(SEED)
         others = (scenarios.device_of(i) for i in range(1, len(scenarios)))
         self._plants: list[Plant] = [assemble(each) for each in (device, *others)]
-        self._bases = [compute_basis(plant) for plant in self._plants]
         self._corner_m = device.surface.corner_m
         ways = (1.0, 1j)[: len(parts_of(self._corner_m))]
         off_m = sum(way * PLACE_M * random.standard_normal(len(self._plants) - 1) for way in ways)
         self._off_m = np.concatenate([[0.0], off_m])
         self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
+
+    @cached_property
+    def _bases(self) -> list[Basis]:
+        """Modes of each, which clicks take."""
+        return [compute_basis(plant) for plant in self._plants]
 
     def peaks(self, played: Played, position_m: complex) -> Array:
         """Peak (surface,) at the sensor in m/s^2."""
