@@ -155,7 +155,7 @@ class Device:
     def bar(self) -> Bar:
         """The surface, where it is a bar. Raises DeviceError for a plate: what asks is for bars alone."""
         if not isinstance(self.surface, Bar):
-            raise DeviceError(f"{self.name}: is a plate; this is for bars alone")
+            raise DeviceError(f"{self.name}: is a plate; this is for bars alone: give a device with [bar]")
         return self.surface
 
     def __repr__(self) -> str:

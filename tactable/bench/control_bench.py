@@ -19,10 +19,12 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from base.child import Child
+from base.points import point_text
 from engine.table import Table
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
+from tactable.rig.emulate import configuration_of
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 
 ROUNDS = 1000
@@ -60,14 +62,14 @@ class _Bench:
         )
         for each in (their_touch, their_link):
             each.close()
-        self._far_end = LightDevice(len(table.device.actuators), time.monotonic_ns())
+        self._far_end = LightDevice(configuration_of(table.device), time.monotonic_ns())
         self._serve_until_readable(self._engine, 120 * _LONGEST_NS)
         self._program = stack.enter_context(socket.socket(socket.AF_UNIX))
         self._program.connect(self._engine.read()["socket"])
         self._said = b""
         self._send(_HELLO)
         self._answered()
-        self._length_m = table.device.bar.length_m
+        self._corner_m = table.device.surface.corner_m
         self._start_ns = time.monotonic_ns()
 
     def touch(self, place: float) -> int | None:
@@ -80,7 +82,7 @@ class _Bench:
 
     def trigger(self, place: float) -> tuple[int | None, int]:
         """Ns from a message to its PLAY, and to its answer."""
-        message = {"type": "trigger", "effect": "click", "at": f"{place * self._length_m:.6f} m"}
+        message = {"type": "trigger", "effect": "click", "at": point_text(place * self._corner_m, 9)}
         sent_ns = time.monotonic_ns()
         took_ns = self._until_click(lambda: self._send(message))
         answered_ns = self._answered() - sent_ns

@@ -21,9 +21,11 @@ from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
 from engine.touch.sources import OnClock
+from firmware_link.emulator.device_state import DeviceConfiguration
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
 from tactable.bench.light_device import LightDevice
+from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
@@ -55,7 +57,7 @@ class _Memory(OnClock):
 
     packet_head = 0
 
-    def __init__(self, stream: Stream, count: int, number_of_actuators: int, clock: _PacedClock) -> None:
+    def __init__(self, stream: Stream, count: int, configuration: DeviceConfiguration, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
         self.answer_ns: list[int] = []
@@ -66,7 +68,7 @@ class _Memory(OnClock):
         """Number of commands that the compiled step answered."""
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock
-        self._device = LightDevice(number_of_actuators, clock.now_ns())
+        self._device = LightDevice(configuration, clock.now_ns())
         self._written: list[bytes] = []
         self._asked = 0
         self._in_hand_ns = 0
@@ -202,7 +204,7 @@ def measure_in_process(
     Without the `library` of the compiled step the loop answers every report.
     """
     clock = _PacedClock()
-    memory = _Memory(stream, count, len(table.device.actuators), clock)
+    memory = _Memory(stream, count, configuration_of(table.device), clock)
     options = LiveOptions(effects, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()

@@ -2,7 +2,7 @@
 
 import struct
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -30,9 +30,9 @@ class Arrivals:
 class LightDevice:
     """An emulated firmware that is shown everything but most of the SETs. SIMULATED."""
 
-    def __init__(self, number_of_actuators: int, now_ns: int) -> None:
+    def __init__(self, configuration: DeviceConfiguration, now_ns: int) -> None:
         self.arrivals = Arrivals()
-        self._firmware = EmulatedFirmware(DeviceConfiguration(now_ns % 2**32, number_of_actuators))
+        self._firmware = EmulatedFirmware(replace(configuration, boot_id=now_ns % 2**32))
         self._zero_ns = now_ns
         self._shown_ns = now_ns
         self._rest = b""

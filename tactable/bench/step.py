@@ -34,6 +34,7 @@ from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.environment import reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
+from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import fast_library
 
 ROUNDS = 15  # of all reports of a recording; their median is shown
@@ -181,7 +182,7 @@ class _StampedTracker(FingerTracker):
 def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link, LightDevice, int]:
     """A link that an emulated firmware has armed, that firmware, and their time by then."""
     now_ns = _HANDSHAKE_STEP_NS
-    link, far_end = Link(configuration), LightDevice(len(device.actuators), now_ns)
+    link, far_end = Link(configuration), LightDevice(configuration_of(device), now_ns)
     link.connect(now_ns)
     while link.state is not LinkState.READY:
         now_ns += _HANDSHAKE_STEP_NS

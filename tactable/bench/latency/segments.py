@@ -115,7 +115,7 @@ class Bench:
                 emulator = stack.enter_context(run_emulator(configuration_of(self._device)))
             if self._transport.is_sockets:
                 link, their_link = _link_pair(stack)
-                far_end = LightDevice(len(self._device.actuators), time.monotonic_ns())
+                far_end = LightDevice(configuration_of(self._device), time.monotonic_ns())
             segment = self._segment(condition, stream, count, path, emulator)
             theirs = [each for each in (their_touch, their_link) if each is not None]
             engine.write({"segment": segment}, [each.fileno() for each in theirs])

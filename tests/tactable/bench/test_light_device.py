@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.render.limits import link_configuration
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.framing import encode_message
@@ -30,7 +31,7 @@ def message_of(clock: int, content: bytes | tuple[int, ...]) -> Set | Play:
 def test_every_command_is_noted_with_its_sequence_however_the_bytes_come(
     commands: list[tuple[int, int, bytes | tuple[int, ...]]], piece: int
 ) -> None:
-    device = LightDevice(2, 0)
+    device = LightDevice(DeviceConfiguration(0), 0)
     frames = [encode_message(message_of(clock, content), number) for number, clock, content in commands]
     stream = b"".join(frame + encode_message(TimeRequest(5), 6) for frame in frames)
     for start in range(0, len(stream), piece):
@@ -40,7 +41,11 @@ def test_every_command_is_noted_with_its_sequence_however_the_bytes_come(
 
 
 def test_a_session_goes_on_at_any_rate() -> None:
-    link, device, now_ns = Link(link_configuration(find_device("reference-a"), 10**9)), LightDevice(2, 0), 10**9
+    link, device, now_ns = (
+        Link(link_configuration(find_device("reference-a"), 10**9)),
+        LightDevice(DeviceConfiguration(0), 0),
+        10**9,
+    )
     link.connect(now_ns)
     sent = 0
     while now_ns < 3 * 10**9:
