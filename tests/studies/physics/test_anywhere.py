@@ -12,8 +12,10 @@ from engine.touch.places import Places
 from precompute.clicks import ClickSolver
 from precompute.clicks.tabulated import tabulate_clicks
 from precompute.sampling.placements import Anywhere, random_placements
+from tactable.shipped import find_device
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
+from tests.studies.physics.against_peers import FEW, FOLDER, PUBLISHED
 from tests.studies.physics.anywhere import changed, compare_anywhere, describe, draw
 
 DEVICE, TABLET = shipped("reference-a"), shipped("reference-p")
@@ -117,3 +119,12 @@ def test_a_table_s_clicks_and_the_drives_of_a_run_are_judged_at_the_same_fingers
     text = "\n".join(describe(DEVICE, wanted, result))
     assert "of the table, for the nearest places" in text
     assert f"reaches 20 dB in {steady['achieved']} of 4" in text
+
+
+def test_a_peer_s_plate_marks_all_but_what_was_published_as_estimates() -> None:
+    assert sorted(f"{name}.toml" for name in PUBLISHED) == sorted(path.name for path in FOLDER.glob("*.toml"))
+    published = {"plate.length", "plate.width", "plate.thickness"}
+    for name, known in (("hudin-2015", published), ("pantera-2020", set[str]())):
+        device = find_device(str(FOLDER / f"{name}.toml"))
+        assert published - set(device.inferred) == known
+        assert len(changed(device, "", FEW).actuators) == FEW < len(device.actuators)
