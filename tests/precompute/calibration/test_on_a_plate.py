@@ -2,16 +2,25 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.device_text import calibrated_device
 from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after
+from precompute.calibration.modal_fit import calibrate_modes
+from precompute.measurements.measured_modes import parse_modes
+from precompute.measurements.parameters import with_changes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
+from precompute.model.assembly import assemble
+from precompute.model.modal import compute_basis, compute_modal_model
+from precompute.sampling.fingers import SAMPLES
+from precompute.sampling.surfaces import sample_surfaces
 from tests.precompute.devices import shipped, tablet
 from tests.precompute.measured import NAN, read_bar
+from tests.precompute.sampled import sample_fingers
 
 TRUTH = {"plate.youngs_modulus": 73.1e9, "actuator.stiffness": 18.2e3, "actuator.full_scale": 3.7e-6}
 TRUTH |= {"plate.mass_damping": 2.0, "plate.stiffness_damping": 6e-5}
@@ -29,8 +38,22 @@ def test_values_are_found_within_their_intervals_and_the_device_file_says_them()
     new = calibrated_device(found)
     assert new.surface.poissons_ratio == pytest.approx(found.device.surface.poissons_ratio, rel=1e-9)  # type: ignore[union-attr]
     assert new.uncertainty is not None and new.uncertainty.fitted[-1].name == "plate.poissons_ratio"
+    surfaces = sample_surfaces(new, sample_fingers(new))
+    assert surfaces is not None
+    powers = surfaces.powers((0, 4), np.full(4, 150.0), np.array([1.0, 0.5j, 0.0, 0.0]))
+    assert powers.shape == (SAMPLES, 2) and (powers.std(axis=0) > 0).all()
     step = plan_after(found, Accuracy(), 1, Criterion.VOLUME).summary()["readings"][0]
     assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0
+
+
+def test_modes_of_a_plate_give_its_modulus_and_a_spring() -> None:
+    plate, truth = tablet(), {"plate.youngs_modulus": 72e9, "actuator[1].stiffness": 20e3}
+    pole = compute_modal_model(compute_basis(assemble(with_changes(plate, truth)))).pole
+    lowest = sorted(pole[(pole.imag > 0) & (abs(pole) < 2 * np.pi * 400)].tolist(), key=abs)
+    rows = [f"{abs(p) / (2 * np.pi):.8f},{-100 * p.real / abs(p):.8f}\n" for p in lowest]
+    modes = parse_modes("frequency (Hz),damping ratio (%)\n" + "".join(rows), plate, 0.0, "modes.csv")
+    found = calibrate_modes(plate, modes, list(truth), starts=1)
+    assert [each.value for each in found.estimates] == pytest.approx(list(truth.values()), rel=1e-4)
 
 
 @pytest.mark.long
