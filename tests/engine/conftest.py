@@ -1,7 +1,5 @@
 """Tests of the loop hold with the fast path and without: a module asks for both with RUNS_BOTH_WAYS."""
 
-from __future__ import annotations
-
 import pytest
 
 

@@ -6,8 +6,6 @@ a line `[report index, [[time, [[slot, tracking id, x, y], ... of every contact]
 that ended a frame.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

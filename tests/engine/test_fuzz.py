@@ -7,8 +7,6 @@ The long run mutates more devices and says where it failed:
 10**6 descriptors and the 10**8 report bytes that they get take about 20 minutes of one core.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import resource

@@ -375,13 +375,10 @@ OTHER = {
 }
 
 
-@pytest.mark.parametrize(
-    ("section", "key"),
-    [
-        *(pair for pair in KEYS if pair[1] not in ("inferred", "description")),
-        *(("digitizer", "active_length"), ("bar", "damping_of")),
-    ],
-)
+@pytest.mark.parametrize(("section", "key"), [
+    *(pair for pair in KEYS if pair[1] not in ("inferred", "description")),
+    *(("digitizer", "active_length"), ("bar", "damping_of")),
+])  # fmt: skip
 def test_any_other_value_is_that_of_another_device(section: str, key: str) -> None:
     written = re.search(rf'^{key} = "([0-9.e-]+) ([^"]*)"', BODIES[section], re.MULTILINE)
     value = OTHER.get(key) or (written and f'"{float(written[1]) * 1.001:.12g} {written[2]}"')

@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 
 from engine.device.quantity import _CREDIBLE as CREDIBLE
 from engine.device.quantity import _NAMES as KINDS
-from engine.device.quantity import (
-    QuantityError,
-    interval_text,
-    quantity_text,
-    read_number,
-    read_quantity,
-    read_words,
-)
+from engine.device.quantity import QuantityError, interval_text, quantity_text, read_number, read_quantity, read_words
 from engine.device.uncertainty import FITTED_UNITS
 
 PREFIXES = {"G": 1e9, "M": 1e6, "k": 1e3, "": 1.0, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6, "n": 1e-9}
@@ -36,24 +29,21 @@ HOSTILE = (
 )
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "value"),
-    [
-        ("18.9 kN/m", "N/m", 18900.0),
-        ("18.9 N/mm", "N/m", 18900.0),
-        ("0.01008 1/ks", "1/s", 1.008e-5),
-        ("0.52 µm", "m", 0.52e-6),  # micro sign
-        ("0.52 μm", "m", 0.52e-6),  # Greek mu
-        ("11 in", "m", 0.2794),
-        ("2.7 g/cm^3", "kg/m^3", 2700.0),
-        ("9.5 g", "kg", 0.0095),
-        ("0.045 N*s/m", "N*s/m", 0.045),
-        ("0.045 N·s/m", "N*s/m", 0.045),
-        ("16 %", "", 0.16),
-        ("1 g_0", "m/s^2", 9.80665),
-        ("  5mm ", "m", 0.005),
-    ],
-)
+@pytest.mark.parametrize(("text", "unit", "value"), [
+    ("18.9 kN/m", "N/m", 18900.0),
+    ("18.9 N/mm", "N/m", 18900.0),
+    ("0.01008 1/ks", "1/s", 1.008e-5),
+    ("0.52 µm", "m", 0.52e-6),  # micro sign
+    ("0.52 μm", "m", 0.52e-6),  # Greek mu
+    ("11 in", "m", 0.2794),
+    ("2.7 g/cm^3", "kg/m^3", 2700.0),
+    ("9.5 g", "kg", 0.0095),
+    ("0.045 N*s/m", "N*s/m", 0.045),
+    ("0.045 N·s/m", "N*s/m", 0.045),
+    ("16 %", "", 0.16),
+    ("1 g_0", "m/s^2", 9.80665),
+    ("  5mm ", "m", 0.005),
+])  # fmt: skip
 def test_values_come_out_in_si(text: str, unit: str, value: float) -> None:
     assert read_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 

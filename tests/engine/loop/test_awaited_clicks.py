@@ -1,7 +1,5 @@
 """Laws of clicks that no table holds: asked for once, played once when they come, and remembered."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Laws of a change to the table of another bar while fingers lie on the one before: longer, shorter, of other zones."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass, field, replace
 

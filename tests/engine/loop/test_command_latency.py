@@ -1,7 +1,5 @@
 """Laws of the stamps and their percentiles."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Laws of the outgoing half: at most one command waits, the latest wins, and each has one fate."""
 
-from __future__ import annotations
-
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observers, Timing, Trace
 from engine.render.link_commands import SILENCE, Command, DriveCommand

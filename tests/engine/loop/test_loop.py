@@ -1,7 +1,5 @@
 """The loop from reports to an emulated firmware, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

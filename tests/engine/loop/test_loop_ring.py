@@ -1,7 +1,5 @@
 """The loop to its ring: what other processes see is what the trace, the latencies and the source say."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws of control steps in the loop: taken between two frames, told once their command is written, no report lost."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field

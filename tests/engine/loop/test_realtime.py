@@ -1,7 +1,5 @@
 """Real-time steps: each by itself optional, reported, and undone."""
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

@@ -1,7 +1,5 @@
 """A loop whose device stops, or whose port is lost: what comes back, and what ends the run."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Laws of the ring: what is written is read, in order, by any number of readers; what was lost is counted."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os

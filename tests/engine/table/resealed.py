@@ -1,7 +1,5 @@
 """Tables changed by somebody who seals them again, as an attacker would: flipped bits, other arrays, links."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Laws of writing a table to a disk that fails: one error that names the file, nothing left, the older table kept."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

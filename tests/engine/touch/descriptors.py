@@ -1,7 +1,5 @@
 """Report descriptors written item by item, as a device's firmware would hold them."""
 
-from __future__ import annotations
-
 TOUCH_SCREEN, TOUCH_PAD, PEN = 0x04, 0x05, 0x02
 BLOB = bytes.fromhex("8511 0600ff 09c5 150026ff00 7508 960001 b102")
 CONTACT_COUNT = bytes.fromhex("050d 0954 1500 257f 7508 9501 8102")

@@ -1,7 +1,5 @@
 """Laws of gaps: a panel that drops a resting finger for moments, and silence by the device file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Laws of frame assembly, on devices made up here and on recorded ones."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Iterator
@@ -233,13 +231,10 @@ def test_a_chosen_surface_stays_and_one_notice_names_the_reports_that_come_and_t
         open_digitizer(HYBRID + PAD, 0x1234, 1, 0x22)
 
 
-@pytest.mark.parametrize(
-    ("descriptor", "vendor_id", "says"),
-    [
-        (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
-        (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
-    ],
-)
+@pytest.mark.parametrize(("descriptor", "vendor_id", "says"), [
+    (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
+    (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
+])  # fmt: skip
 def test_a_device_without_touch_surface_or_of_another_driver_is_refused(
     descriptor: bytes, vendor_id: int, says: str
 ) -> None:

@@ -1,7 +1,5 @@
 """Laws of positions, zones and states."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

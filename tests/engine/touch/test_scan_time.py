@@ -1,7 +1,5 @@
 """Scan time: the digitizer's period is told apart from what the host adds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -25,8 +25,7 @@ def message_of(clock: int, content: bytes | tuple[int, ...]) -> Set | Play:
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 255), st.integers(0, 65_535), drives | weights), max_size=20),
-    st.integers(1, 40),
+    st.lists(st.tuples(st.integers(0, 255), st.integers(0, 65_535), drives | weights), max_size=20), st.integers(1, 40)
 )
 def test_every_command_is_noted_with_its_sequence_however_the_bytes_come(
     commands: list[tuple[int, int, bytes | tuple[int, ...]]], piece: int

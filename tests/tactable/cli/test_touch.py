@@ -1,7 +1,5 @@
 """The commands around touch devices, on machines made up here."""
 
-from __future__ import annotations
-
 import json
 import signal
 import threading

@@ -35,11 +35,7 @@ def verified(folder: Path, table: Path, *words: str, exit_status: int) -> dict[s
 
 
 @pytest.mark.parametrize(
-    ("flaws", "faults"),
-    [
-        ("drift=40", {"CLOCK_DRIFT": 2}),
-        ("offset=50m/s^2,gain=-200%", {"OFFSET": 4}),
-    ],
+    ("flaws", "faults"), [("drift=40", {"CLOCK_DRIFT": 2}), ("offset=50m/s^2,gain=-200%", {"OFFSET": 4})]
 )
 def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks_whatever_offset_and_sign_of_the_sensor_are(
     tmp_path: Path, click_table: Path, flaws: str, faults: dict[str, int]

@@ -1,7 +1,5 @@
 """Messages for tests of the control channel: valid ones, edited ones, bytes that are none, and their schema."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

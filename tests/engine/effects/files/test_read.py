@@ -58,17 +58,14 @@ def controls(*curves: list[tuple[float, float]]) -> list[dict[str, Any]]:
     ]
 
 
-@pytest.mark.parametrize(
-    ("curves", "expected"),
-    [
-        ([[(0.0, 1.0), (0.4, 0.0)], [(0.5, 1.0), (1.0, 1.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),
-        ([[(0.5, 1.0), (1.0, 1.0)], [(0.0, 1.0), (0.4, 0.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),  # any order
-        ([[(0.0, 1.0), (1.0, 0.0)], [(0.5, 0.1), (0.6, 0.1)]], {0.25: 0.75, 0.4999: 0.5, 0.55: 0.1, 0.95: 0.1}),
-        ([[(0.2, 0.3)], [(0.4, 0.9)], [(0.4, 0.6)]], {0.1: 1.0, 0.3: 0.3, 0.5: 0.6}),
-        ([[(at / 10, at / 10), ((at + 1) / 10, (at + 1) / 10)] for at in range(10)], {0.05: 0.05, 0.55: 0.55}),
-        ([[(0.0, 0.2)], [(0.3, 0.2), (0.5, 1.0)]], {0.29: 0.2, 0.4: 0.6, 0.99: 1.0}),
-    ],
-)
+@pytest.mark.parametrize(("curves", "expected"), [
+    ([[(0.0, 1.0), (0.4, 0.0)], [(0.5, 1.0), (1.0, 1.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),
+    ([[(0.5, 1.0), (1.0, 1.0)], [(0.0, 1.0), (0.4, 0.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),  # any order
+    ([[(0.0, 1.0), (1.0, 0.0)], [(0.5, 0.1), (0.6, 0.1)]], {0.25: 0.75, 0.4999: 0.5, 0.55: 0.1, 0.95: 0.1}),
+    ([[(0.2, 0.3)], [(0.4, 0.9)], [(0.4, 0.6)]], {0.1: 1.0, 0.3: 0.3, 0.5: 0.6}),
+    ([[(at / 10, at / 10), ((at + 1) / 10, (at + 1) / 10)] for at in range(10)], {0.05: 0.05, 0.55: 0.55}),
+    ([[(0.0, 0.2)], [(0.3, 0.2), (0.5, 1.0)]], {0.29: 0.2, 0.4: 0.6, 0.99: 1.0}),
+])  # fmt: skip
 def test_a_control_of_ahap_holds_until_the_next_one_begins(
     curves: list[list[tuple[float, float]]], expected: dict[float, float]
 ) -> None:
@@ -94,16 +91,13 @@ def test_a_haptic_clip_rises_from_0_to_its_first_point(first_s: float, points: o
     assert [(event.source, event.points) for event in events] == ([("amplitude[0..0]", points)] if points else [])
 
 
-@pytest.mark.parametrize(
-    ("keyframes", "exponent", "points"),
-    [
-        ([(0, None), (500, None)], None, [(0.0, 1.0), (0.25, 1.0)]),
-        ([(0, 0.8), (500, None)], None, [(0.0, 0.8), (0.25, 0.8)]),
-        ([(100, 0.8), (300, 0.2), (500, None)], None, [(0.0, 0.8), (0.05, 0.8), (0.15, 0.2), (0.25, 0.2)]),
-        ([(0, 1.0), (500, 1.0)], -1, [(0.0, 0.1), (0.25, 0.1)]),
-        ([], None, []),
-    ],
-)
+@pytest.mark.parametrize(("keyframes", "exponent", "points"), [
+    ([(0, None), (500, None)], None, [(0.0, 1.0), (0.25, 1.0)]),
+    ([(0, 0.8), (500, None)], None, [(0.0, 0.8), (0.25, 0.8)]),
+    ([(100, 0.8), (300, 0.2), (500, None)], None, [(0.0, 0.8), (0.05, 0.8), (0.15, 0.2), (0.25, 0.2)]),
+    ([(0, 1.0), (500, 1.0)], -1, [(0.0, 0.1), (0.25, 0.1)]),
+    ([], None, []),
+])  # fmt: skip
 def test_amplitudes_of_hjif_are_held_and_1_where_none_is_given(
     keyframes: list[tuple[int, float | None]], exponent: int | None, points: list[tuple[float, float]]
 ) -> None:

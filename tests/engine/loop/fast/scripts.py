@@ -1,7 +1,5 @@
 """Scripts of fingers for the compiled step: who touches where and when, as reports of a digitizer with four slots."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 

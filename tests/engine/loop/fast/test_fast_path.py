@@ -1,7 +1,5 @@
 """The fast path around the compiled step: real packets, recordings of panels, and an answer that is wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import socket

@@ -1,7 +1,5 @@
 """The clicks as the compiled step reads them: what is in the arrays, what is left out, and how small they travel."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 

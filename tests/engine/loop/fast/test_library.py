@@ -1,7 +1,5 @@
 """The compiled step as a library: compiled on the spot, trusted only where nobody else can have written it."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The compiled step beside the Python pipeline: the same bytes whatever fingers do, and most clicks are its own."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import struct

@@ -1,7 +1,5 @@
 """Laws of the input layer's multitouch protocol B as a source."""
 
-from __future__ import annotations
-
 import errno
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -17,12 +15,7 @@ from engine.device import Device
 from engine.touch import Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases
 from engine.touch.sources import Source
-from engine.touch.sources.evdev import (
-    EvdevSource,
-    find_evdev_digitizers,
-    load_evdev,
-    open_evdev,
-)
+from engine.touch.sources.evdev import EvdevSource, find_evdev_digitizers, load_evdev, open_evdev
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-a")

@@ -1,7 +1,5 @@
 """Laws of live digitizers: found, opened, read, lost and found again."""
 
-from __future__ import annotations
-
 import select
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Laws of a recording played as a source."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

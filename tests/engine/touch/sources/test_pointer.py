@@ -1,7 +1,5 @@
 """Laws of pointer events, and of the reports made for sources that are not HID devices."""
 
-from __future__ import annotations
-
 import math
 import select
 from collections.abc import Iterator

@@ -156,14 +156,11 @@ def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware
     assert document["ratios"] == []
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
-        (("--realtime", "nice"), "is unknown: write all, none"),
-        (("--seconds", "700"), "take more --rounds"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
+    (("--realtime", "nice"), "is unknown: write all, none"),
+    (("--seconds", "700"), "take more --rounds"),
+])  # fmt: skip
 def test_what_cannot_be_measured_is_a_usage_error(
     table: Path, tmp_path: Path, words: tuple[str, str], said: str
 ) -> None:
