@@ -153,13 +153,9 @@ def test_a_block_of_a_console_is_its_commands_with_what_they_print() -> None:
 
 
 @pytest.mark.parametrize(("expected", "fits"), [
-    ("one\ntwo   2.5\nthree\n", True),
-    ("one\n...\nthree\n", True),
-    ("one\n...\ntwo ...\n...\nthree\n...\n", True),
-    ("one\nthree\n", False),
-    ("one\n...\ntwo 2.50\nthree", False),
-    ("two 2.5\nthree", False),
-    ("...\ntwo 2.5", False),
+    ("one\ntwo   2.5\nthree\n", True), ("one\n...\nthree\n", True),
+    ("one\n...\ntwo ...\n...\nthree\n...\n", True), ("one\nthree\n", False),
+    ("one\n...\ntwo 2.50\nthree", False), ("two 2.5\nthree", False), ("...\ntwo 2.5", False),
 ])  # fmt: skip
 def test_an_ellipsis_stands_for_anything_and_nothing_else_does(expected: str, fits: bool) -> None:
     assert is_alike(expected, "one\ntwo 2.5\nthree\n") is fits

@@ -31,12 +31,8 @@ def test_what_only_this_user_can_write_is_trusted_and_so_is_what_is_still_to_be_
 
 
 @pytest.mark.parametrize(("mode", "group", "members", "is_trusted"), [
-    (0o777, "staff", (), False),
-    (0o702, "staff", (), False),
-    (0o770, "staff", (), False),
-    (0o770, USER, (), True),
-    (0o770, USER, (USER,), True),
-    (0o770, USER, (USER, "another"), False),
+    (0o777, "staff", (), False), (0o702, "staff", (), False), (0o770, "staff", (), False),
+    (0o770, USER, (), True), (0o770, USER, (USER,), True), (0o770, USER, (USER, "another"), False),
     (0o777, USER, (), False),
 ])  # fmt: skip
 def test_a_part_that_others_can_write_is_named_and_the_group_of_one_user_s_own_name_is_that_user(

@@ -325,14 +325,10 @@ def test_any_number_of_zone_tables_with_gaps_and_names(count: int) -> None:
 
 
 SAME = [
-    ("bar", "length", '"11 in"'),
-    ("bar", "stiffness_damping", '"50.0456 us"'),
-    ("bar", "damping_of", '"bar"'),
-    ("actuator[2]", "position", '"272.9738 mm"'),
-    ("actuator[1]", "band", '["0.06 kHz", "0.3 kHz"]'),
-    ("digitizer", "end_margin", '"0 %"'),
-    ("feel", "levels", '["10dB", "20.0 dB", "30. dB"]'),
-]
+    ("bar", "length", '"11 in"'), ("bar", "stiffness_damping", '"50.0456 us"'), ("bar", "damping_of", '"bar"'),
+    ("actuator[2]", "position", '"272.9738 mm"'), ("actuator[1]", "band", '["0.06 kHz", "0.3 kHz"]'),
+    ("digitizer", "end_margin", '"0 %"'), ("feel", "levels", '["10dB", "20.0 dB", "30. dB"]'),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("section", "key", "value"), SAME, ids=[f"{s}.{k}={v}" for s, k, v in SAME])

@@ -221,13 +221,9 @@ def test_a_lift_is_felt_where_the_finger_was_and_only_while_it_is_felt() -> None
     seen.at(8, touch(1, 60), touch(2, 210))
     seen.at(16, touch(2, 210))
     assert seen.until(1000).moments == [
-        (0, "q---F", 5.0),
-        (8, "-q--F", 5.0),
-        (16, "-F--F", 20.0),
-        (36, "----F", 5.0),
-        (46, "-F--F", 10.0),
+        (0, "q---F", 5.0), (8, "-q--F", 5.0), (16, "-F--F", 20.0), (36, "----F", 5.0), (46, "-F--F", 10.0),
         (66, "----F", 5.0),
-    ]
+    ]  # fmt: skip
     assert (seen.player.next_change_ns, seen.player.lifted) == (None, [])
 
 
@@ -261,12 +257,8 @@ def test_the_newest_effect_takes_the_place_of_the_one_under_way() -> None:
     seen.at(0, touch(1, 10))
     seen.at(50, touch(1, 16))
     assert seen.until(1000).moments == [
-        (0, "F----", 20.0),
-        (50, "F----", 30.0),
-        (60, "-----", None),
-        (250, "F----", 5.0),
-        (260, "-----", None),
-    ]
+        (0, "F----", 20.0), (50, "F----", 30.0), (60, "-----", None), (250, "F----", 5.0), (260, "-----", None),
+    ]  # fmt: skip
 
 
 def all_triggers() -> Sequence[Rule]:

@@ -149,18 +149,11 @@ def test_a_maximum_is_signed_only_beside_a_negative_minimum() -> None:
 
 
 @pytest.mark.parametrize(("descriptor", "offset", "problem"), [
-    (b"", 0, "length outside"),
-    (b"\x05" * 5000, 0, "length outside"),
-    (b"\x05", 0, "cut off"),
-    (b"\xc0", 0, "End Collection without Collection"),
-    (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
-    (b"\xb4", 0, "Pop without Push"),
-    (b"\xa4" * 40, 32, "too many states"),
-    (b"\xa1\x01" * 40, 64, "nested too deep"),
-    (b"\x85\x00", 0, "report ID"),
-    (b"\x86\x2c\x01", 0, "report ID"),
-    (b"\x77\xff\xff\xff\xff", 0, "report size"),
-    (b"\x97\xff\xff\xff\x7f", 0, "report count"),
+    (b"", 0, "length outside"), (b"\x05" * 5000, 0, "length outside"), (b"\x05", 0, "cut off"),
+    (b"\xc0", 0, "End Collection without Collection"), (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
+    (b"\xb4", 0, "Pop without Push"), (b"\xa4" * 40, 32, "too many states"),
+    (b"\xa1\x01" * 40, 64, "nested too deep"), (b"\x85\x00", 0, "report ID"), (b"\x86\x2c\x01", 0, "report ID"),
+    (b"\x77\xff\xff\xff\xff", 0, "report size"), (b"\x97\xff\xff\xff\x7f", 0, "report count"),
     (b"\xa9\x00", 0, "delimiter"),
 ])  # fmt: skip
 def test_broken_grammar_is_refused_with_its_place(descriptor: bytes, offset: int, problem: str) -> None:

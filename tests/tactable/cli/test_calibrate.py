@@ -132,14 +132,9 @@ def test_modes_are_picked_from_responses_and_fitted_in_one_command(tmp_path: Pat
     read = read_bar(find_device("reference-d"), {}, drives, points=2, kind=Kind.RESPONSE, sensor_mass_kg=0.0)
     write_measurements(tmp_path / "r.csv", read, find_device("reference-d"), "made by a test")
     words = (
-        "calibrate",
-        "reference-d",
-        str(tmp_path / "r.csv"),
-        "--pick-modes",
-        str(tmp_path / "m.csv"),
-        "--starts",
-        "1",
-    )
+        "calibrate", "reference-d", str(tmp_path / "r.csv"), "--pick-modes", str(tmp_path / "m.csv"),
+        "--starts", "1",
+    )  # fmt: skip
     done = run(*words, "-o", str(tmp_path / "new"))
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))

@@ -50,16 +50,10 @@ def test_every_choice_has_rules_that_feel_at_its_level_where_it_may(choice: Choi
 
 
 @pytest.mark.parametrize(("switches", "named"), [
-    ({"colour": 1}, "colour"),
-    ({"device": "../secret"}, "device"),
-    ({"source": "theirs"}, "source"),
-    ({"rules": "file"}, "rules"),
-    ({"level_db": 17}, "level_db"),
-    ({"level_db": True}, "level_db"),
-    ({"quiet_zones": "I"}, "quiet_zones"),
-    ({"actuators_m": [0.1]}, "actuators_m"),
-    ({"quiet_zones": ["VI"]}, "quiet_zones"),
-    ({"is_loaded": 1}, "is_loaded"),
+    ({"colour": 1}, "colour"), ({"device": "../secret"}, "device"), ({"source": "theirs"}, "source"),
+    ({"rules": "file"}, "rules"), ({"level_db": 17}, "level_db"), ({"level_db": True}, "level_db"),
+    ({"quiet_zones": "I"}, "quiet_zones"), ({"actuators_m": [0.1]}, "actuators_m"),
+    ({"quiet_zones": ["VI"]}, "quiet_zones"), ({"is_loaded": 1}, "is_loaded"),
 ])  # fmt: skip
 def test_what_is_no_switch_or_no_position_is_refused_by_name(switches: dict[str, Any], named: str) -> None:
     with pytest.raises(ChoiceError, match=named):

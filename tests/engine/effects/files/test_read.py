@@ -274,21 +274,8 @@ def edited(values: Any, random_: random.Random) -> Any:
         key = random_.choice(keys)
         if not isinstance(inner[key], dict | list) or not inner[key] or random_.random() < 0.1:
             odd: tuple[Any, ...] = (
-                None,
-                -1,
-                1e300,
-                1e-300,
-                "",
-                "x",
-                [],
-                {},
-                [[]],
-                True,
-                [{}],
-                10**400,
-                65535,
-                "Reference",
-            )
+                None, -1, 1e300, 1e-300, "", "x", [], {}, [[]], True, [{}], 10**400, 65535, "Reference",
+            )  # fmt: skip
             inner[key] = copy.deepcopy(random_.choice(odd))
             return values
         inner = inner[key]

@@ -63,13 +63,9 @@ def test_of_several_devices_the_first_is_read_and_its_reports_counted_also_witho
 
 
 @pytest.mark.parametrize(("line", "problem"), [
-    ("E: 000000.000000 2 01", "length 2 but 1 bytes"),
-    ("E: 000000.000000 1 0g", "pairs of hex digits"),
-    ("E: 000000.000000", "a length, then bytes"),
-    ("E: soon 1 00", "seconds.microseconds"),
-    ("E: 0.5 1 00", "six digits"),
-    ("I: 3 0596", "three hex numbers"),
-    ("R: 1 05", "second report descriptor"),
+    ("E: 000000.000000 2 01", "length 2 but 1 bytes"), ("E: 000000.000000 1 0g", "pairs of hex digits"),
+    ("E: 000000.000000", "a length, then bytes"), ("E: soon 1 00", "seconds.microseconds"),
+    ("E: 0.5 1 00", "six digits"), ("I: 3 0596", "three hex numbers"), ("R: 1 05", "second report descriptor"),
 ])  # fmt: skip
 def test_a_broken_line_is_named_with_its_number_and_remedy(tmp_path: Path, line: str, problem: str) -> None:
     with pytest.raises(RecordingError, match=problem) as caught:
