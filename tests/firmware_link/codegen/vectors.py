@@ -12,36 +12,10 @@ import numpy as np
 import firmware_link
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import (
-    FULL_SCALE_WORD,
-    Acceleration,
-    Accelerometer,
-    Ack,
-    Arm,
-    ChannelDrive,
-    DeviceState,
-    Fault,
-    FaultCode,
-    Hello,
-    KeepAlive,
-    Log,
-    LogCode,
-    LogLevel,
-    Play,
-    Result,
-    Sense,
-    Set,
-    SetFlag,
-    Status,
-    Stop,
-    Time,
-    TimeRequest,
-    encode_body,
-    encode_drive,
-)
 from tests.firmware_link.conformance import greeting
 from tests.firmware_link.virtual_rig import decode_messages
 
@@ -60,42 +34,46 @@ def example_basis() -> Basis:
     return Basis(1000, (BasisSet(two.astype(np.int16), actuators), BasisSet(one.astype(np.int16), actuators[1:])))
 
 
-def example_plays() -> tuple[Play, ...]:
+def example_plays() -> tuple[messages.Play, ...]:
     """Clicks of the example basis: an ordinary one, one that is clamped, and one of the other set."""
     return (
-        Play(1000, 0, 14, FULL_SCALE_WORD, 3, (8_192, -4_096, 16_384)),
-        Play(65_535, 0, 1, 32_768, 3, (-32_768, 32_767, 1)),
-        Play(1000, 1, 15, FULL_SCALE_WORD, 2, (16_384, -32_767)),
+        messages.Play(1000, 0, 14, messages.FULL_SCALE_WORD, 3, (8_192, -4_096, 16_384)),
+        messages.Play(65_535, 0, 1, 32_768, 3, (-32_768, 32_767, 1)),
+        messages.Play(1000, 1, 15, messages.FULL_SCALE_WORD, 2, (16_384, -32_767)),
     )
 
 
 def example_messages() -> tuple[Message, ...]:
     """One example or more of every message type, for two actuators."""
-    drive = encode_drive([ChannelDrive(60, 1.0, 0.0), ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ)
+    drive = messages.encode_drive(
+        [messages.ChannelDrive(60, 1.0, 0.0), messages.ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ
+    )
     full_scales_pm = (520_000, 0x00FF00FF)
     device = EmulatedFirmware(DeviceConfiguration(_BOOT_ID, full_scales_pm=full_scales_pm, basis_capacity_bytes=65_536))
     hello, *_ = decode_messages(device.receive(encode_message(greeting(0x01020304), 1), 0))
-    assert isinstance(hello, Hello)
+    assert isinstance(hello, messages.Hello)
     return (
         greeting(0x01020304),
         replace(hello, firmware_minor=1),
-        Arm(_BOOT_ID, 200, 40, 0, (65_535, 32_768)),
-        Ack(Arm.type_byte, 3, Result.OK),
-        Ack(Arm.type_byte, 0, Result.WRONG_BOOT),
-        Set(1000, SetFlag.WRITE_PHASE, 40, drive),
-        Set(65_535, SetFlag(0), 100, bytes(12)),
-        KeepAlive(0, 7),
-        Stop(),
-        TimeRequest(2**63),
-        Time(2**63, 1_000_000, 1_000_001),
-        Status(DeviceState.DRIVING, FaultCode.NONE, 7, 2**40, 2**40 - 1, 4000, 1, 2, 3, 4, 5, 6, 7, 8, 9),
-        Fault(FaultCode.SILENT_HOST, 251_000),
-        Log(LogLevel.WARNING, LogCode.LEASE_EXPIRED, 7, 41_000),
+        messages.Arm(_BOOT_ID, 200, 40, 0, (65_535, 32_768)),
+        messages.Ack(messages.Arm.type_byte, 3, messages.Result.OK),
+        messages.Ack(messages.Arm.type_byte, 0, messages.Result.WRONG_BOOT),
+        messages.Set(1000, messages.SetFlag.WRITE_PHASE, 40, drive),
+        messages.Set(65_535, messages.SetFlag(0), 100, bytes(12)),
+        messages.KeepAlive(0, 7),
+        messages.Stop(),
+        messages.TimeRequest(2**63),
+        messages.Time(2**63, 1_000_000, 1_000_001),
+        messages.Status(
+            messages.DeviceState.DRIVING, messages.FaultCode.NONE, 7, 2**40, 2**40 - 1, 4000, 1, 2, 3, 4, 5, 6, 7, 8, 9
+        ),
+        messages.Fault(messages.FaultCode.SILENT_HOST, 251_000),
+        messages.Log(messages.LogLevel.WARNING, messages.LogCode.LEASE_EXPIRED, 7, 41_000),
         *transfer_messages(example_basis().data),
         *example_plays(),
-        Sense(500),
-        Accelerometer(3_200_000, 38_303_000, 4_095, 0),
-        Acceleration(65_535, 2**32 - 1, 48_000, 6, (256, 32_767, -1, -4_096, -32_767, 0)),
+        messages.Sense(500),
+        messages.Accelerometer(3_200_000, 38_303_000, 4_095, 0),
+        messages.Acceleration(65_535, 2**32 - 1, 48_000, 6, (256, 32_767, -1, -4_096, -32_767, 0)),
     )
 
 
@@ -103,7 +81,7 @@ def message_lines() -> list[str]:
     """One line for each example; sequences count from 254 on, so that they wrap."""
     lines = []
     for index, message in enumerate(example_messages()):
-        body = encode_body(message, (_FIRST_SEQUENCE + index) % 256)
+        body = messages.encode_body(message, (_FIRST_SEQUENCE + index) % 256)
         values = " ".join(f"{f.name}={_value_text(getattr(message, f.name))}" for f in fields(message))
         lines.append(f"{message.wire_name} | sequence={body[1]} {values}".rstrip() + f" | {body.hex()} | {_hex(body)}")
     return lines
@@ -119,9 +97,11 @@ def waveform_lines() -> list[str]:
     basis, lines = example_basis(), []
     for index, play in enumerate(example_plays()):
         sums = weighted_sum(basis.sets[play.basis_set], play.weights, play.fraction_bits, 2)
-        samples = clamp_samples(sums, sample_limits((FULL_SCALE_WORD, 32_768), HIGHEST_UHZ, basis.sample_rate_hz))
+        samples = clamp_samples(
+            sums, sample_limits((messages.FULL_SCALE_WORD, 32_768), HIGHEST_UHZ, basis.sample_rate_hz)
+        )
         text = " ".join(",".join(map(str, instant)) for instant in samples.tolist())
-        lines.append(f"waveform | {encode_body(play, index).hex()} | {text}")
+        lines.append(f"waveform | {messages.encode_body(play, index).hex()} | {text}")
     return lines
 
 
