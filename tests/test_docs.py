@@ -178,8 +178,6 @@ def test_a_command_that_is_not_run_must_exist_all_the_same(line: str, complaint:
     ("console", "$ tactable emulate --faults help\nnothing of the kind\n", "nothing of the kind"),
     ("pycon", ">>> 1 + 1\n3\n", "Expected"),
 ])  # fmt: skip
-def test_a_block_that_does_not_do_what_it_says_is_found(
-    language: str, text: str, complaint: str, tmp_path: Path
-) -> None:
+def test_a_block_that_does_something_else_is_found(language: str, text: str, complaint: str, tmp_path: Path) -> None:
     with Page(tmp_path) as page, pytest.raises(AssertionError, match=complaint):
         page.run(Block("page:1", language, (), text))

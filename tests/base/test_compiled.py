@@ -76,9 +76,7 @@ class Planted:
         return Path.touch, (self._mark,)
 
 
-def test_kept_code_that_others_can_write_is_neither_read_nor_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_code_that_others_can_write_is_neither_read_nor_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, kept, mark = tmp_path / "kernel.py", tmp_path / "kept", tmp_path / "mark"
     source.write_text("from base.compiled import njit\n@njit(cache=True)\ndef twice(x): return 2 * x\n")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(kept))

@@ -27,9 +27,7 @@ def names(folder: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o664, 0o755])
-def test_until_the_rename_the_old_file_stays_and_then_the_new_content_has_its_permissions(
-    report: Path, mode: int
-) -> None:
+def test_until_the_rename_the_old_file_stays_and_then_the_new_one_has_its_permissions(report: Path, mode: int) -> None:
     report.chmod(mode)
     with pytest.raises(ZeroDivisionError), replace_file(report) as partial:
         partial.write_text("half")

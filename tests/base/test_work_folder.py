@@ -57,9 +57,7 @@ def test_what_a_killed_process_left_goes_when_the_next_folder_is_made(memory: Pa
         assert not left.exists()
 
 
-def test_a_folder_is_left_alone_as_long_as_it_is_locked_and_goes_when_it_is_not_and_nothing_else_goes(
-    memory: Path,
-) -> None:
+def test_a_folder_is_left_alone_while_it_is_locked_and_goes_when_it_is_not_and_nothing_else_goes(memory: Path) -> None:
     (memory / "tactable-work-test-gone" / "ring").mkdir(parents=True)
     (memory / "tactable-0").mkdir()
     (memory / "tactable-work-file").write_text("mine")
@@ -71,9 +69,7 @@ def test_a_folder_is_left_alone_as_long_as_it_is_locked_and_goes_when_it_is_not_
     assert {path.name for path in memory.iterdir()} == {"tactable-0", "tactable-work-file", "tactable-work-link"}
 
 
-def test_a_folder_that_was_taken_for_abandoned_before_it_was_locked_is_made_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_folder_taken_for_abandoned_before_it_was_locked_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before it was opened, and between that and the lock."""
     made, open_it = list[Path](), module._opened
 

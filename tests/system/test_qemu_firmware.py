@@ -104,7 +104,7 @@ def test_the_images_keep_all_laws(images: Path) -> None:
         keep_laws(images / f"{name}.elf", conformance.LAWS, SENSING_LAWS)
 
 
-def test_a_host_that_fails_leaves_no_drive(images: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failed_host_drives_no_more(images: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with run_image(images / "mps2_an385.elf", MACHINES["mps2_an385"]) as image:
         for how in ("killed", "stopped", "wedged", "loop"):
             with driving_host(image, how) as process:

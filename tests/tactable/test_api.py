@@ -100,9 +100,7 @@ def test_a_device_changed_in_memory_is_built_with_a_text_that_states_it(folder: 
         assert Device.parse(table.device.text, "text").fingerprint == changed.fingerprint != device.fingerprint
 
 
-def test_a_device_whose_text_cannot_state_a_change_is_refused_before_anything_is_built(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_a_device_whose_text_cannot_state_a_change_is_refused_before_a_build(folder: Path, tmp_path: Path) -> None:
     device = Device.read(folder / "my-bar.toml")
     longer = replace(device, surface=replace(device.bar, length_m=0.3))
     with pytest.raises(DeviceError, match=r"my-bar: .*zone\[1\]\.stop_m.* changed after it was read; write"):

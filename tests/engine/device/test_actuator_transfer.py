@@ -61,9 +61,7 @@ def text_with(rows: str) -> str:
 
 
 @pytest.mark.parametrize("system", [lag, coupled, resonant])
-def test_points_of_a_system_give_it_between_them_and_beside_the_imaginary_axis(
-    system: Callable[[Complex], Complex],
-) -> None:
+def test_points_of_a_system_give_it_between_them_and_beside_the_axis(system: Callable[[Complex], Complex]) -> None:
     transfer, s = points_of(system), 25.0 + 1j * TURN * FINE_HZ
     assert transfer.misses().max() < 2e-3
     assert abs(transfer.at(FINE_HZ) / system(1j * TURN * FINE_HZ) - 1).max() < 2e-3

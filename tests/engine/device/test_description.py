@@ -128,9 +128,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("section", "key", "value", "expected"), WRONG, ids=[f"{s}.{k}={v}" for s, k, v, _ in WRONG])
-def test_a_wrong_value_is_refused_by_key_value_and_expectation(
-    section: str, key: str, value: str, expected: str
-) -> None:
+def test_a_wrong_value_is_refused_by_key_value_and_remedy(section: str, key: str, value: str, expected: str) -> None:
     message = refusal(changed(section, key, value))
     assert (f"{section}.{key}: " if section else f"{key}: ") in message
     *_, written = re.findall(r"[^\[\]\"',\s]+", value) or ["[]"]
@@ -227,9 +225,7 @@ def test_a_missing_key_is_named_or_has_a_documented_default(section: str, key: s
 
 
 @pytest.mark.parametrize("section", ["spread", "digitizer", "feel"])
-def test_a_table_that_is_absent_has_the_values_of_reference_a_and_those_of_the_device_are_estimates(
-    section: str,
-) -> None:
+def test_an_absent_table_has_the_values_of_reference_a_and_the_devices_are_estimates(section: str) -> None:
     device = Device.parse(without_section(section), "some.toml")
     assert device.fingerprint == REFERENCE.fingerprint
     assert {f"{table}.{key}" for table, key in ASSUMED if table == section} <= set(device.inferred)

@@ -22,9 +22,7 @@ def harmonics(electrodes: Electrodes, amplitude: float) -> tuple[float, float]:
 @pytest.mark.parametrize("bias", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize(("number", "gap_deg"), [(1, 180.0), (2, 180.0), (2, 120.0), (2, 35.0)])
 @pytest.mark.parametrize("amplitude", [1.0, 0.25])
-def test_the_second_harmonic_is_that_of_the_squared_voltages(
-    bias: float, number: int, gap_deg: float, amplitude: float
-) -> None:
+def test_the_second_harmonic_is_of_squared_voltages(bias: float, number: int, gap_deg: float, amplitude: float) -> None:
     electrodes = Electrodes(number, bias, gap_deg, "nothing")
     force, second = harmonics(electrodes, amplitude)
     assert electrodes.second_harmonic(amplitude) == pytest.approx(second / force, rel=1e-9, abs=1e-12)

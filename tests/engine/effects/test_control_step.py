@@ -201,9 +201,7 @@ def everything() -> Controlled:
 
 
 @pytest.mark.parametrize("click_first", [False, True])
-def test_feeling_that_is_switched_off_ends_everything_at_once_and_nothing_begins_until_it_is_on(
-    click_first: bool,
-) -> None:
+def test_feeling_switched_off_ends_everything_at_once_and_nothing_begins_until_it_is_on(click_first: bool) -> None:
     seen = everything()
     if click_first:
         seen.asks(25, trigger=TriggeredEffect(click(30.0), 8, contact_id=4))

@@ -173,9 +173,7 @@ class AttentiveLine(VirtualLine):
 
 
 @pytest.mark.parametrize("line_class", [VirtualLine, AttentiveLine])
-def test_a_host_that_stalled_for_seconds_hears_the_device_before_it_calls_it_silent(
-    line_class: type[VirtualLine],
-) -> None:
+def test_a_host_that_stalled_hears_the_device_before_it_calls_it_silent(line_class: type[VirtualLine]) -> None:
     """Also where it stalled after its port was found empty."""
     rig = Rig(recording_of(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1]))), line_class(), reconnect=True)
     rig.line.stall_at_ns, rig.line.stall_ns = rig.start_ns + 300 * MS, 3_000 * MS

@@ -83,9 +83,7 @@ def test_all_steps_are_undone_after_an_error_too() -> None:
 
 @pytest.mark.parametrize("error", [PermissionError("not permitted"), AttributeError("no such call")])
 @pytest.mark.parametrize("step", [Step.DMA_LATENCY, Step.PRIORITY, Step.MEMORY, Step.AFFINITY])
-def test_a_step_that_is_refused_or_unknown_is_told_with_its_remedy_and_the_others_go_on(
-    step: Step, error: Exception
-) -> None:
+def test_a_step_that_is_refused_is_told_with_its_remedy_and_the_others_go_on(step: Step, error: Exception) -> None:
     with real_time(system=Machine({step: error})) as outcomes:
         (refused,) = [outcome for outcome in outcomes if not outcome.in_force]
     assert refused.step is step and str(error) in refused.finding and refused.remedy

@@ -48,9 +48,7 @@ def path(tmp_path: Path) -> Path:
 
 @given(st.lists(records, max_size=20), st.integers(1, 8))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_the_latest_records_come_back_as_they_were_and_the_others_are_counted(
-    path: Path, written: list[Record], slots: int
-) -> None:
+def test_the_latest_records_come_back_and_the_others_are_counted(path: Path, written: list[Record], slots: int) -> None:
     with RingWriter(path, slots) as writer, RingReader(path) as reader:
         for record in written:
             observe(writer, record)
@@ -117,9 +115,7 @@ def test_what_is_no_ring_of_ours_is_refused_by_name(path: Path, head: bytes, sai
 
 @given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), max_size=20))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_reader_that_is_overtaken_in_the_middle_sees_whole_records_in_order(
-    path: Path, turns: list[tuple[int, int]]
-) -> None:
+def test_a_reader_that_is_overtaken_sees_whole_records_in_order(path: Path, turns: list[tuple[int, int]]) -> None:
     number, indices = 0, list[int]()
     with RingWriter(path, 8) as writer, RingReader(path) as reader:
         reading = reader.read()

@@ -95,9 +95,7 @@ def taps(count: int) -> Recording:
 
 
 @pytest.mark.parametrize(("capacity_bytes", "most_missed"), [(1 << 18, 0), (600, 2)])
-def test_clicks_play_on_until_the_next_basis_is_there_or_without_room_for_two_until_no_finger_is(
-    capacity_bytes: int, most_missed: int
-) -> None:
+def test_clicks_play_on_until_the_next_basis_is_there_or_no_finger_is(capacity_bytes: int, most_missed: int) -> None:
     """Without room a tap may fall into the new session."""
     rig = SwapRig(taps(20), CLICKS, clicks_of(1), capacity_bytes)
     rig.run_over((320.0, rig.table(100.0, clicks_of(2, longer=4))))

@@ -157,9 +157,7 @@ def test_a_range_that_ends_half_a_step_before_the_band_plays_it() -> None:
     (board(TABLE_M, TABLE_M, frequency_resolution_hz=1.0), "left .* 1 Hz apart, .*0.6 Hz: flash a finer"),
     (board(TABLE_M, 520e-6, board=BOARD_SOUND_CARD), r"give --port full_scale=0\.52 um"),
 ])  # fmt: skip
-def test_a_board_that_cannot_play_the_table_is_refused_by_name_and_remedy(
-    capabilities: Capabilities, names: str
-) -> None:
+def test_a_board_that_cannot_play_a_table_is_refused_with_a_remedy(capabilities: Capabilities, names: str) -> None:
     with pytest.raises(RendererError, match=names):
         fit_board(REFERENCE, capabilities)
 

@@ -32,9 +32,7 @@ def test_a_basis_that_fits_is_held_as_it_is() -> None:
     ({"basis_capacity_bytes": 30_000}, RATE_HZ),
     ({}, 57_600),  # 44 weights take 18 ms, 80 take 31
 ])  # fmt: skip
-def test_sets_that_do_not_fit_are_left_out_and_the_others_keep_their_order(
-    changed: dict[str, int], rate_hz: int
-) -> None:
+def test_sets_that_do_not_fit_are_left_out_and_others_keep_their_order(changed: dict[str, int], rate_hz: int) -> None:
     basis = whole((80, 241), (44, 121), (40, 121))
     chosen = choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS)  # type: ignore[arg-type]
     assert chosen.sets == {1: 0, 2: 1}

@@ -171,9 +171,7 @@ def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:
     ([0.1, 0.2], [True], 20.0, "2 positions and 1 roles"),
     ([0.1], [True], float("nan"), "the level is not a number"),
 ])  # fmt: skip
-def test_a_wrong_placement_is_refused_by_name(
-    positions_m: list[float], felt: list[bool], level_db: float, words: str
-) -> None:
+def test_a_wrong_placement_is_refused(positions_m: list[float], felt: list[bool], level_db: float, words: str) -> None:
     with pytest.raises(SteadyError, match=words):
         designer_of(shipped("reference-a")).solver.solve(positions_m, felt, level_db)
 

@@ -120,9 +120,7 @@ def test_a_file_of_another_structure_is_refused_by_name(whole: Path, tmp_path: P
     ("clicks/sample", 0.0, "two rising times"),
     ("best_rows/achieved", 3, "above 1"),
 ])  # fmt: skip
-def test_an_array_of_another_kind_shape_or_value_is_refused_by_name(
-    whole: Path, tmp_path: Path, name: str, values: object, says: str
-) -> None:
+def test_a_wrong_array_is_refused_by_name(whole: Path, tmp_path: Path, name: str, values: object, says: str) -> None:
     def put(file: h5py.File) -> None:
         filled = isinstance(values, int | float)
         replace_array(file, name, np.full_like(file[name], values, dtype=type(values)) if filled else values)

@@ -36,9 +36,7 @@ def show(digitizer: Digitizer, time_ms: int, *fingers: Finger) -> dict[int, int]
 
 
 @pytest.mark.parametrize(("gap_ms", "away", "number"), [(29, NEAR, 1), (29, NEAR + 1, 2), (30, 0, 2)])
-def test_a_short_gap_at_the_same_place_is_no_lift_also_under_another_number(
-    gap_ms: int, away: int, number: int
-) -> None:
+def test_a_short_gap_at_a_place_is_no_lift_also_under_another_number(gap_ms: int, away: int, number: int) -> None:
     digitizer = fitted()
     assert show(digitizer, 0, Finger(1)) == {1: 100}
     assert show(digitizer, 8, Finger(1, flags=0)) == {1: 100}

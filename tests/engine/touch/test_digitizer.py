@@ -164,9 +164,7 @@ REST = Finger(1), NOBODY
     ("device", "report"),
     [((HYBRID, 0x1234, 1), hybrid(*REST, 1)), ((CERTIFIED, 0x0416, 0xC168), certified(*REST, 1, 1))],
 )
-def test_a_panel_that_reports_changes_only_keeps_a_resting_finger(
-    device: tuple[bytes, int, int], report: bytes
-) -> None:
+def test_a_panel_that_reports_changes_keeps_a_resting_finger(device: tuple[bytes, int, int], report: bytes) -> None:
     """One without a certificate, and one that the kernel lists by its number."""
     digitizer = open_digitizer(*device)
     digitizer.decode_report(report, 0)
@@ -179,9 +177,7 @@ def test_a_panel_that_reports_changes_only_keeps_a_resting_finger(
     ("first", "ticks", "expected_ms"),
     [(100, 180, 108), (100, 100, 100), (100, 5, 109), (100, 65535, 109), (65500, 44, 108)],
 )
-def test_scan_time_steps_count_while_they_agree_with_host_time_also_over_a_wrap(
-    first: int, ticks: int, expected_ms: int
-) -> None:
+def test_scan_time_counts_while_it_agrees_with_host_time_over_a_wrap(first: int, ticks: int, expected_ms: int) -> None:
     digitizer = open_digitizer(CERTIFIED)
     digitizer.decode_report(certified(Finger(1), NOBODY, first, 1), 100 * MS)
     frame = digitizer.decode_report(certified(Finger(1), NOBODY, ticks, 1), 109 * MS)
@@ -235,9 +231,7 @@ def test_a_chosen_surface_stays_and_one_notice_names_the_reports_that_come_and_t
     (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
     (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
 ])  # fmt: skip
-def test_a_device_without_touch_surface_or_of_another_driver_is_refused(
-    descriptor: bytes, vendor_id: int, says: str
-) -> None:
+def test_a_device_without_surface_or_of_another_driver_is_refused(descriptor: bytes, vendor_id: int, says: str) -> None:
     with pytest.raises(DigitizerError, match=says):
         open_digitizer(descriptor, vendor_id, 1)
 

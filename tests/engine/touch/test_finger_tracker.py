@@ -58,9 +58,7 @@ def frame_of(*contacts: Contact) -> TouchFrame:
 
 
 @given(touch_axes(), logical, logical)
-def test_a_position_is_where_the_touch_area_has_it_or_the_nearest_place_on_the_bar(
-    axis: TouchAxis, x: int, y: int
-) -> None:
+def test_a_position_is_where_the_touch_area_has_it_or_nearest_on_the_bar(axis: TouchAxis, x: int, y: int) -> None:
     position_m = touch_position(with_axis(axis), SURFACE).position_m(Contact(1, x, y, True)).real
     assert 0 <= position_m <= LENGTH_M
     value = x if axis.axis == "x" else y
@@ -108,9 +106,7 @@ def test_a_new_contact_is_in_the_zone_that_holds_it_or_in_none(device: Device, f
 
 
 @given(zoned_devices(), st.lists(fractions, min_size=1, max_size=20))
-def test_a_contact_stays_in_its_zone_until_it_is_past_an_edge_by_the_hysteresis(
-    device: Device, path: list[float]
-) -> None:
+def test_a_contact_stays_in_its_zone_until_past_an_edge_by_the_hysteresis(device: Device, path: list[float]) -> None:
     edges, zone = ZoneEdges(device), None
     reach_m = [(each.start_m - edges.hysteresis_m, each.stop_m + edges.hysteresis_m) for each in device.zones]
     for fraction in path:

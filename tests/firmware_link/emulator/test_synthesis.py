@@ -125,9 +125,7 @@ def test_drives_that_differ_a_little_differ_a_little_while_one_becomes_the_other
 
 @unhurried
 @given(st.tuples(*[st.floats(0.05, 1.0)] * 2), st.integers(0, 20_000))
-def test_from_silence_every_channel_rises_at_the_slew_and_before_there_is_none(
-    amplitudes: tuple[float, ...], begun_us: int
-) -> None:
+def test_from_silence_every_channel_rises_at_the_slew_not_before(amplitudes: tuple[float, ...], begun_us: int) -> None:
     log = [event(begun_us, *(ChannelTarget(0.0, amplitude, math.pi / 2) for amplitude in amplitudes))]
     got = synthesise(log, 0, 40_000, RATE_HZ)
     rise = np.maximum(np.arange(len(got)) / RATE_HZ - begun_us / US_PER_S, 0.0) * 200.0

@@ -38,9 +38,7 @@ def test_what_a_killed_emulator_left_is_removed_and_what_is_no_announcement_is_l
 
 
 @pytest.mark.parametrize("target", ["/dev/null", "elsewhere", "/dev/pts"])
-def test_a_link_of_somebody_else_is_refused_and_stays_and_so_does_a_folder_that_is_not_there(
-    tmp_path: Path, target: str
-) -> None:
+def test_a_link_of_somebody_else_stays_and_is_refused_as_is_an_absent_folder(tmp_path: Path, target: str) -> None:
     """Of a user, or of another emulator whose terminal is there."""
     link = tmp_path / "board"
     link.symlink_to(target)

@@ -64,9 +64,7 @@ def test_any_bytes_are_a_basis_or_refused(data: bytes, number_of_actuators: int)
     (1000, (of_one(MAXIMUM_WEIGHTS + 1),), "has 256 functions, a PLAY carries 1 to 255: take shorter clicks"),
     (1000, (BasisSet(np.zeros((2, 2), np.int16), np.zeros(1, np.uint8)),), "2 functions for 1 actuators"),
 ])  # fmt: skip
-def test_a_basis_that_no_device_takes_is_refused_with_its_reason(
-    sample_rate_hz: int, sets: tuple[BasisSet, ...], reason: str
-) -> None:
+def test_a_basis_that_no_device_takes_is_refused(sample_rate_hz: int, sets: tuple[BasisSet, ...], reason: str) -> None:
     with pytest.raises(MessageError, match=reason):
         Basis(sample_rate_hz, sets)
 

@@ -34,9 +34,7 @@ DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--for", "0.2 s")
 
 
 @pytest.mark.machine
-def test_a_drive_by_hand_is_played_by_the_process_of_a_card_and_a_card_that_is_not_there_is_named(
-    tmp_path: Path,
-) -> None:
+def test_a_drive_by_hand_is_played_by_the_process_of_a_card_and_an_absent_card_named(tmp_path: Path) -> None:
     core()
     done = run_here(tmp_path, "play", "reference-a", "--port", TEXT.replace("0.52", "0.7"), *DRIVE, "--json")
     assert done.returncode == 0, done.stderr

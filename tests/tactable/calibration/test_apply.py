@@ -139,9 +139,7 @@ def test_a_doubtful_fit_leaves_the_table_unless_it_is_wanted_all_the_same(folder
     assert previous_of(folder / "bar.nc").read_bytes() == before
 
 
-def test_a_table_that_the_bar_does_not_keep_is_not_put_in_place_nor_is_one_whose_test_was_interrupted(
-    folder: Path,
-) -> None:
+def test_a_table_that_the_bar_does_not_keep_or_whose_test_was_interrupted_is_not_put_in_place(folder: Path) -> None:
     job = CalibrationJob(
         device=Device.read(folder / "bar.toml"),
         measurements=folder / "measured.csv",

@@ -60,9 +60,7 @@ def test_a_click_for_positions_is_told_as_it_would_be_played_at_its_level(click_
     assert len(said["alternatives"]) == 2
 
 
-def test_zones_are_told_by_the_row_that_is_played_and_by_what_fingers_get_of_it(
-    click_table: Path, told: Any, page: Any
-) -> None:
+def test_zones_are_told_by_the_played_row_and_what_fingers_get_of_it(click_table: Path, told: Any, page: Any) -> None:
     words = ("explain", "bar.nc", "--felt", "I", "--quiet", "III", "--drives", "zones")
     said = told(*words)
     with Table.open(click_table) as table:

@@ -54,9 +54,7 @@ def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path
         np.testing.assert_allclose(first, own.amplitude_1)
 
 
-def test_a_table_without_its_sweep_plays_the_same_rows_and_says_what_it_lacks(
-    click_table: Path, tmp_path: Path
-) -> None:
+def test_a_table_without_its_sweep_plays_its_rows_and_says_what_it_lacks(click_table: Path, tmp_path: Path) -> None:
     device = Device.parse(SMALL.replace("[sweep]", "[sweep]\nstore = false"), "bar.toml")
     build_table(device, tmp_path / "small.nc", clicks_up_to=0)
     with Table.open(tmp_path / "small.nc") as table, Table.open(click_table) as whole:

@@ -60,9 +60,7 @@ def test_without_a_place_kernels_go_into_a_folder_that_goes_with_the_process(mon
     assert not folder.exists()
 
 
-def test_compiling_the_steady_solver_is_said_only_where_no_cache_has_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiling_the_solver_is_said_where_no_cache_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactable.cli.kernel_cache.import_module", lambda _: None)
     os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
     lines: list[str] = []

@@ -16,9 +16,7 @@ TACTABLE = str(Path(sys.executable).parent / "tactable")
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--phase", "0deg,90deg")
 
 
-def test_a_drive_is_played_for_its_time_and_its_levels_are_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drive_is_played_for_its_time_and_its_levels_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line()
     monkeypatch.setattr("engine.loop.loop.SystemClock", lambda: line)
     monkeypatch.setattr("tactable.audio.port.open_port", lambda *_: line)

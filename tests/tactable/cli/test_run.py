@@ -166,9 +166,7 @@ def wait_for(emulator: RunningEmulator, sets: int) -> EmulatorLog:
 
 
 @pytest.mark.machine
-def test_an_unplugged_device_plays_on_under_another_name_while_others_look_and_ctrl_c_ends_the_run(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_an_unplugged_device_plays_on_under_another_name_and_ctrl_c_ends_the_run(folder: Path, tmp_path: Path) -> None:
     ring, pipe = tmp_path / "ring", subprocess.PIPE
     with run_emulator() as emulator:
         before = Path(emulator.stable_port).readlink()

@@ -89,9 +89,7 @@ def test_no_noise_of_the_sensor_has_another_bar_keep_the_promise(
 @pytest.mark.parametrize(
     ("flaws", "fault"), [("clip=0.01m/s^2", "CLIPPING"), ("stall=0s", "STALLED"), ("drops=20", "LOST_SAMPLES")]
 )
-def test_a_reading_that_a_fault_spoils_is_not_compared(
-    tmp_path: Path, click_table: Path, flaws: str, fault: str
-) -> None:
+def test_a_reading_that_is_spoiled_is_not_compared(tmp_path: Path, click_table: Path, flaws: str, fault: str) -> None:
     summary = verified(tmp_path, click_table, "--flaws", flaws, exit_status=3)
     assert fault in summary["faults"]
     spoiled = [point for point in summary["points"] if fault in point["faults"]]

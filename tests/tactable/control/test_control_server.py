@@ -46,9 +46,7 @@ async def test_each_message_has_its_answer_in_order(server: ControlServer, slot:
 
 
 @on_virtual_time
-async def test_a_program_begins_with_a_hello_and_one_that_asks_for_no_step_has_none(
-    server: ControlServer, slot: VirtualSlot
-) -> None:
+async def test_a_program_begins_with_a_hello_and_has_no_step_unasked(server: ControlServer, slot: VirtualSlot) -> None:
     said = await what_is_said(server, {"type": "stop"}, HELLO, {"type": "ping"})
     assert [each["ok"] for each in said] == [False, True, True]
     assert '{"type": "hello", "version": 1' in said[0]["error"]
@@ -98,9 +96,7 @@ async def test_a_connection_that_never_greets_is_closed_and_one_that_greeted_is_
 
 
 @on_virtual_time
-async def test_an_effect_file_is_defined_with_a_report_and_its_name_ends_with_the_program(
-    server: ControlServer,
-) -> None:
+async def test_an_effect_file_is_defined_with_a_report_and_ends_with_the_program(server: ControlServer) -> None:
     content = json.loads((ROOT / "tables" / "effects" / "knock.ahap").read_text(encoding="utf-8"))
     define = {"type": "define", "name": "knock", "format": "ahap", "content": content}
     said = await what_is_said(server, HELLO, define, {"type": "trigger", "effect": "knock", "finger": 3})
@@ -109,9 +105,7 @@ async def test_an_effect_file_is_defined_with_a_report_and_its_name_ends_with_th
 
 
 @on_virtual_time
-async def test_after_a_change_of_table_positions_are_those_of_the_new_device(
-    server: ControlServer, slot: VirtualSlot
-) -> None:
+async def test_after_a_change_of_table_positions_are_the_new_devices(server: ControlServer, slot: VirtualSlot) -> None:
     server.adopt(find_device("reference-t"))
     said = await what_is_said(server, HELLO, VALID[1])
     device = find_device("reference-t")
@@ -153,9 +147,7 @@ async def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many
 
 
 @on_virtual_time
-async def test_what_a_lease_holds_ends_when_it_has_been_silent_for_it_and_not_before(
-    server: ControlServer, slot: VirtualSlot
-) -> None:
+async def test_what_a_lease_holds_ends_after_its_silence_not_before(server: ControlServer, slot: VirtualSlot) -> None:
     for lease, lease_s in (("0.1 s", 0.1), (f"{LONGEST_LEASE_S} s", LONGEST_LEASE_S), (None, DEFAULT_LEASE_S)):
         program = Line().begin(server, **({} if lease is None else {"lease": lease}))
         await program.ask(VALID[1], VALID[4], VALID[6], TRIGGER, {"type": "role", "finger": 3, "role": "quiet"})

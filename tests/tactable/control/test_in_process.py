@@ -163,9 +163,7 @@ def test_without_a_run_there_is_an_error_with_a_remedy(tmp_path: Path) -> None:
 
 
 @on_virtual_time
-async def test_programs_scene_holds_in_another_run_from_its_first_touch_and_their_regions_unless_zones_differ(
-    tmp_path: Path,
-) -> None:
+async def test_programs_scene_holds_in_another_run_and_their_regions_unless_zones_differ(tmp_path: Path) -> None:
     async with started(tmp_path) as run:
         client = await run.connect(60.0)
         await client.ask(REGION)
@@ -195,9 +193,7 @@ async def until(run: Run, holds: Callable[[dict[str, Any]], bool]) -> None:
 
 @pytest.mark.parametrize("is_watched", [True, False])
 @on_virtual_time
-async def test_another_table_at_the_same_path_is_that_of_programs_where_the_run_changes_to_it(
-    tmp_path: Path, is_watched: bool
-) -> None:
+async def test_another_table_at_the_path_is_programs_where_the_run_takes_it(tmp_path: Path, is_watched: bool) -> None:
     async with started(tmp_path, is_watched=is_watched) as run:
         for device in (DEVICE.with_values({"zones.count": 3}), LONGER):  # the run refuses the first one
             write(tmp_path / "new.nc", device).replace(run.served.table)

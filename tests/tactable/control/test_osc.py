@@ -238,9 +238,7 @@ async def test_the_port_is_on_loopback(osc: OscControl) -> None:
 
 
 @on_virtual_time
-async def test_a_sender_that_is_silent_for_its_lease_is_forgotten_with_what_it_held(
-    osc: OscControl, slot: VirtualSlot
-) -> None:
+async def test_a_sender_silent_for_its_lease_is_forgotten_with_what_it_held(osc: OscControl, slot: VirtualSlot) -> None:
     asked: dict[str, list[Value]] = {"trigger": ["buzz", 3], "region": ASKED["region"]}
     for name, values in asked.items():
         osc.datagram_received(encode_osc(PREFIX + name, values), ("127.0.0.1", 9))

@@ -37,9 +37,7 @@ def test_a_governor_that_saves_power_is_told_with_the_command_that_ends_it(root:
     assert examine(root)["governor"].passed
 
 
-def test_an_unprivileged_user_is_told_rule_and_limits_unless_they_are_wide_enough(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unprivileged_user_is_told_of_rule_and_limits_if_needed(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(os, "access", lambda *_: False)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (0, 0))

@@ -106,9 +106,7 @@ def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_
         assert factor[first, second] == pytest.approx(steady.share[2], rel=1e-8)
 
 
-def test_every_zone_has_a_panel_and_its_share_and_they_add_up_to_what_covers_the_bar(
-    table: Table, tmp_path: Path
-) -> None:
+def test_every_zone_has_a_panel_and_a_share_and_they_add_up_to_the_whole_bar(table: Table, tmp_path: Path) -> None:
     drive = pair_drive(table.device, [], [1.0, 1.0])
     picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
     for each in (picture, plot_factor(table, [["I"]], ["I"], drive)):

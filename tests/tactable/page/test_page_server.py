@@ -211,9 +211,7 @@ async def test_what_browsers_ask_reaches_the_show_and_goes_with_them(access: Acc
 
 
 @while_served
-async def test_pictures_come_one_after_another_and_seldom_while_nothing_happens(
-    access: AccessPolicy, backend: Notes
-) -> None:
+async def test_pictures_come_in_order_and_seldom_while_nothing_happens(access: AccessPolicy, backend: Notes) -> None:
     async with socket_of(access) as socket:
         first, second = [await next_of(socket, Kind.PICTURE) for _ in range(2)]
         assert int.from_bytes(second[2:], "little") > int.from_bytes(first[2:], "little")

@@ -18,9 +18,7 @@ def drive(table: Table) -> RingDrive:
     return RingDrive(table, RESOLUTION_HZ)
 
 
-def test_a_steady_drive_is_the_one_solved_for_the_positions_from_when_it_was_written(
-    table: Table, drive: RingDrive
-) -> None:
+def test_a_steady_drive_is_that_of_the_positions_from_when_it_was_written(table: Table, drive: RingDrive) -> None:
     record = record_of(table, FINGERS, 1_000_000)
     (event,) = drive.events([record])
     solved = table.drive_for([0.035], [0.22], 20.0)

@@ -197,9 +197,7 @@ def test_hjif_composite_effects_are_read_and_those_that_contain_themselves_refus
     ("Transient", {"keyframes": [keyframe(0, 1.0)]}),
     ("VectorialWave", {"keyframes": [keyframe(0, 1.0), keyframe(1, 1.0)]}),
 ])  # fmt: skip
-def test_hjif_references_within_references_are_refused_before_they_are_all_expanded(
-    band_type: str, leaf: dict[str, Any]
-) -> None:
+def test_hjif_references_within_references_are_refused_before_all_expand(band_type: str, leaf: dict[str, Any]) -> None:
     """Five kB that stand for 10 000 effects and more, and at 16 kB for millions."""
     references = [[{"effect_type": "Reference", "id": number}] * 22 for number in range(3)]
     composites = [{"id": k, "effect_type": "Composite", "composition": each} for k, each in enumerate(references, 1)]

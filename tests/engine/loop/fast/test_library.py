@@ -34,9 +34,7 @@ def test_without_a_compiler_the_remedy_is_named(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.parametrize("content", [b"no library", b"", None], ids=["no library", "empty", "a link elsewhere"])
-def test_a_file_that_is_not_what_was_compiled_is_compiled_anew(
-    tmp_path: Path, fast_library: ctypes.CDLL, content: bytes | None
-) -> None:
+def test_another_file_is_compiled_anew(tmp_path: Path, fast_library: ctypes.CDLL, content: bytes | None) -> None:
     compiled = Path(fast_library._name)
     path = tmp_path / compiled.name
     if content is None:

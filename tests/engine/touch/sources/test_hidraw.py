@@ -66,9 +66,7 @@ def test_what_hidapi_says_of_a_device_is_passed_on_but_the_bus_that_the_kernel_k
     assert device.port == "usb-0000:00:14.0-6/input0"
 
 
-def test_a_digitizer_is_chosen_by_any_of_its_names_and_one_for_two_or_none_is_refused_with_the_choice(
-    machine: FakeMachine,
-) -> None:
+def test_a_digitizer_is_chosen_by_any_name_and_one_for_two_or_none_is_refused_by_choice(machine: FakeMachine) -> None:
     device = machine.plug("hidraw0", serial_number="A1")
     machine.plug("hidraw1", product_id=0x200B, port="usb-2")
     found = find_digitizers(machine.system())
@@ -224,9 +222,7 @@ def drain(source: Source, digitizer: Digitizer, now_ns: int) -> TouchFrame | Non
 
 
 @pytest.mark.parametrize(("bursts", "overflows"), [((RING - 1,), 0), ((RING,), 1), ((RING // 2 + 1,) * 2, 0)])
-def test_a_full_ring_is_an_overflow_that_releases_everything(
-    machine: FakeMachine, bursts: tuple[int, ...], overflows: int
-) -> None:
+def test_a_full_ring_overflows_and_releases_all(machine: FakeMachine, bursts: tuple[int, ...], overflows: int) -> None:
     device = machine.plug()
     source, digitizer, frame = machine.open(NUMBER), open_digitizer(DESCRIPTOR), None
     for count in bursts:
@@ -272,9 +268,7 @@ def test_features_are_sent_where_the_kernel_does_not_also_to_a_device_that_answe
 
 
 @pytest.mark.parametrize(("name", "mode"), [(NUMBER, 2), (f"{NUMBER}#01", 2), (f"{NUMBER}#0C", 3)])
-def test_only_the_mode_of_the_surface_is_set_which_may_be_chosen_by_its_report(
-    machine: FakeMachine, name: str, mode: int
-) -> None:
+def test_only_the_mode_of_the_surface_is_set_also_of_a_chosen_one(machine: FakeMachine, name: str, mode: int) -> None:
     pad = application(finger(), usage=TOUCH_PAD, report_id=0x0C)
     device = machine.plug(descriptor=DESCRIPTOR[: -len(MODE)] + pad + MODE)
     source = machine.open(name, "hid")

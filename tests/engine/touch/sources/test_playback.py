@@ -23,9 +23,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @given(recordings(), speeds)
-def test_reports_come_at_their_own_pace_times_the_speed_and_keep_their_times(
-    recording: Recording, speed: float | None
-) -> None:
+def test_reports_come_at_their_pace_times_the_speed_with_their_times(recording: Recording, speed: float | None) -> None:
     """Each is read when it is due and never earlier."""
     source: Source = Playback(recording, speed)
     now_ns, first_s = START_NS, recording.reports[0].time_s
@@ -44,9 +42,7 @@ def test_reports_come_at_their_own_pace_times_the_speed_and_keep_their_times(
 
 
 @given(recordings(), speeds, st.integers(0, 10**12))
-def test_a_deadline_in_the_recording_has_come_at_its_clock_time(
-    recording: Recording, speed: float | None, wait_ns: int
-) -> None:
+def test_a_deadline_of_a_recording_has_a_clock_time(recording: Recording, speed: float | None, wait_ns: int) -> None:
     source = Playback(recording, speed)
     source.read(START_NS)
     deadline_ns = source.report_time_ns + wait_ns

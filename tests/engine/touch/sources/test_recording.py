@@ -176,9 +176,7 @@ def test_reports_that_libinput_kept_are_read_in_place_of_its_events(tmp_path: Pa
     (libinput(EVDEV) + "\n    - [ 0, 9]", libinput(EVDEV).count("\n") + 2, r"\[ 0, 9\].*record again"),
     ("devices:\n", 1, "multitouch slots"),
 ])  # fmt: skip
-def test_events_that_are_no_slots_or_cut_off_are_refused_with_line_and_remedy(
-    tmp_path: Path, text: str, line: int, says: str
-) -> None:
+def test_events_without_slots_or_cut_off_are_refused_by_line(tmp_path: Path, text: str, line: int, says: str) -> None:
     with pytest.raises(RecordingError, match=says) as caught:
         read_text(tmp_path, text)
     assert caught.value.line_number == line

@@ -161,9 +161,7 @@ def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware
     (("--realtime", "nice"), "is unknown: write all, none"),
     (("--seconds", "700"), "take more --rounds"),
 ])  # fmt: skip
-def test_what_cannot_be_measured_is_a_usage_error(
-    table: Path, tmp_path: Path, words: tuple[str, str], said: str
-) -> None:
+def test_what_cannot_be_measured_is_refused(table: Path, tmp_path: Path, words: tuple[str, str], said: str) -> None:
     done = bench(tmp_path, str(table), *words)
     assert done.exit_code == 2
     assert said in " ".join(done.output.replace("│", " ").split())
