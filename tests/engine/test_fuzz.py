@@ -20,15 +20,8 @@ import pytest
 from engine.touch import DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources.recording import read_recording
 from tests.engine.shared_recordings import RECORDINGS
-from tests.engine.touch.descriptors import (
-    BLOB,
-    CONTACT_COUNT,
-    COUNT_MAXIMUM_5,
-    SCAN_TIME,
-    TOUCH_PAD,
-    application,
-    finger,
-)
+from tests.engine.touch import descriptors
+from tests.engine.touch.descriptors import COUNT_MAXIMUM_5, TOUCH_PAD, application, finger
 
 LONG_RUN = int(os.environ.get("TACTABLE_FUZZ_DESCRIPTORS", "0"))
 SEED = int(os.environ.get("TACTABLE_FUZZ_SEED", "1"))
@@ -38,11 +31,10 @@ REPORTS_PER_DEVICE = 10
 MS = 1_000_000
 
 MADE_UP = (
-    application(finger(), finger(), CONTACT_COUNT, COUNT_MAXIMUM_5),
-    application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB),
+    *(descriptors.HYBRID, descriptors.CERTIFIED),
     application(finger(), COUNT_MAXIMUM_5, usage=TOUCH_PAD),
     application(finger(), finger(), finger(), report_id=None),
-    application(finger(), COUNT_MAXIMUM_5) + application(CONTACT_COUNT, report_id=3),
+    application(finger(), COUNT_MAXIMUM_5) + application(descriptors.CONTACT_COUNT, report_id=3),
 )
 # Values that break arithmetic: signs, carries, sizes and counts beyond every bound.
 TELLING = (0, 1, 7, 8, 31, 32, 33, 64, 127, 128, 255, 256, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
@@ -157,9 +149,7 @@ def play_mutants(count: int, seed: int) -> Played:
         descriptor = mutate_descriptor(rng, seeds, device.descriptor)
         try:
             digitizer, taken_s = time_device(descriptor, device)
-            if (
-                taken_s > played.slowest_s
-            ):  # a collected heap or a stall is no cost of the descriptor: it does not repeat
+            if taken_s > played.slowest_s:  # a collected heap or a stall is no cost of the descriptor: none repeats
                 taken_s = min(taken_s, *(time_device(descriptor, device)[1] for _ in range(3)))
             played.slowest_s = max(played.slowest_s, taken_s)
             played.descriptors += 1

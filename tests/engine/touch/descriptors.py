@@ -23,3 +23,8 @@ def application(*parts: bytes, usage: int = TOUCH_SCREEN, report_id: int | None 
     """An application collection on the Digitizer page."""
     identity = b"" if report_id is None else bytes([0x85, report_id])
     return bytes([0x05, 0x0D, 0x09, usage, 0xA1, 0x01]) + identity + b"".join(parts) + b"\xc0"
+
+
+HYBRID = application(finger(), finger(), CONTACT_COUNT, COUNT_MAXIMUM_5)
+CERTIFIED = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
+SERIAL = application(finger(), COUNT_MAXIMUM_5)

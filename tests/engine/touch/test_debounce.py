@@ -11,7 +11,8 @@ from engine.device.parts import DeviceError
 from engine.touch import Contact, Digitizer, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases
 from engine.touch.placement import CLOSEST_M
-from tests.engine.touch.test_digitizer import HYBRID, NOBODY, Finger, hybrid
+from tests.engine.touch.descriptors import HYBRID
+from tests.engine.touch.test_digitizer import NOBODY, Finger, hybrid
 from tests.precompute.devices import shipped
 
 MS = 1_000_000

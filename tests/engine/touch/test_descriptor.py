@@ -11,17 +11,8 @@ from engine.touch.descriptor import SurfaceKind, read_surfaces
 from engine.touch.sources.recording import read_recording
 from tests.engine.shared_recordings import recording_params
 from tests.engine.test_fuzz import Seed, time_device
-from tests.engine.touch.descriptors import (
-    BLOB,
-    CONTACT_COUNT,
-    COUNT_MAXIMUM_5,
-    SCAN_TIME,
-    TOUCH_PAD,
-    application,
-    finger,
-)
-
-SCREEN = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
+from tests.engine.touch.descriptors import CERTIFIED as SCREEN
+from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
 
 
 def test_layout_counts_bits_from_the_report_id_and_without_one_from_the_first_byte() -> None:
@@ -109,22 +100,15 @@ def test_fingers_of_an_application_come_without_its_pens() -> None:
     assert pens.is_stylus and not surface.is_stylus
 
 
-def test_a_relative_position_is_no_touch_surface() -> None:
-    mouse = application(finger()).replace(bytes.fromhex("0930 8102"), bytes.fromhex("0930 8106"))
-    assert read_surfaces(mouse) == ()
+def test_a_relative_position_is_no_surface_of_a_doubled_one_the_first_counts_and_constant_ids_are_read() -> None:
+    def changed(before: str, after: str) -> bytes:
+        return application(finger().replace(bytes.fromhex(before), bytes.fromhex(after)))
 
-
-def test_constant_contact_ids_are_read() -> None:
-    (surface,) = read_surfaces(application(finger()).replace(bytes.fromhex("25ff 8102"), bytes.fromhex("25ff 8103")))
-    assert surface.has_contact_ids
-
-
-def test_of_a_doubled_position_the_first_is_the_touch_point() -> None:
-    doubled = finger().replace(
-        bytes.fromhex("0930 8102 0931 8102"), bytes.fromhex("9504 0930 0930 0931 0931 8102 9501")
-    )
-    (surface,) = read_surfaces(application(doubled))
+    assert read_surfaces(changed("0930 8102", "0930 8106")) == ()
+    (surface,) = read_surfaces(changed("0930 8102 0931 8102", "9504 0930 0930 0931 0931 8102 9501"))
     assert (surface.x.bit, surface.y.bit) == (24, 56)
+    (surface,) = read_surfaces(changed("25ff 8102", "25ff 8103"))
+    assert surface.has_contact_ids
 
 
 @pytest.mark.parametrize("variant", [

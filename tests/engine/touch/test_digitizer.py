@@ -17,21 +17,9 @@ from engine.touch.sources import LIFT_ALL
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.shared_recordings import RECORDINGS, recording_params
 from tests.engine.test_fuzz import check_frame
-from tests.engine.touch.descriptors import (
-    BLOB,
-    CONTACT_COUNT,
-    COUNT_MAXIMUM_5,
-    PEN,
-    SCAN_TIME,
-    TOUCH_PAD,
-    application,
-    finger,
-)
+from tests.engine.touch.descriptors import CERTIFIED, CONTACT_COUNT, HYBRID, PEN, SERIAL, TOUCH_PAD, application, finger
 
 MS = 1_000_000
-HYBRID = application(finger(), finger(), CONTACT_COUNT, COUNT_MAXIMUM_5)
-CERTIFIED = application(finger(), finger(), SCAN_TIME, CONTACT_COUNT, COUNT_MAXIMUM_5, BLOB)
-SERIAL = application(finger(), COUNT_MAXIMUM_5)
 
 
 class Finger(NamedTuple):
@@ -65,25 +53,13 @@ def test_a_report_gives_position_and_time() -> None:
     assert frame == TouchFrame(5 * MS, (Contact(7, 300, 400, tip=True),))
 
 
-def test_slots_beyond_the_count_are_stale() -> None:
-    assert ids(open_digitizer(HYBRID).decode_report(hybrid(Finger(1), Finger(2), 1), 0)) == [1]
-
-
-def test_a_hybrid_frame_is_complete_with_its_last_report() -> None:
+def test_a_hybrid_frame_is_complete_with_its_last_report_and_silence_or_another_scan_time_starts_a_new_one() -> None:
     digitizer = open_digitizer(HYBRID)
-    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 0) is None
-    assert ids(digitizer.decode_report(hybrid(Finger(3), NOBODY, 0), MS)) == [1, 2, 3]
-
-
-def test_silence_inside_a_frame_starts_a_new_one() -> None:
-    digitizer = open_digitizer(HYBRID)
-    digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 0)
-    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 40 * MS) is None
-    assert ids(digitizer.decode_report(hybrid(Finger(3), NOBODY, 0), 41 * MS)) == [1, 2, 3]
+    assert ids(digitizer.decode_report(hybrid(Finger(1), Finger(2), 1), 0)) == [1]  # a slot beyond the count is stale
+    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), MS) is None
+    assert digitizer.decode_report(hybrid(Finger(1), Finger(2), 3), 41 * MS) is None
+    assert ids(digitizer.decode_report(hybrid(Finger(3), NOBODY, 0), 42 * MS)) == [1, 2, 3]
     assert digitizer.counters.lost_frames == 1
-
-
-def test_a_new_scan_time_inside_a_frame_starts_a_new_one() -> None:
     digitizer = open_digitizer(CERTIFIED)
     digitizer.decode_report(certified(Finger(1), Finger(2), 10, 3), 0)
     assert ids(digitizer.decode_report(certified(Finger(1), Finger(2), 90, 2), 8 * MS)) == [1, 2]
@@ -98,23 +74,15 @@ def test_contacts_and_their_count_may_come_in_either_order() -> None:
         assert ids(digitizer.decode_report(reports[1], MS)) == [1]
 
 
-def test_a_certified_device_hovers_and_others_do_not() -> None:
-    hovering = Finger(1, flags=2)
-    frame = open_digitizer(CERTIFIED).decode_report(certified(hovering, NOBODY, 1, 1), 0)
-    assert frame is not None and [contact.tip for contact in frame.contacts] == [False]
+def test_a_certified_device_hovers_and_others_do_not_repeats_a_contact_in_vain_and_tells_palms() -> None:
+    hovering, repeated = Finger(1, flags=2), certified(Finger(1, x=10), Finger(1, x=20), 1, 1)
+    for report, seen in ((certified(hovering, NOBODY, 1, 1), (100, False)), (repeated, (10, True))):
+        frame = open_digitizer(CERTIFIED).decode_report(report, 0)
+        assert frame is not None and [(contact.x, contact.tip) for contact in frame.contacts] == [seen]
     assert ids(open_digitizer(HYBRID).decode_report(hybrid(hovering, NOBODY, 1), 0)) == []
-
-
-def test_a_certified_device_repeats_a_contact_in_vain() -> None:
-    report = certified(Finger(1, x=10), Finger(1, x=20), 1, 1)
-    frame = open_digitizer(CERTIFIED).decode_report(report, 0)
-    assert frame is not None and [contact.x for contact in frame.contacts] == [10]
-
-
-def test_a_palm_is_a_contact_without_confidence() -> None:
-    device = application(finger(flags="0942 0947"))
     for flags, confidence in ((3, True), (1, False)):
-        frame = open_digitizer(device).decode_report(b"\x01" + Finger(1, flags=flags).bytes(), 0)
+        device = open_digitizer(application(finger(flags="0942 0947")))
+        frame = device.decode_report(b"\x01" + Finger(1, flags=flags).bytes(), 0)
         assert frame is not None and frame.contacts[0].confidence is confidence
 
 

@@ -32,10 +32,10 @@ from tactable.doctor.ports import check_cards
 from tactable.doctor.touch_check import Machine, examine
 from tactable.rig.virtual_digitizer import DESCRIPTOR, X_MAXIMUM, Y_MAXIMUM
 from tactable.shipped import DEMO_RECORDING, device_folder
-from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
+from tests.engine.touch.descriptors import HYBRID, TOUCH_PAD, application, finger
 from tests.engine.touch.sources.fake_hid import DESCRIPTOR as FAKE_DESCRIPTOR
 from tests.engine.touch.sources.fake_hid import FakeMachine, touch_report
-from tests.engine.touch.test_digitizer import HYBRID, NOBODY, Finger, hybrid
+from tests.engine.touch.test_digitizer import NOBODY, Finger, hybrid
 from tests.tactable.rig.strokes import Stroke as DrawnStroke
 from tests.tactable.rig.strokes import make_recording
 from tests.tools.virtual import VirtualClock

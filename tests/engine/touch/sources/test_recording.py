@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from engine.touch import open_digitizer
 from engine.touch.sources.recording import Recording, RecordingError, Report, read_recording, write_recording
-from tests.engine.touch.test_digitizer import HYBRID, NOBODY, Finger, hybrid
+from tests.engine.touch.descriptors import HYBRID
+from tests.engine.touch.test_digitizer import NOBODY, Finger, hybrid
 
 LINES = ("R: 2 05 0d", "N: bar", "I: 18 04f3 200a", "E: 000001.500000 3 01 02 ff")
 
