@@ -105,13 +105,12 @@ def test_every_module_and_every_path_that_is_named_exists() -> None:
     assert missing == []
 
 
-def test_a_module_or_name_that_is_gone_is_found() -> None:
-    assert (
-        is_there("engine.loop.pipeline")
-        and is_there("engine.loop.pipeline.Pipeline")
-        and is_there("tactable.Device.read")
-    )
+def test_a_module_a_name_and_a_document_that_is_gone_is_found(tmp_path: Path) -> None:
+    assert all(map(is_there, ("engine.loop.pipeline", "engine.loop.pipeline.Pipeline", "tactable.Device.read")))
     assert not is_there("engine.loop.vanished") and not is_there("engine.loop.pipeline.vanished")
+    assert page_of("PHYSICS.md", tmp_path / "module.py") is None
+    assert page_of("docs/theory.md", tmp_path / "module.py") == ROOT / "docs" / "theory.md"
+    assert "objective-and-bound" in anchors(ROOT / "docs" / "theory.md")
 
 
 def test_every_document_that_is_cited_exists() -> None:
@@ -140,9 +139,3 @@ def test_the_journeys_name_functions_of_every_room_they_pass() -> None:
     named = _NAMED.findall((ROOT / "docs" / "journey.md").read_text(encoding="utf-8"))
     rooms = {Path(target).parts[1] for _, target in named}
     assert rooms == {"engine", "firmware_link", "precompute", "tactable"} and len(named) > 25
-
-
-def test_a_document_that_is_not_there_is_found(tmp_path: Path) -> None:
-    assert page_of("PHYSICS.md", tmp_path / "module.py") is None
-    assert page_of("docs/theory.md", tmp_path / "module.py") == ROOT / "docs" / "theory.md"
-    assert "objective-and-bound" in anchors(ROOT / "docs" / "theory.md")

@@ -39,8 +39,10 @@ every = "1 mm"
 along = "y"
 region = ["45 x 20 mm", ["60 %", "50 mm"]]
 """
-FITTED = ("damping", "stiffness", "impedance")
-"""Keys of the finger that another key may make up for."""
+TOGETHER = (
+    *("damping", "stiffness", "impedance"),  # of the finger: another key may make up for each
+    *("after", "every", "count", "rows", "columns", "zone", "zones", "region"),
+)
 RULES = """
 [[effect]]
 name = "all"
@@ -181,17 +183,7 @@ def test_what_it_refuses_the_reader_refuses(schema: Any, read: Any, text: str, o
     for path in (path for path in leaves(values) if path not in known):
         without = changed(values, path, None)
         # Which keys go together, such as `after` with "hold" or an effect with its name, only the reader knows.
-        if path[-1] not in (
-            "after",
-            "every",
-            "count",
-            "rows",
-            "columns",
-            "zone",
-            "zones",
-            "region",
-            *FITTED,
-        ) and path != ("effect",):
+        if path[-1] not in TOGETHER and path != ("effect",):
             assert refuses(schema, without) is not is_read(read, without), path
         for new in (7, "7", "seven mm", True, [], ["1 mm"], {"a": 1}, "3 dB", "1 mm", "x"):
             other = changed(values, path, new)

@@ -66,15 +66,10 @@ def test_importing_loads_what_is_used_and_no_more() -> None:
     assert loaded_by("from tactable import Device, Table").isdisjoint({"precompute", "numba", "matplotlib"})
 
 
-def test_a_table_belongs_to_the_device_it_was_built_from(folder: Path) -> None:
+def test_a_table_belongs_to_its_device_and_zones_in_one_text_are_not_read_letter_by_letter(folder: Path) -> None:
     device = Device.read(folder / "my-bar.toml")
     with Table.open(str(folder / "my-bar.nc"), device=device) as table:
-        assert table.device == device
-        assert table.attributes["created"].startswith("20")
-
-
-def test_zones_in_one_text_are_refused_rather_than_read_letter_by_letter(folder: Path) -> None:
-    with Table.open(folder / "my-bar.nc") as table:
+        assert table.device == device and table.attributes["created"].startswith("20")
         with pytest.raises(TableError, match=r"zones 'III': is one text; give a list of names, such as \['III'\]"):
             table.best_row("III")
         with pytest.raises(TableError, match="is one text"):

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import pytest
 from tests.tools import verdict
 from tests.tools.stalls import Evidence, watched
 
+Run = Callable[..., pytest.RunResult]
 FAILS = """
 from pathlib import Path
 
@@ -36,25 +37,24 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
-def run(
-    pytester: pytest.Pytester,
-    monkeypatch: pytest.MonkeyPatch,
-    attempt: int,
-    stalls_s: list[float],
-    stall_s: float | None = 0.02,
-) -> pytest.RunResult:
-    """A module whose test fails before this attempt, on a machine that stands still for these times in turn."""
-    stalls = iter(stalls_s)
+@pytest.fixture
+def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs a module whose test fails before an attempt, on a machine that stands still for these times in turn."""
 
-    @contextmanager
-    def watched(limit_s: float) -> Iterator[Evidence]:
-        evidence = Evidence(limit_s)
-        evidence.add("the machine stood still for", next(stalls))
-        yield evidence
+    def run(attempt: int, stalls_s: list[float], stall_s: float | None = 0.02) -> pytest.RunResult:
+        stalls = iter(stalls_s)
 
-    monkeypatch.setattr(verdict, "watched", watched)
-    pytester.makepyfile(FAILS.format(attempt=attempt, stall_s=stall_s))
-    return pytester.runpytest_inprocess("-p", "tests.tools.verdict", "-p", "no:cacheprovider")
+        @contextmanager
+        def watched(limit_s: float) -> Iterator[Evidence]:
+            evidence = Evidence(limit_s)
+            evidence.add("the machine stood still for", next(stalls))
+            yield evidence
+
+        monkeypatch.setattr(verdict, "watched", watched)
+        pytester.makepyfile(FAILS.format(attempt=attempt, stall_s=stall_s))
+        return pytester.runpytest_inprocess("-p", "tests.tools.verdict", "-p", "no:cacheprovider")
+
+    return run
 
 
 @pytest.mark.parametrize(("attempt", "stalls_s", "verdict_line", "status"), [
@@ -64,32 +64,25 @@ def run(
     (9, [0.03, 0.03, 0.03], "0 holds, 1 not shown, 0 broken", 0),
 ], ids=["holds though it stalled", "holds with fresh fixtures", "broken without a stall", "not shown"])  # fmt: skip
 def test_a_failure_counts_only_in_an_attempt_without_a_stall(
-    pytester: pytest.Pytester,
-    monkeypatch: pytest.MonkeyPatch,
-    attempt: int,
-    stalls_s: list[float],
-    verdict_line: str,
-    status: int,
+    run: Run, attempt: int, stalls_s: list[float], verdict_line: str, status: int
 ) -> None:
-    done = run(pytester, monkeypatch, attempt, stalls_s)
+    done = run(attempt, stalls_s)
     done.stdout.fnmatch_lines([f"*{verdict_line}"])
     assert done.ret == status
 
 
 @pytest.mark.parametrize(("attempt", "verdict_line"), [(1, "1 holds, 0 not shown, 0 broken"), (2, "*1 broken")])
 def test_no_stall_excuses_a_law_that_speaks_of_no_time(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, attempt: int, verdict_line: str
+    run: Run, pytester: pytest.Pytester, attempt: int, verdict_line: str
 ) -> None:
-    done = run(pytester, monkeypatch, attempt, [0.03] * 3, stall_s=None)
+    done = run(attempt, [0.03] * 3, stall_s=None)
     done.stdout.fnmatch_lines([f"*{verdict_line}"])
     assert done.ret == attempt - 1
     assert (pytester.path / "made").read_text() == "x", "one attempt counts"
 
 
-def test_the_third_check_in_a_row_without_a_quiet_attempt_fails(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert [run(pytester, monkeypatch, 99, [0.03] * 3).ret for _ in range(3)] == [0, 0, 1]
+def test_the_third_check_in_a_row_without_a_quiet_attempt_fails(run: Run) -> None:
+    assert [run(99, [0.03] * 3).ret for _ in range(3)] == [0, 0, 1]
 
 
 def test_a_law_that_holds_is_counted_from_nothing() -> None:

@@ -20,16 +20,13 @@ high = "30 kN/m"
 """
 
 
-def test_what_was_fitted_is_read_in_si() -> None:
+def test_what_was_fitted_is_read_in_si_and_counts_in_the_fingerprint_but_not_its_making() -> None:
     uncertainty = Device.parse(TEXT + TABLE, "x.toml").uncertainty
     assert uncertainty is not None
     stiffness, damping = uncertainty.fitted
     assert (stiffness.name, stiffness.low, stiffness.high, stiffness.knee) == ("actuator[1].stiffness", 1e4, 3e4, 0.0)
     assert (damping.low, damping.knee) == (0.0, 0.3)
     assert uncertainty.covariance == ((4e-6, 1e-6), (1e-6, 9e-4))
-
-
-def test_the_fingerprint_is_of_the_uncertainty_not_of_its_making() -> None:
     device = Device.parse(TEXT + TABLE, "x.toml")
     later = Device.parse(TEXT + TABLE.replace("2026-11-21", "2027-01-01"), "y.toml")
     surer = Device.parse(TEXT + TABLE.replace("4e-6", "5e-6"), "x.toml")

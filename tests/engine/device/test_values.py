@@ -17,12 +17,9 @@ def test_a_value_has_the_name_of_its_place_and_its_unit() -> None:
     assert values["touch_axis.active_length_m"] is None
 
 
-def test_what_came_and_what_went_is_named() -> None:
+def test_what_came_and_what_went_is_named_and_per_cent_is_told_of_numbers_only() -> None:
     changes = compare_values({"a": 1.0, "b": "x", "c": 2.0}, {"b": "y", "c": 2.0, "d": 0.5})
     assert changes == (Change("a", 1.0, None), Change("b", "x", "y"), Change("d", None, 0.5))
-
-
-def test_per_cent_is_told_of_numbers_only() -> None:
     assert Change("mass_kg", 2.0, 2.5).percent == 25.0
     for before, after in ((0.0, 1.0), ("x", "y"), (None, 1.0), (False, True)):
         assert Change("key", before, after).percent is None

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device
-from engine.effects.rule_file import parse_effects, read_effects, read_vocabulary
+from engine.effects.rule_file import parse_effects, read_vocabulary
 from engine.effects.rules import (
     DEFAULT_EFFECTS,
     FULL_SCALE_DB,
@@ -88,33 +88,28 @@ def test_a_file_says_where_its_drives_come_from() -> None:
         parse_effects('drives = "zone"\n' + WHOLE, "some.toml", DEVICE)
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_a_shipped_file_is_read_for_the_reference_bar(path: Path) -> None:
-    assert read_effects(path, DEVICE).rules
-
-
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_an_example_of_the_document_is_read(example: str) -> None:
-    assert parse_effects(example, "EFFECTS.md", DEVICE, NAMED).rules
+@pytest.mark.parametrize("text", [*(path.read_text(encoding="utf-8") for path in SHIPPED), *EXAMPLES])
+def test_a_shipped_file_and_an_example_of_the_document_is_read(text: str) -> None:
+    assert parse_effects(text, "EFFECTS.md", DEVICE, NAMED).rules
 
 
 def test_the_first_example_of_the_document_is_what_goes_without_a_file() -> None:
     assert parse_effects(EXAMPLES[0], "EFFECTS.md", DEVICE) == DEFAULT_EFFECTS
 
 
-def test_the_vocabulary_has_the_words_of_hid_and_the_web_and_each_is_in_the_document() -> None:
+def test_the_vocabulary_has_the_words_of_hid_and_the_web_each_in_the_document_and_no_rules(tmp_path: Path) -> None:
     words = "click press release tick edge align hover buzz rumble success error"
     assert " ".join(NAMED) == words
     table = (TABLES / "EFFECTS.md").read_text(encoding="utf-8").partition("## Named effects")[2].partition("```")[0]
     assert set(re.findall(r"`(\w+)`", table)) >= set(NAMED)
     assert len({effect.envelope for effect in NAMED.values()}) == len(NAMED)
-
-
-def test_two_clicks_of_a_named_effect_do_not_melt_into_one() -> None:
-    for effect in NAMED.values():
+    for effect in NAMED.values():  # two clicks do not melt into one
         for before, pause, after in zip(effect.envelope, effect.envelope[1:], effect.envelope[2:], strict=False):
             if before.is_click and after.is_click:
                 assert pause.level_db is None and pause.duration_ns is not None and pause.duration_ns > 30 * MS
+    (tmp_path / "words.toml").write_text(WHOLE, encoding="utf-8")
+    with pytest.raises(EffectError, match=r"rule: .*unknown key"):
+        read_vocabulary(tmp_path / "words.toml")
 
 
 def test_a_rule_names_an_effect_of_the_vocabulary_and_the_file_may_replace_it() -> None:
@@ -127,13 +122,6 @@ def test_a_rule_names_an_effect_of_the_vocabulary_and_the_file_may_replace_it() 
         parse_effects(rule.replace("press", "pres"), "some.toml", DEVICE, NAMED)
     with pytest.raises(EffectError, match="holds nothing"):
         parse_effects(rule.replace("touch", "lift").replace("press", "buzz"), "some.toml", DEVICE, NAMED)
-
-
-def test_a_vocabulary_holds_no_rules(tmp_path: Path) -> None:
-    path = tmp_path / "words.toml"
-    path.write_text(WHOLE, encoding="utf-8")
-    with pytest.raises(EffectError, match=r"rule: .*unknown key"):
-        read_vocabulary(path)
 
 
 @given(st.lists(st.tuples(st.integers(1, 60_000), st.integers(0, 800)), min_size=1, max_size=5))

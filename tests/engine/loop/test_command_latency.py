@@ -38,12 +38,9 @@ def test_a_percentile_is_the_least_sample_that_its_share_stays_within(durations_
     assert summary.count == len(durations_ns)
 
 
-def test_any_two_stages_can_be_compared() -> None:
+def test_any_two_stages_can_be_compared_and_without_samples_there_is_no_summary() -> None:
     recorder = LatencyRecorder(4)
     recorder.record((0, 1, 3, 7, 15, 31))
     assert recorder.summarise(Stage.FRAME, Stage.COMMAND) == Percentiles(1, 12, 12, 12, 12, 12, 12, 12)
-
-
-def test_without_samples_there_is_no_summary() -> None:
     assert LatencyRecorder().summarise() is None
     assert Percentiles.of([np.nan]) is None

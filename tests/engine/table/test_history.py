@@ -70,20 +70,18 @@ def test_rolled_back_twice_is_as_before_and_what_a_killed_one_left_is_removed(pa
     assert texts(path) == {"bar.nc": "1", "bar.nc.previous": "2"}
     roll_back(path)
     assert texts(path) == {"bar.nc": "2", "bar.nc.previous": "1"}
+    path.unlink()  # one that was lost is put back, too
+    roll_back(path)
+    assert texts(path)["bar.nc"] == "1"
 
 
-def test_without_a_previous_table_there_is_nothing_to_put_back(path: Path) -> None:
-    put(path, "1")
-    with pytest.raises(TableError, match="there is no previous table"):
-        roll_back(path)
-    assert texts(path) == {"bar.nc": "1"}
-
-
-def test_a_folder_is_no_table_to_put_back(tmp_path: Path) -> None:
+def test_without_a_previous_table_there_is_nothing_to_put_back_and_a_folder_is_no_table(path: Path) -> None:
     """An empty name is the present folder."""
-    for folder in (tmp_path, Path()):
-        with pytest.raises(TableError, match="is a folder; name a table"):
-            roll_back(folder)
+    put(path, "1")
+    for wrong, says in ((path, "there is no previous table"), (path.parent, "is a folder"), (Path(), "is a folder")):
+        with pytest.raises(TableError, match=says):
+            roll_back(wrong)
+    assert texts(path) == {"bar.nc": "1"}
 
 
 def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
@@ -92,10 +90,3 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path) -> None:
         (tmp_path / name).touch()
     remove_leftovers(tmp_path / "bar.nc")
     assert {path.name for path in tmp_path.iterdir()} == kept
-
-
-def test_a_table_that_was_lost_is_put_back(path: Path) -> None:
-    put(path, "1", "2")
-    path.unlink()
-    roll_back(path)
-    assert path.read_text() == "1"

@@ -44,11 +44,8 @@ def test_pauses_between_touches_do_not_count() -> None:
     assert (found.frames, found.period_ns) == (180, 8 * MS)
 
 
-def test_few_frames_say_nothing() -> None:
+def test_few_frames_say_nothing_and_a_capacity_too_small_is_refused() -> None:
     assert times(50, 100_000.0, np.zeros(50)).summarise() is None
     assert ScanTimes().summarise() is None
-
-
-def test_a_capacity_too_small_is_refused() -> None:
     with pytest.raises(ValueError, match="capacity is 1"):
         ScanTimes(1)

@@ -1,8 +1,10 @@
 """The text of a sound card: what it declares, and how a text without a declaration is refused."""
 
+from collections.abc import Callable
+
 import pytest
 
-from tactable.audio.names import AudioError, parse_input, parse_output
+from tactable.audio.names import AudioError, AudioInput, parse_input, parse_output
 
 ACTUATORS = ("left", "right")
 
@@ -22,29 +24,26 @@ def test_an_input_declares_its_channels_and_what_a_sample_is() -> None:
     assert parse_input("audio:card,scale=5 m/s^2,loopback=2+3", ACTUATORS).loopbacks == (1, 2)
 
 
-@pytest.mark.parametrize(("text", "error"), [
-    ("audio:card,most=50 %", "full_scale is missing; declare the base displacement"),
-    ("audio:card,full_scale=1 um", "most is missing; declare the greatest sample"),
-    ("audio:card,full_scale=1 um,most=120 %", "no sample above 100 %"),
-    ("audio:card,full_scale=1 um,most=0 %", "expected more than 0"),
-    ("audio:card,full_scale=1 V,most=50 %", "full_scale: '1 V' has a unit that is not known"),
-    ("audio:card,full_scale=1 um+2 um+3 um,most=50 %", "3 for 2 channels"),
-    ("audio:card,full_scale=1 um,most=50 %,channels=1+1", "expected different channels"),
-    ("audio:card,full_scale=1 um,most=50 %,volume=3", "'volume=3': expected each once of full_scale"),
-    ("audio:card,full_scale=1 um,most=50 %,block=1 s", "expected 1 ms to 20 ms"),
-    ("audio:,full_scale=1 um,most=50 %", "names no sound card"),
-])  # fmt: skip
-def test_an_output_that_leaves_something_open_is_refused(text: str, error: str) -> None:
-    with pytest.raises(AudioError, match=error):
-        parse_output(text)
+def parse_as_input(text: str) -> AudioInput:
+    return parse_input(text, ACTUATORS)
 
 
-@pytest.mark.parametrize(("words", "error"), [
-    ("acceleration=1", "scale is missing; declare the acceleration"),
-    ("acceleration=1+2,scale=1 m/s^2", "expected one channel"),
-    ("scale=1 m/s^2,loopback=1", "channel 1 is both"),
-    ("scale=1 m/s^2,loopback=2+3+4", "one for each of left, right"),
+@pytest.mark.parametrize(("parse", "words", "error"), [
+    (parse_output, "card,most=50 %", "full_scale is missing; declare the base displacement"),
+    (parse_output, "card,full_scale=1 um", "most is missing; declare the greatest sample"),
+    (parse_output, "card,full_scale=1 um,most=120 %", "no sample above 100 %"),
+    (parse_output, "card,full_scale=1 um,most=0 %", "expected more than 0"),
+    (parse_output, "card,full_scale=1 V,most=50 %", "full_scale: '1 V' has a unit that is not known"),
+    (parse_output, "card,full_scale=1 um+2 um+3 um,most=50 %", "3 for 2 channels"),
+    (parse_output, "card,full_scale=1 um,most=50 %,channels=1+1", "expected different channels"),
+    (parse_output, "card,full_scale=1 um,most=50 %,volume=3", "'volume=3': expected each once of full_scale"),
+    (parse_output, "card,full_scale=1 um,most=50 %,block=1 s", "expected 1 ms to 20 ms"),
+    (parse_output, ",full_scale=1 um,most=50 %", "names no sound card"),
+    (parse_as_input, "card,acceleration=1", "scale is missing; declare the acceleration"),
+    (parse_as_input, "card,acceleration=1+2,scale=1 m/s^2", "expected one channel"),
+    (parse_as_input, "card,scale=1 m/s^2,loopback=1", "channel 1 is both"),
+    (parse_as_input, "card,scale=1 m/s^2,loopback=2+3+4", "one for each of left, right"),
 ])  # fmt: skip
-def test_an_input_that_leaves_something_open_is_refused(words: str, error: str) -> None:
+def test_a_text_that_leaves_something_open_is_refused(parse: Callable[[str], object], words: str, error: str) -> None:
     with pytest.raises(AudioError, match=error):
-        parse_input(f"audio:card,{words}", ACTUATORS)
+        parse(f"audio:{words}")

@@ -127,17 +127,16 @@ def test_a_card_that_calls_back_no_more_is_named_and_a_process_that_stood_still_
     wait_while_called(lambda _: True, lambda: 0, "USB")
 
 
-def test_a_card_is_opened_again_by_its_whole_name_alone() -> None:
+def test_a_card_is_opened_again_by_its_whole_name_alone_and_of_two_of_a_name_by_its_direction() -> None:
     """A part of the name may be that of another card, once the one that was meant is gone."""
     cards = tuple(Interface(index, name, 2, 0, 48_000.0, 0.01) for index, name in enumerate(("USB A", "USB A 2")))
     assert select_interface("USB A", cards, is_input=False, is_exact=True) is cards[0]
     with pytest.raises(AudioError, match="'USB A'"):
         select_interface("USB A", cards[1:], is_input=False, is_exact=True)
-
-
-def test_a_sensor_without_a_scale_is_refused_before_anything_starts() -> None:
-    with pytest.raises(AudioError, match="scale is missing"):
-        AudioSensor("audio:card", DEVICE)
+    cards = (Interface(0, "USB", 2, 0, 48_000.0, 0.01), Interface(1, "USB", 0, 2, 48_000.0, 0.01))
+    assert [select_interface("USB", cards, is_input=is_input) for is_input in (False, True)] == list(cards)
+    with pytest.raises(AudioError, match="'USB' with inputs"):
+        select_interface("USB", cards[:1], is_input=True)
 
 
 class FakePortAudio:
@@ -161,7 +160,8 @@ def test_cards_are_found_by_their_name_or_a_part_of_it(tmp_path: Path) -> None:
     for number, card_id in ((1, "Device"), (3, "Device_1")):
         (tmp_path / f"card{number}").mkdir()
         (tmp_path / f"card{number}" / "id").write_text(f"{card_id}\n", encoding="utf-8")
-    cards = find_interfaces(FakePortAudio(), tmp_path)  # type: ignore[arg-type]
+    system = FakePortAudio()
+    cards = find_interfaces(system, tmp_path)  # type: ignore[arg-type]
     assert [card.name for card in cards] == ["USB: (hw:Device,0)", "USB: (hw:Device_1,0)", "Other: (hw:2,1)", "default"]
     assert (cards[0].outputs, cards[0].inputs) == (4, 2)
     assert select_interface("hw:Device_1,0", cards, is_input=False) is cards[1]
@@ -170,17 +170,6 @@ def test_cards_are_found_by_their_name_or_a_part_of_it(tmp_path: Path) -> None:
         select_interface("usb", cards, is_input=False)
     with pytest.raises(AudioError, match=r"no sound card 'hw:1,0' .*hw:Device,0"):
         select_interface("hw:1,0", cards, is_input=False)
-
-
-def test_of_two_cards_of_a_name_the_one_of_the_direction_is_taken() -> None:
-    cards = (Interface(0, "USB", 2, 0, 48_000.0, 0.01), Interface(1, "USB", 0, 2, 48_000.0, 0.01))
-    assert [select_interface("USB", cards, is_input=is_input) for is_input in (False, True)] == list(cards)
-    with pytest.raises(AudioError, match="'USB' with inputs"):
-        select_interface("USB", cards[:1], is_input=True)
-
-
-def test_a_sound_system_that_does_not_run_is_named() -> None:
-    stopped = FakePortAudio()
-    stopped.is_running = False
+    system.is_running = False
     with pytest.raises(AudioError, match="not initialised"):
-        find_interfaces(stopped)  # type: ignore[arg-type]
+        find_interfaces(system)  # type: ignore[arg-type]

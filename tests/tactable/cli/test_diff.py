@@ -18,13 +18,8 @@ ROWS = rows_of(DEVICE)
 def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     folder = tmp_path_factory.mktemp("tables")
     before = write_table(folder / "before.nc", DEVICE, CLICKS, rows=held(ROWS))
-    after = write_table(
-        folder / "after.nc",
-        DEVICE,
-        CLICKS[:2],
-        rows=held([ROWS[0], replace(ROWS[1], level_db=18.5), *ROWS[2:]]),
-        source="measured",
-    )
+    rows = held([ROWS[0], replace(ROWS[1], level_db=18.5), *ROWS[2:]])
+    after = write_table(folder / "after.nc", DEVICE, CLICKS[:2], rows=rows, source="measured")
     return str(before), str(after)
 
 
@@ -47,15 +42,10 @@ def test_the_status_is_0_for_the_same_1_for_others_and_2_for_trouble(tables: tup
 
 def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
     out = diff(*tables)[1]
-    for part in (
-        "the tables differ",
-        "option: source: measured appeared",
-        "best rows: 1 of 6 changed beyond 0.1 dB",
-        "felt IV at 20 dB: level 20 -> 18.5 dB",
-        "clicks: 1 vanished: felt 83.8 mm 139.7 mm, quiet 251.5 mm",
-        "clicks: none of 2 changed",
-    ):
+    for part in ("the tables differ", "option: source: measured appeared", "felt IV at 20 dB: level 20 -> 18.5 dB"):
         assert part in out
+    assert "best rows: 1 of 6 changed beyond 0.1 dB" in out and "clicks: none of 2 changed" in out
+    assert "clicks: 1 vanished: felt 83.8 mm 139.7 mm, quiet 251.5 mm" in out
     out = diff(tables[0], tables[0])[1]
     assert "the tables are the same" in out and "best rows: none of 6 changed" in out
     assert "best rows: none of 6 changed" in diff(*tables, "--limit", "1.6")[1]

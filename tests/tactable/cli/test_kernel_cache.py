@@ -31,12 +31,6 @@ def test_a_package_or_home_that_the_user_alone_can_write_or_names_is_left_to_num
     assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path)
 
 
-def test_a_machine_without_a_folder_to_write_in_is_told_and_ends_no_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(NOWHERE))
-    assert "kernels cannot be compiled" in (provide_kernel_cache(NOWHERE, NOWHERE) or "")
-    assert "NUMBA_CACHE_DIR" not in os.environ
-
-
 @pytest.mark.parametrize("variable", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
 def test_a_folder_that_others_can_write_is_forgotten_in_one_line(tmp_path: Path, variable: str) -> None:
     os.environ[variable] = str(tmp_path)
@@ -47,7 +41,7 @@ def test_a_folder_that_others_can_write_is_forgotten_in_one_line(tmp_path: Path,
     assert variable not in os.environ and list(refuse_open_caches()) == []
 
 
-def test_without_a_place_kernels_go_into_a_folder_that_goes_with_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_place_kernels_go_into_a_folder_of_the_process_or_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     at_end = list[Callable[[], object]]()
     monkeypatch.setattr("atexit.register", at_end.append)
     said = provide_kernel_cache(NOWHERE, NOWHERE)
@@ -58,6 +52,10 @@ def test_without_a_place_kernels_go_into_a_folder_that_goes_with_the_process(mon
     for end in at_end:
         end()
     assert not folder.exists()
+    monkeypatch.setattr("tempfile.tempdir", str(NOWHERE))
+    del os.environ["NUMBA_CACHE_DIR"]
+    assert "kernels cannot be compiled" in (provide_kernel_cache(NOWHERE, NOWHERE) or "")
+    assert "NUMBA_CACHE_DIR" not in os.environ
 
 
 def test_compiling_the_solver_is_said_where_no_cache_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """The command `new`: a device file that is read again, in which just what was not given is an estimate."""
 
+import shlex
 from pathlib import Path
 
 import pytest
@@ -10,22 +11,9 @@ from tactable.cli.main import app
 from tactable.cli.new import MATERIALS
 
 ALWAYS = ("--length", "300mm", "--thickness", "1 mm", "--actuators", "40mm,87 %")
-EVERY = (
-    *(
-        "--width",
-        "20 mm",
-        "--material",
-        "steel",
-        "--youngs-modulus",
-        "190 GPa",
-        "--stiffness",
-        "20 kN/m",
-        "--damping",
-        "0.1 N*s/m",
-        "--mass",
-        "8 g",
-    ),
-    *("--full-scale", "1 um", "--band", "50 Hz,400 Hz", "--zones", "4"),
+EVERY = shlex.split(
+    "--width '20 mm' --material steel --youngs-modulus '190 GPa' --stiffness '20 kN/m' --damping '0.1 N*s/m' "
+    "--mass '8 g' --full-scale '1 um' --band '50 Hz,400 Hz' --zones 4"
 )
 
 

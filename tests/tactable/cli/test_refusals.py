@@ -133,6 +133,7 @@ REFUSED = [
     ("emulate --core nothing.so", "nothing.so is no library"),
     ("emulate --faults dorp=0.1", "'dorp'", "did you mean 'drop'"),
     ("bench latency --over 'audio:Card,full_scale=0.6 um,most=50 %'", "takes no part in this benchmark"),
+    ("bench latency bar.nc --rates 0,125", "--rates '0,125'", "expected whole numbers"),
     ("rollback bar.nc", "there is no previous table"),
     ("emulate --device reference-a --sensor at=35mm --core core.so", "leave --core out"),
     ("calibrate reference-a nowhere.txt -o new", "nowhere.txt"),

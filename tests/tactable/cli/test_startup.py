@@ -61,14 +61,13 @@ def test_a_shell_is_offered_commands_groups_and_options(
     assert all(word.startswith(words.split(" ")[-1]) for word in found)
 
 
-def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+def test_h_is_help_everywhere_and_a_misspelt_command_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    for words in ((), ("plot",), ("plot", "state"), ("list",)):
+        short, long = (CliRunner().invoke(app, [*words, option]) for option in ("-h", "--help"))
+        assert short.exit_code == 0 and short.stdout == long.stdout
     assert run_here(tmp_path, "--version").stdout == f"tactable {version('tactable')}\n"
-
-
-@pytest.mark.parametrize("words", [(), ("plot",), ("plot", "state"), ("list",)])
-def test_h_is_help_everywhere(words: tuple[str, ...]) -> None:
-    short, long = (CliRunner().invoke(app, [*words, option]) for option in ("-h", "--help"))
-    assert short.exit_code == 0 and short.stdout == long.stdout
+    done = run_here(tmp_path, "lits")
+    assert done.returncode == 2 and "Did you mean 'list'" in done.stderr
 
 
 def test_the_table_of_commands_says_what_their_functions_say() -> None:
@@ -101,12 +100,6 @@ def test_the_help_lists_every_command_by_section() -> None:
     for section in COMMANDS[""].values():
         for name, entry in section.items():
             assert f"  {name} " in shown and entry.help in shown
-
-
-def test_a_misspelt_command_is_answered_with_the_nearest(tmp_path: Path) -> None:
-    done = run_here(tmp_path, "lits")
-    assert done.returncode == 2
-    assert "Did you mean 'list'" in done.stderr
 
 
 def test_ctrl_c_during_imports_is_status_130_without_a_traceback(

@@ -124,7 +124,11 @@ def places(frame: TouchFrame) -> dict[int, int]:
     return {contact.contact_id: contact.x for contact in frame.contacts}
 
 
-def test_each_syn_report_is_a_frame_of_all_that_touches() -> None:
+def test_each_syn_report_is_a_frame_of_all_that_touches_and_of_what_touched_before() -> None:
+    kernel = FakeKernel()
+    kernel.show({2: (7, (300, 0))})
+    kernel.events.clear()
+    assert [places(frame) for frame in frames(opened(kernel))] == [{7: 300}]
     kernel = FakeKernel()
     source = opened(kernel)
     kernel.show({0: (10, (100, 0))})
@@ -132,13 +136,9 @@ def test_each_syn_report_is_a_frame_of_all_that_touches() -> None:
     kernel.show({3: (11, (-50, 0))})
     kernel.show({})
     assert [places(frame) for frame in frames(source)] == [{10: 100}, {10: 150, 11: -50}, {11: -50}, {}]
-
-
-def test_fingers_that_are_down_already_are_seen_at_once() -> None:
-    kernel = FakeKernel()
-    kernel.show({2: (7, (300, 0))})
-    kernel.events.clear()
-    assert [places(frame) for frame in frames(opened(kernel))] == [{7: 300}]
+    for x in range(10):
+        kernel.show({0: (10, (x, 0))})
+    assert source.read(0) is not None and source.next_time_ns() == 0  # more events than one read takes are due at once
 
 
 touches = st.dictionaries(
@@ -186,15 +186,6 @@ def test_an_unplug_releases_everything_and_ends() -> None:
     assert not source.ended
     assert [frame.contacts for frame in frames(source, MS, digitizer)] == [()]
     assert (source.ended, source.fileno(), source.read(2 * MS), source.next_time_ns()) == (True, None, None, None)
-
-
-def test_more_events_than_one_read_takes_are_due_at_once() -> None:
-    kernel = FakeKernel()
-    source = opened(kernel)
-    for x in range(10):
-        kernel.show({0: (10, (x, 0))})
-    assert source.read(0) is not None
-    assert source.next_time_ns() == 0
 
 
 def test_size_and_range_are_the_devices() -> None:

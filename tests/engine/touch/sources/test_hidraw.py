@@ -130,24 +130,17 @@ def test_the_descriptor_to_wait_on_stays_the_same_over_a_replug(machine: FakeMac
     assert (source.fileno(), source.state) == (number, Connection.CONNECTED)
 
 
-def test_a_second_close_does_nothing_and_the_source_has_ended(machine: FakeMachine) -> None:
-    machine.plug()
-    source = machine.open(NUMBER)
-    for _ in range(2):
+def test_a_source_ends_with_its_close_and_with_an_unplug_where_it_does_not_wait(machine: FakeMachine) -> None:
+    device = machine.plug()
+    source, other = machine.open(NUMBER), machine.open(NUMBER, reconnect=False)
+    for _ in range(2):  # a second close does nothing
         source.close()
         assert (source.ended, source.fileno(), source.read(0)) == (True, None, None)
+    machine.unplug(device)
+    assert (other.read(0), other.ended, other.next_time_ns()) == (None, True, None)
 
 
 # ---- unplug ----------------------------------------------------------------------------------------------
-
-
-def test_an_unplug_ends_a_source_that_does_not_wait(machine: FakeMachine) -> None:
-    device = machine.plug()
-    source = machine.open(NUMBER, reconnect=False)
-    machine.unplug(device)
-    assert source.read(0) is None
-    assert source.ended
-    assert source.next_time_ns() is None
 
 
 def test_a_lost_device_is_looked_for_less_and_less_often_and_said_to_be_lost(machine: FakeMachine) -> None:

@@ -16,7 +16,6 @@ from tactable.bench.latency.latency_report import LatencyReportError
 from tactable.bench.latency.stages import STAGES
 from tactable.cli.latency import EXIT_WORSE
 from tactable.cli.main import app
-from tactable.cli.options import OptionError
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click
 from tests.engine.made_table import write_table
@@ -165,8 +164,3 @@ def test_what_cannot_be_measured_is_refused(table: Path, tmp_path: Path, words: 
     done = bench(tmp_path, str(table), *words)
     assert done.exit_code == 2
     assert said in " ".join(done.output.replace("│", " ").split())
-
-
-def test_rates_that_no_generator_sends_are_refused(table: Path, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="--rates '0,125': expected whole numbers"):
-        bench(tmp_path, str(table), "--rates", "0,125")
