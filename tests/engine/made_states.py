@@ -1,7 +1,6 @@
 """States of the zones by the indices of those that are touched, and the level that tests play at."""
 
 from collections.abc import Sequence
-from itertools import product
 
 from engine.device import Device
 from engine.table.levels import DEFAULT_LEVEL_DB
@@ -16,12 +15,6 @@ def states_of(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) ->
         ZoneState.FELT if zone in felt else ZoneState.QUIET if zone in quiet else ZoneState.FREE
         for zone in range(len(device.zones))
     )
-
-
-def felt_states(device: Device) -> list[tuple[ZoneState, ...]]:
-    """Every state with a felt zone."""
-    states = product(ZoneState, repeat=len(device.zones))
-    return [state for state in states if ZoneState.FELT in state]
 
 
 def state_index(states: Sequence[ZoneState]) -> int:

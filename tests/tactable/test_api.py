@@ -55,9 +55,8 @@ def test_every_public_name_is_where_it_is_said_to_be() -> None:
 def loaded_by(statement: str) -> set[str]:
     """Top-level packages that a fresh interpreter has loaded after it."""
     program = f"{statement}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
-    return set(
-        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
 
 
 @pytest.mark.machine(stall_s=None)
@@ -80,15 +79,10 @@ def test_a_table_belongs_to_its_device_and_zones_in_one_text_are_not_read_letter
 def test_a_device_changed_in_memory_is_built_with_a_text_that_states_it(folder: Path, tmp_path: Path) -> None:
     device = Device.read(folder / "my-bar.toml")
     heavier = replace(device.actuators[0], mass_kg=9e-3, position_m=0.05)
-    changed = replace(
-        device,
-        name="other",
-        surface=replace(device.bar, thickness_m=0.7e-3),
-        actuators=(heavier, *device.actuators[1:]),
-        finger=replace(device.finger, spread=2.0),
-        spread=replace(device.spread, stiffness=0.002),
-        limits=replace(device.limits, amplitude=0.5),
-    )
+    thinner, actuators = replace(device.bar, thickness_m=0.7e-3), (heavier, *device.actuators[1:])
+    finger, spread = replace(device.finger, spread=2.0), replace(device.spread, stiffness=0.002)
+    changed = replace(device, name="other", surface=thinner, actuators=actuators, finger=finger, spread=spread)
+    changed = replace(changed, limits=replace(device.limits, amplitude=0.5))
     build_table(changed, tmp_path / "changed.nc", clicks_up_to=0)
     with Table.open(tmp_path / "changed.nc", device=changed) as table:
         assert table.device.actuators[0].position_m == pytest.approx(heavier.position_m, rel=1e-12)

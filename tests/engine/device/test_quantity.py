@@ -83,9 +83,10 @@ def test_another_kind_is_refused_with_both_kinds_and_the_text(written: str, want
     assert f"expected {KINDS[wanted]} such as '1 {wanted or '%'}'" in str(error.value)
 
 
+NUMBERS: tuple[object, ...] = ("5", "5.0", 5, 5.0, -1, True, None, [], {}, ["5 m"])
 UNITS = ("furlong", "barn", "kkm", "M", "e", "exp", "meter_", "degC", "m_0", "PA")
 REFUSED: list[tuple[object, str]] = [
-    *((text, "has no unit; ") for text in ("5", "5.0", 5, 5.0, -1, True, None, [], {}, ["5 m"])),
+    *((text, "has no unit; ") for text in NUMBERS),
     *((f"5 {unit}", f"'5 {unit}' has a unit that is not known ({unit}); ") for unit in UNITS),
     *((text, "") for text in HOSTILE),
 ]

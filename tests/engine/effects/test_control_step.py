@@ -63,9 +63,7 @@ def test_other_levels_of_the_same_effect_are_felt_at_once() -> None:
 
 
 def test_of_an_effect_that_is_cut_the_click_plays_to_its_end_and_nothing_after_it() -> None:
-    two = Effect(
-        "two", (Segment(None, 20.0, is_click=True), Segment(40 * MS, None), Segment(None, 20.0, is_click=True))
-    )
+    two = Effect("two", (*click(20.0).envelope, Segment(40 * MS, None), *click(20.0).envelope))
     seen = story(region(0, 50, two))
     seen.at(0, touch(1, 10))
     seen.asks(10, rules=(), settings=ALONE)

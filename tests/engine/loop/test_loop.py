@@ -31,13 +31,8 @@ def test_a_touch_is_felt_and_a_lift_is_silence() -> None:
 
 
 def test_each_state_change_is_found_in_the_log_by_its_sequence() -> None:
-    frames = [
-        *held(0.0, 0.1, (1, 0.1)),
-        *held(0.1, 0.2, (1, 0.5)),
-        *held(0.2, 0.3, (1, 0.9)),
-        (0.3, report(lifted=[1])),
-    ]
-    rig = Rig(recording_of(*frames)).run()
+    frames = [frame for k, place in enumerate((0.1, 0.5, 0.9)) for frame in held(0.1 * k, 0.1 * (k + 1), (1, place))]
+    rig = Rig(recording_of(*frames, (0.3, report(lifted=[1])))).run()
     assert [event.sequence for event in rig.log] == [change.drive_sequence for change in rig.trace]
     assert len(rig.trace) == 4
     for change, event in zip(rig.trace, rig.log, strict=True):

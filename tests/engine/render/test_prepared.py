@@ -13,13 +13,12 @@ from engine.table import Table
 from firmware_link.protocol.messages import Features, decode_drive
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import row_of, rows_of
-from tests.engine.made_states import LEVEL_DB, felt_states
+from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.engine.render.boards import board
 from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")
-STATES = felt_states(REFERENCE)[:4]
 PLACEMENTS = [in_zones(REFERENCE, [0]), in_zones(REFERENCE, [2], [0])]
 STEADY = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, LEVEL_DB),))),))
 MS = 1_000_000

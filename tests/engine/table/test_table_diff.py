@@ -170,11 +170,8 @@ def test_states_that_vanished_and_appeared_are_named(compare: Compare) -> None:
     found = compare([*ROWS[1:3], more[0], *ROWS[4:6], more[1]], clicks=())
     assert found.best_rows.vanished == ("felt I at 20 dB", "felt I at full scale")
     assert found.best_rows.appeared == ("felt V at 20 dB", "felt V at full scale")
-    assert found.clicks.vanished == (
-        "felt 27.9 mm",
-        "felt 27.9 mm, quiet 195.6 mm",
-        "felt 83.8 mm 139.7 mm, quiet 251.5 mm",
-    )
+    one, *others = found.clicks.vanished
+    assert (one, others) == ("felt 27.9 mm", [f"{one}, quiet 195.6 mm", "felt 83.8 mm 139.7 mm, quiet 251.5 mm"])
 
 
 def test_other_zones_are_matched_by_name_and_it_is_said(compare: Compare) -> None:

@@ -41,9 +41,9 @@ def test_rolled_back_is_the_table_before_unless_that_is_damaged(tmp_path: Path) 
         assert table.device.finger.stiffness_n_per_m == 1_000
     kept, before = previous_of(path), path.read_bytes()
     assert kept.read_bytes() == softer
-    kept.write_bytes(
-        softer[: len(softer) // 2] + bytes([softer[len(softer) // 2] ^ 1]) + softer[len(softer) // 2 + 1 :]
-    )
+    damaged = bytearray(softer)
+    damaged[len(softer) // 2] ^= 1
+    kept.write_bytes(damaged)
     done = run_here(tmp_path, "rollback", "bar.nc")
     assert done.returncode == 1 and "is corrupted" in done.stderr
     assert path.read_bytes() == before

@@ -115,9 +115,7 @@ def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tm
     shipped = ROOT / "tables" / "measurements" / "reference-a-drifted.csv"
     text = shipped.read_text(encoding="utf-8")
     made = re.findall(r"^tactable (simulate-measurements .*)$", (ROOT / "tables" / "MEASUREMENTS.md").read_text(), re.M)
-    words = [
-        str(tmp_path / "m.csv") if word == f"measurements/{shipped.name}" else word for word in shlex.split(made[0])
-    ]
+    words = shlex.split(made[0].replace(f"measurements/{shipped.name}", str(tmp_path / "m.csv")))
     assert run(*words).returncode == 0
     again = (tmp_path / "m.csv").read_text(encoding="utf-8")
     assert again.splitlines()[:2] == text.splitlines()[:2]
@@ -131,11 +129,8 @@ def test_modes_are_picked_from_responses_and_fitted_in_one_command(tmp_path: Pat
     drives = [(hz, NAN) for hz in range(60, 301, 2)] + [(NAN, hz) for hz in range(60, 301, 2)]
     read = read_bar(find_device("reference-d"), {}, drives, points=2, kind=Kind.RESPONSE, sensor_mass_kg=0.0)
     write_measurements(tmp_path / "r.csv", read, find_device("reference-d"), "made by a test")
-    words = (
-        "calibrate", "reference-d", str(tmp_path / "r.csv"), "--pick-modes", str(tmp_path / "m.csv"),
-        "--starts", "1",
-    )  # fmt: skip
-    done = run(*words, "-o", str(tmp_path / "new"))
+    picked = ("--pick-modes", str(tmp_path / "m.csv"), "--starts", "1")
+    done = run("calibrate", "reference-d", str(tmp_path / "r.csv"), *picked, "-o", str(tmp_path / "new"))
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))
     assert [mode["mode"] for mode in report["modes"]] == [1, 2, 3]

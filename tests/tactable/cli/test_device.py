@@ -12,12 +12,9 @@ HERE = Path()
 run = partial(run_here, HERE)
 
 
-def test_the_shipped_devices_are_found_by_name() -> None:
+def test_modes_come_untouched_and_under_fingers_with_a_picture_of_shipped_devices_by_name(tmp_path: Path) -> None:
     assert shipped_names() == ["reference-a", "reference-c", "reference-d", "reference-p", "reference-t"]
     assert [find_device(name).name for name in shipped_names()] == shipped_names()
-
-
-def test_modes_come_untouched_and_under_fingers_with_a_picture(tmp_path: Path) -> None:
     picture = tmp_path / "modes.svg"
     found = summary_of(HERE, "modes", "reference-a", "--finger", "I,120 mm", "--up-to", "400 Hz", "-o", str(picture))
     assert found["finger_m"] == pytest.approx([0.02794, 0.12])
@@ -53,20 +50,12 @@ def test_a_check_says_what_is_estimated_and_what_follows() -> None:
     assert list(found["greatest_level_db"]) == ["I", "II", "III", "IV", "V"]
     assert found["levels_out_of_reach"] == []
     done = run("check", "reference-a")
-    for part in (
-        "valid; reference-a",
-        "15 values are ESTIMATES: bar.length",
-        "band of left: 60 to 300 Hz",
-        "first modes",
-    ):
+    for part in ("valid; reference-a", "15 values are ESTIMATES: bar.length", "band of left: 60 to 300", "first modes"):
         assert part in done.stdout
 
 
 def test_a_check_names_the_threshold_curve_and_the_finger(tmp_path: Path) -> None:
-    own, other = (
-        summary_of(HERE, "check", "reference-a"),
-        summary_of(HERE, "check", "reference-a", "--threshold", "android"),
-    )
+    own, other = (summary_of(HERE, "check", "reference-a", "--threshold", name) for name in ("oh-choi-2019", "android"))
     assert (own["threshold"]["name"], own["threshold"]["measured_hz"]) == ("oh-choi-2019", [40.0, 250.0])
     assert (other["threshold"]["name"], other["threshold"]["measured_hz"]) == ("android", None)
     for zone, level_db in own["greatest_level_db"].items():
@@ -85,9 +74,7 @@ def test_a_check_names_the_threshold_curve_and_the_finger(tmp_path: Path) -> Non
 
 
 def test_a_level_that_no_drive_reaches_is_named_with_its_zones(tmp_path: Path) -> None:
-    text = find_device("reference-a").text.replace(
-        'levels = ["10 dB", "20 dB", "30 dB"]', 'levels = ["20 dB", "43 dB"]'
-    )
+    text = find_device("reference-a").text.replace('"10 dB", "20 dB", "30 dB"', '"20 dB", "43 dB"')
     (tmp_path / "loud.toml").write_text(text, encoding="utf-8")
     found = summary_of(HERE, "check", str(tmp_path / "loud.toml"))
     weak = [name for name, most_db in found["greatest_level_db"].items() if most_db < 43]

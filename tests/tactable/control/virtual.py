@@ -72,7 +72,6 @@ class VirtualSlot:
 
     def __init__(self, base: Effects = BASE, *, polls: bool = False) -> None:
         self.steps: list[ControlStep] = []
-        self.sizes: list[int] = []
         self.decoder = StepDecoder()
         self._base, self._polls = base, polls
         self._waiting: deque[tuple[bytes, asyncio.Future[Outcome]]] = deque()
@@ -97,7 +96,6 @@ class VirtualSlot:
         if not self._waiting:
             return False
         part, outcome = self._waiting.popleft()
-        self.sizes.append(len(part))
         step = self.decoder.decode(part)
         if step is not None:
             self.steps.append(step)

@@ -32,11 +32,8 @@ def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> N
     assert rival.quiet is not None and click.quiet is not None
     weaker = replace(click, felt=shifted(click.felt, rival.felt.low_db - click.felt.low_db - 1.0))
     assert solve_rivals(source, weaker)[0].lost_by == "1.0 dB MORE felt"
-    as_strong = replace(
-        weaker,
-        felt=shifted(weaker.felt, 1.0),
-        quiet=shifted(click.quiet, rival.quiet.high_db - click.quiet.high_db - 2),
-    )
+    quieter = shifted(click.quiet, rival.quiet.high_db - click.quiet.high_db - 2)
+    as_strong = replace(weaker, felt=shifted(weaker.felt, 1.0), quiet=quieter)
     assert solve_rivals(source, as_strong)[0].lost_by == "as strong, 2.0 dB less quiet"
     assert solve_rivals(source, replace(as_strong, quiet=None))[0].lost_by == "as strong"
 

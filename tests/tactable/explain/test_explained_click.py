@@ -43,9 +43,8 @@ def test_the_table_s_own_click_is_judged_under_the_same_fingers(source: ClickSou
     own = at_place.tabulated
     assert own is not None and own.click.placement.position_m == pytest.approx(at_place.placement.position_m)
     assert own.finger_db == pytest.approx(at_place.finger_db)
-    beside = explain_click(
-        ClickSource(source.table), Placement.named(source.table.device, ["60 mm"], ["215 mm"]), inf, rivals=False
-    )
+    elsewhere = Placement.named(source.table.device, ["60 mm"], ["215 mm"])
+    beside = explain_click(ClickSource(source.table), elsewhere, inf, rivals=False)
     values = click_json(source.table, beside)
     assert values["table"]["places_m"] == pytest.approx(at_place.placement.position_m)
     assert values["table"]["tolerance_m"] == pytest.approx(source.table.clicks.tolerance_m)

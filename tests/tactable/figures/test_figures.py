@@ -76,11 +76,9 @@ def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table
     picture = plot_course(drawn(table, "I", "II", "III"))
     check_picture(picture, table.device, (), tmp_path)
     columns = picture.columns
-    level_db = {
-        name: np.asarray(columns[f"level of {name} (dB {table.device.threshold.above})"])
-        for name in ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
-    }
-    felt_db, *quiet_db = level_db.values()
+    names = ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
+    levels_db = [np.asarray(columns[f"level of {name} (dB {table.device.threshold.above})"]) for name in names]
+    felt_db, *quiet_db = levels_db
     assert np.asarray(columns["contrast (dB)"]) == pytest.approx(felt_db - np.maximum(*quiet_db))
     assert "contrast (dB)" not in plot_course(drawn(table, "I")).columns
 

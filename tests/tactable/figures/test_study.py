@@ -38,9 +38,8 @@ def search(count: int, device: Device = DEVICE) -> PlacementSearch:
 
 def resolved(actuators: int, zones: int, worst_db: float, level_db: float = 20.0) -> Resolved:
     length_m = DEVICE.bar.length_m / zones
-    return Resolved(
-        even_places(DEVICE, actuators), zones, length_m, fingers(worst_db, level_db), np.linspace(0.3, 0.9, zones)
-    )
+    found = fingers(worst_db, level_db)
+    return Resolved(even_places(DEVICE, actuators), zones, length_m, found, np.linspace(0.3, 0.9, zones))
 
 
 STUDY = [resolved(2, 2, 14.0), resolved(2, 4, 11.0), resolved(2, 8, 6.0), resolved(3, 2, 9.0), resolved(3, 4, 12.0, 18)]
@@ -50,9 +49,8 @@ def test_every_placement_is_a_row_judged_ones_first(tmp_path: Path) -> None:
     picture = plot_placement(DEVICE, [search(2), search(3)], 20.0)
     check_picture(picture, DEVICE, ("placement",), tmp_path)
     columns = picture.columns
-    assert list(columns["placement"]) == ["found", "even", "as described", *["screened"] * 9, "found", "even"] + (
-        ["screened"] * 9
-    )
+    screened = ["screened"] * 9
+    assert list(columns["placement"]) == ["found", "even", "as described", *screened, "found", "even", *screened]
     assert list(columns["worst contrast (dB)"])[:3] == [10.0, None, 4.0], "a level out of reach has no contrast"
     assert list(columns["position 3 (m)"])[:12] == [None] * 12
     assert list(columns["position 1 (m)"])[1] == even_places(DEVICE, 2)[0]

@@ -50,13 +50,8 @@ class Run:
         (folder / "held.toml").write_text(HELD, encoding="utf-8")
         write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
         words = ["bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--effects", "held.toml"]
-        self.process = subprocess.Popen(
-            [TACTABLE, "run", *words, "--reconnect", "--json"],
-            cwd=folder,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
+        command, pipe = [TACTABLE, "run", *words, "--reconnect", "--json"], subprocess.PIPE
+        self.process = subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe)
         self.first = self.wait_for_other_than(None)
 
     def wait_for_other_than(self, drive: Drive) -> Drive:

@@ -26,12 +26,8 @@ def part(document: Any) -> Part:
 
 
 def test_ahap_curves_multiply_the_intensity_from_their_first_point_on() -> None:
-    event = {
-        "EventType": "HapticContinuous",
-        "Time": 1.0,
-        "EventDuration": 1.0,
-        "EventParameters": [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}],
-    }
+    loud = {"EventParameters": [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}]}
+    event = {"EventType": "HapticContinuous", "Time": 1.0, "EventDuration": 1.0, **loud}
     points = [{"Time": 0.0, "ParameterValue": 1.0}, {"Time": 0.5, "ParameterValue": 0.5}]
     curve = {"ParameterID": "HapticIntensityControl", "Time": 1.2, "ParameterCurveControlPoints": points}
     step = {"ParameterID": "HapticIntensityControl", "Time": 1.9, "ParameterValue": 0.25}
@@ -127,9 +123,8 @@ def test_ahap_clips_has_defaults_and_names_what_it_cannot_play() -> None:
     dynamic = {"Parameter": {"ParameterID": "HapticSharpnessControl", "Time": 0, "ParameterValue": 0.1}}
     events = read_ahap(part({"Pattern": [{"Event": each} for each in (sound, loud, bare)] + [dynamic]})).events
     assert [event.kind for event in events] == [Kind.OTHER, Kind.TRANSIENT, Kind.TRANSIENT, Kind.OTHER]
-    assert (
-        events[0].reason == "AudioCustom is no vibration" and events[3].reason == "HapticSharpnessControl is not kept"
-    )
+    reasons = (events[0].reason, events[3].reason)
+    assert reasons == ("AudioCustom is no vibration", "HapticSharpnessControl is not kept")
     assert events[1].points == ((0.0, 1.0),) and events[1].unused == ("sharpness 0.4", "DecayTime 0.2")
     assert events[2].points == ((1.0, 1.0),)
 

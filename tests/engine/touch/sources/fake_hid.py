@@ -114,18 +114,12 @@ class FakeMachine:
 
     def enumerate(self) -> list[dict[str, Any]]:
         keys = ("vendor_id", "product_id", "serial_number", "product_string", "bus_type")
-        return [
-            {
-                **{key: getattr(device, key) for key in keys},
-                "path": os.fsencode(device.path),
-                "manufacturer_string": "",
-                "usage_page": page,
-                "usage": usage,
-                "interface_number": 0,
-            }
-            for device in self.plugged.values()
-            for page, usage in device.usages
-        ]
+        found: list[dict[str, Any]] = []
+        for device in self.plugged.values():
+            own = {key: getattr(device, key) for key in keys} | {"path": os.fsencode(device.path)}
+            own |= {"manufacturer_string": "", "interface_number": 0}
+            found += [{**own, "usage_page": page, "usage": usage} for page, usage in device.usages]
+        return found
 
     def device(self) -> FakeHandle:
         return FakeHandle(self)

@@ -34,7 +34,7 @@ class Run:
         *,
         stall: Stall | None = None,
         late_ns: int = 0,
-        far_end: EchoReceiver | None = None,
+        far: EchoReceiver | None = None,
     ) -> None:
         clock, self.reports, self.due_ns = VirtualClock(), list[bytes](), list[int]()
         self.start_ns = clock.time_ns - late_ns
@@ -44,9 +44,7 @@ class Run:
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             self.source = SocketSource(theirs.fileno(), b"", (1, 2), count, clock.now_ns)
             schedule = Schedule(cycle(PACKETS), rate_hz, count, self.start_ns)
-            generator = LoadGenerator(
-                schedule, ours, None if far_end is None else link, far_end, stall=stall, clock=clock
-            )
+            generator = LoadGenerator(schedule, ours, None if far is None else link, far, stall=stall, clock=clock)
             generator.run(done.fileno(), lambda: self.take_reports() and clock.time_ns > self.start_ns + 100 * MS)
 
     def take_reports(self) -> bool:
@@ -87,5 +85,5 @@ def test_the_receiver_of_answers_stays_awake_after_a_report(
             passes += 1
             return super().run_until(now_ns)
 
-    Run(1.0, 1, far_end=Receiver())
+    Run(1.0, 1, far=Receiver())
     assert least <= passes <= most
