@@ -1,5 +1,7 @@
 """Laws of the one pure step: what a report and what time bring, and that the loop runs just this."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from pathlib import Path
