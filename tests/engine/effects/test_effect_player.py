@@ -177,15 +177,10 @@ def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
     seen.at(550, touch(1, 18))
     seen.at(640, touch(1, 22))
     assert seen.until(2000).moments == [
-        (100, "F----", 30.0),
-        (300, "F----", 20.0),
-        (400, "-----", None),
-        (500, "F----", 30.0),
+        (100, "F----", 30.0), (300, "F----", 20.0), (400, "-----", None), (500, "F----", 30.0),
         # It moved on at 550: what has a duration plays to its end, what would be held never begins, but it rests anew.
-        (700, "-----", None),
-        (740, "F----", 30.0),
-        (940, "F----", 20.0),
-    ]
+        (700, "-----", None), (740, "F----", 30.0), (940, "F----", 20.0),
+    ]  # fmt: skip
 
 
 def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:

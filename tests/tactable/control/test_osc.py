@@ -22,18 +22,11 @@ VALUES = st.one_of(
     st.binary(min_size=1, max_size=9), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
 )  # fmt: skip
 ASKED: dict[str, list[Value]] = {
-    "trigger": ["press", 3, -6.0],
-    "trigger_at": ["error", 120.5],
-    "region": ["ok", 20, 60.0, "touch", "press", "lift", "release"],
-    "remove": ["ok"],
-    "settings": [1, False, 3],
-    "quiet": [3, 1],
-    "hello": [9001],
-    "stop": [],
-    "ping": [],
+    "trigger": ["press", 3, -6.0], "trigger_at": ["error", 120.5], "remove": ["ok"], "settings": [1, False, 3],
+    "region": ["ok", 20, 60.0, "touch", "press", "lift", "release"], "quiet": [3, 1], "hello": [9001], "stop": [],
+    "json": ['{"type": "define", "name": "mine", "envelope": [["click", "20 dB"]]}'], "ping": [],
     "subscribe": ["touches", "played"],
-    "json": ['{"type": "define", "name": "mine", "envelope": [["click", "20 dB"]]}'],
-}
+}  # fmt: skip
 
 
 def bundle_of(data: bytes, times: int = 1) -> bytes:
@@ -171,13 +164,8 @@ async def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_aske
     osc._transport = port = Port()
     assert osc.summary == "OSC: 0 messages, 0 refused"
     first, second = ("127.0.0.1", 7), ("127.0.0.1", 8)
-    asked: list[tuple[str, list[Value]]] = [
-        ("region", ASKED["region"]),
-        ("trigger", ["tick", 3]),
-        ("trigger", ["tick", 9]),
-        ("trigger", ["x"]),
-    ]
-    for name, values in asked:
+    triggers: list[list[Value]] = [["tick", 3], ["tick", 9], ["x"]]
+    for name, values in (("region", ASKED["region"]), *(("trigger", each) for each in triggers)):
         osc.datagram_received(encode_osc(PREFIX + name, values), first)
     await settle()
     answers = port.said.pop(first)
