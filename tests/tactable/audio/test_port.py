@@ -173,3 +173,5 @@ def test_cards_are_found_by_their_name_or_a_part_of_it(tmp_path: Path) -> None:
     system.is_running = False
     with pytest.raises(AudioError, match="not initialised"):
         find_interfaces(system)  # type: ignore[arg-type]
+    with pytest.raises(AudioError, match="scale is missing"):  # before anything starts
+        AudioSensor("audio:card", DEVICE)
