@@ -8,6 +8,7 @@ import pytest
 
 from base.arrays import FIELD_POINTS, Field
 from base.plain import to_plain
+from engine.device import Device
 from engine.touch import Touch
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import synthesise
@@ -20,7 +21,54 @@ from tactable.page.view import device_json
 from tactable.shipped import find_device
 
 FINGERS_M = (0.05 + 0.04j, 0.15 + 0.1j)
-PLATE = find_device("reference-p")
+ACTUATOR = """
+[[actuator]]
+name = "{name}"
+position = ["{x} mm", "{y} mm"]
+stiffness = "18.9 kN/m"
+damping = "0.045 N*s/m"
+mass = "9.5 g"
+full_scale = "4 um"
+band = ["60 Hz", "300 Hz"]
+"""
+PLATE = f"""
+name = "plate"
+description = "A small plate of glass on two actuators"
+[plate]
+length = "200 mm"
+width = "120 mm"
+thickness = "1.1 mm"
+youngs_modulus = "70 GPa"
+density = "2500 kg/m^3"
+poissons_ratio = "23 %"
+mass_damping = "1e-5 1/s"
+stiffness_damping = "5e-5 s"
+{ACTUATOR.format(name="lower", x=30, y=25)}
+{ACTUATOR.format(name="upper", x=165, y=100)}
+[zones]
+rows = 2
+columns = 2
+hysteresis = "2 mm"
+[finger]
+mass = "0.1 g"
+damping = "1 N*s/m"
+stiffness = "1 kN/m"
+spread = 3.0
+[sweep]
+start = "60 Hz"
+stop = "300 Hz"
+step = "1 Hz"
+amplitude_steps = 5
+phase_steps = 36
+[limits]
+amplitude = "100 %"
+ramp = "5 ms"
+lease = "40 ms"
+"""
+
+
+def plate() -> Device:
+    return Device.parse(PLATE, "plate.toml")
 
 
 def moving(bar: LiveBar) -> DriveEvent:
@@ -44,7 +92,7 @@ def test_a_field_reaches_from_corner_to_corner_with_as_many_points_as_are_sent(c
 
 def test_fingers_on_a_plate_feel_what_the_whole_plant_does_under_them() -> None:
     """Beside all modes that the band needs, within 0.1 dB."""
-    bar = LiveBar(PLATE)
+    bar = LiveBar(plate())
     event = moving(bar)
     bar.touch([Touch(number, at_m, None) for number, at_m in enumerate(FINGERS_M)], is_loaded=True)
     for stop in range(1, 13):
@@ -65,7 +113,7 @@ def _still(event: DriveEvent) -> tuple[ChannelTarget, ...]:
 
 def test_the_field_of_a_plate_has_the_levels_of_its_fingers() -> None:
     """A finger that loads nothing, at a point of the field; every fourth sample misses less than 0.5 dB of a peak."""
-    bar = LiveBar(PLATE)
+    bar = LiveBar(plate())
     moving(bar)
     point = bar.field.count // 3
     bar.touch([Touch(1, complex(bar.field.position_m[point]), None)], is_loaded=False)
@@ -77,17 +125,19 @@ def test_the_field_of_a_plate_has_the_levels_of_its_fingers() -> None:
 
 
 def test_the_points_of_a_plate_are_pairs_in_what_a_page_is_told() -> None:
-    told = json.loads(json.dumps(device_json(PLATE)))
-    assert told["corner_m"] == to_plain(PLATE.surface.corner_m)
+    device = plate()
+    told = json.loads(json.dumps(device_json(device)))
+    assert told["corner_m"] == to_plain(device.surface.corner_m)
     for name, part in (("actuators", "position_m"), ("zones", "start_m"), ("zones", "stop_m")):
-        assert [each[part] for each in told[name]] == [to_plain(getattr(each, part)) for each in getattr(PLATE, name)]
+        assert [each[part] for each in told[name]] == [to_plain(getattr(each, part)) for each in getattr(device, name)]
 
 
 def test_actuators_of_a_plate_move_in_both_directions() -> None:
-    offers, places = offered("plate.toml"), [[0.04, 0.05], [0.15, 0.03], [0.04, 0.15], [0.25, 0.15]]
-    choice = changed(Choice("plate.toml"), {"actuators_m": places}, PLATE, offers)
+    device, offers = plate(), offered("plate.toml")
+    places = [[0.04, 0.05], [0.15, 0.03]]
+    choice = changed(Choice("plate.toml"), {"actuators_m": places}, device, offers)
     assert choice.as_json()["actuators_m"] == places
-    assert np.allclose([to_plain(each.position_m) for each in moved(PLATE, choice).actuators], places)
-    for other, surface in (([0.04, 0.15], PLATE), (places, find_device("reference-a"))):
+    assert np.allclose([to_plain(each.position_m) for each in moved(device, choice).actuators], places)
+    for other, surface in (([0.04, 0.15], device), (places, find_device("reference-a"))):
         with pytest.raises(ChoiceError, match="actuators_m"):
             changed(Choice("plate.toml"), {"actuators_m": other}, surface, offers)
