@@ -69,7 +69,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "plan-measurements": Entry("calibrate:plan_measurements", "Propose the readings that tell most."),
             "simulate-measurements": Entry("calibrate:simulate_measurements", "Write measurements, SIMULATED."),
             "measure": Entry(
-                "measure:measure", "Drive the bar and record its responses along it, for calibrate and build."
+                "measure:measure", "Drive a bar or plate and record its responses, for calibrate and build."
             ),
             "calibrate": Entry(
                 "calibrate:calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."

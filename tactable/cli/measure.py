@@ -98,7 +98,7 @@ def measure(
     bit_rate_hz: BitRate = 115_200,
     as_json: AsJson = False,
 ) -> None:
-    """Drive a bar or a plate and record its responses at points, for calibrate and build.
+    """Drive a bar or plate and record its responses, for calibrate and build.
 
     At each place each actuator plays one frequency after the other, or glides through all of them (--method sweep),
     first at --least and louder only where noise or hum demands it. The samples are kept in the folder OUTPUT.raw, and
