@@ -152,32 +152,45 @@ def test_a_block_of_a_console_is_its_commands_with_what_they_print() -> None:
     assert (second.words, second.expected, second.statuses) == (["tactable", "list"], None, {1, 3})
 
 
-@pytest.mark.parametrize(("expected", "fits"), [
-    ("one\ntwo   2.5\nthree\n", True), ("one\n...\nthree\n", True),
-    ("one\n...\ntwo ...\n...\nthree\n...\n", True), ("one\nthree\n", False),
-    ("one\n...\ntwo 2.50\nthree", False), ("two 2.5\nthree", False), ("...\ntwo 2.5", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("expected", "fits"),
+    [
+        ("one\ntwo   2.5\nthree\n", True),
+        ("one\n...\nthree\n", True),
+        ("one\n...\ntwo ...\n...\nthree\n...\n", True),
+        ("one\nthree\n", False),
+        ("one\n...\ntwo 2.50\nthree", False),
+        ("two 2.5\nthree", False),
+        ("...\ntwo 2.5", False),
+    ],
+)
 def test_an_ellipsis_stands_for_anything_and_nothing_else_does(expected: str, fits: bool) -> None:
     assert is_alike(expected, "one\ntwo 2.5\nthree\n") is fits
 
 
-@pytest.mark.parametrize(("line", "complaint"), [
-    ("tactable lsit", "there is no command 'lsit'"),
-    ("tactable plot", "names no command"),
-    ("tactable run bar.nc --touch simulated", "Missing option '--port'"),
-    ("tactable run bar.nc --touch simulated --port P --fro 3", "No such option: --fro"),
-    ("tactable run bar.nc --touch simulated --port P --for long", "Invalid value for '--for'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("tactable lsit", "there is no command 'lsit'"),
+        ("tactable plot", "names no command"),
+        ("tactable run bar.nc --touch simulated", "Missing option '--port'"),
+        ("tactable run bar.nc --touch simulated --port P --fro 3", "No such option: --fro"),
+        ("tactable run bar.nc --touch simulated --port P --for long", "Invalid value for '--for'"),
+    ],
+)
 def test_a_command_that_is_not_run_must_exist_all_the_same(line: str, complaint: str) -> None:
     with pytest.raises(AssertionError, match=complaint):
         check_command(Command(line, None))
 
 
-@pytest.mark.parametrize(("language", "text", "complaint"), [
-    ("sh", "tactable explain nothing.nc --felt I", "exit status 1"),
-    ("console", "$ tactable emulate --faults help\nnothing of the kind\n", "nothing of the kind"),
-    ("pycon", ">>> 1 + 1\n3\n", "Expected"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("language", "text", "complaint"),
+    [
+        ("sh", "tactable explain nothing.nc --felt I", "exit status 1"),
+        ("console", "$ tactable emulate --faults help\nnothing of the kind\n", "nothing of the kind"),
+        ("pycon", ">>> 1 + 1\n3\n", "Expected"),
+    ],
+)
 def test_a_block_that_does_something_else_is_found(language: str, text: str, complaint: str, tmp_path: Path) -> None:
     with Page(tmp_path) as page, pytest.raises(AssertionError, match=complaint):
         page.run(Block("page:1", language, (), text))

@@ -47,9 +47,13 @@ def test_a_report_becomes_what_json_reads_back() -> None:
     )
     plain = to_plain(report)
     assert plain == {
-        "inner": {"colour": "red", "places": [1]}, "nothing": None, "level_db": None,
-        "curve": [[1.0, None], [2.5, 3.0]], "by_colour": {"red": "a/b"}, "names": ["x", "y"],
-    }  # fmt: skip
+        "inner": {"colour": "red", "places": [1]},
+        "nothing": None,
+        "level_db": None,
+        "curve": [[1.0, None], [2.5, 3.0]],
+        "by_colour": {"red": "a/b"},
+        "names": ["x", "y"],
+    }
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
 
 

@@ -57,12 +57,16 @@ def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     return run
 
 
-@pytest.mark.parametrize(("attempt", "stalls_s", "verdict_line", "status"), [
-    (1, [0.03], "1 holds, 0 not shown, 0 broken", 0),
-    (3, [0.03, 0.03, 0.0], "1 holds, 0 not shown, 0 broken", 0),
-    (9, [0.03, 0.01], "0 holds, 0 not shown, 1 broken", 1),
-    (9, [0.03, 0.03, 0.03], "0 holds, 1 not shown, 0 broken", 0),
-], ids=["holds though it stalled", "holds with fresh fixtures", "broken without a stall", "not shown"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("attempt", "stalls_s", "verdict_line", "status"),
+    [
+        (1, [0.03], "1 holds, 0 not shown, 0 broken", 0),
+        (3, [0.03, 0.03, 0.0], "1 holds, 0 not shown, 0 broken", 0),
+        (9, [0.03, 0.01], "0 holds, 0 not shown, 1 broken", 1),
+        (9, [0.03, 0.03, 0.03], "0 holds, 1 not shown, 0 broken", 0),
+    ],
+    ids=["holds though it stalled", "holds with fresh fixtures", "broken without a stall", "not shown"],
+)
 def test_a_failure_counts_only_in_an_attempt_without_a_stall(
     run: Run, attempt: int, stalls_s: list[float], verdict_line: str, status: int
 ) -> None:

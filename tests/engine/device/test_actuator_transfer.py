@@ -116,15 +116,18 @@ def test_all_points_are_counted_before_a_function_is_fitted_to_any_of_them() -> 
     assert _fitted.cache_info().misses == fitted
 
 
-@pytest.mark.parametrize(("rows", "message"), [
-    ('"driver.csv"', r"expected points such as"),
-    ('[["60 Hz", "1"]]', r"expected points such as"),
-    (flat_rows(60, 300), r"'2 points': expected 3 to 1000"),
-    (flat_rows(60, 200, 200), r"'200 Hz': comes after 200 Hz; expected rising frequencies"),
-    (flat_rows(60, 200, 250), r"'60-250 Hz': expected points over all of the band, 60-300 Hz"),
-    ('[["60 Hz", "0 %", "0 deg"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"more than 0"),
-    ('[["60 Hz", "1 %", "10 %"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"'10 %' is no angle"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ('"driver.csv"', r"expected points such as"),
+        ('[["60 Hz", "1"]]', r"expected points such as"),
+        (flat_rows(60, 300), r"'2 points': expected 3 to 1000"),
+        (flat_rows(60, 200, 200), r"'200 Hz': comes after 200 Hz; expected rising frequencies"),
+        (flat_rows(60, 200, 250), r"'60-250 Hz': expected points over all of the band, 60-300 Hz"),
+        ('[["60 Hz", "0 %", "0 deg"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"more than 0"),
+        ('[["60 Hz", "1 %", "10 %"], ["200 Hz", "1 %", "0 deg"], ["300 Hz", "1 %", "0 deg"]]', r"'10 %' is no angle"),
+    ],
+)
 def test_a_wrong_transfer_is_refused_by_name(rows: str, message: str) -> None:
     with pytest.raises(DeviceError, match=rf"actuator\[1\].transfer: .*{message}"):
         Device.parse(text_with(rows), "bar")

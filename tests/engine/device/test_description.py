@@ -317,10 +317,14 @@ def test_any_number_of_zone_tables_with_gaps_and_names(count: int) -> None:
 
 
 SAME = [
-    ("bar", "length", '"11 in"'), ("bar", "stiffness_damping", '"50.0456 us"'), ("bar", "damping_of", '"bar"'),
-    ("actuator[2]", "position", '"272.9738 mm"'), ("actuator[1]", "band", '["0.06 kHz", "0.3 kHz"]'),
-    ("digitizer", "end_margin", '"0 %"'), ("feel", "levels", '["10dB", "20.0 dB", "30. dB"]'),
-]  # fmt: skip
+    ("bar", "length", '"11 in"'),
+    ("bar", "stiffness_damping", '"50.0456 us"'),
+    ("bar", "damping_of", '"bar"'),
+    ("actuator[2]", "position", '"272.9738 mm"'),
+    ("actuator[1]", "band", '["0.06 kHz", "0.3 kHz"]'),
+    ("digitizer", "end_margin", '"0 %"'),
+    ("feel", "levels", '["10dB", "20.0 dB", "30. dB"]'),
+]
 
 
 @pytest.mark.parametrize(("section", "key", "value"), SAME, ids=[f"{s}.{k}={v}" for s, k, v in SAME])
@@ -341,18 +345,34 @@ def test_order_wording_comments_and_marks_do_not_change_the_fingerprint_but_the_
 
 
 OTHER = {
-    "name": '"other"', "band": '["60 Hz", "299 Hz"]', "count": "4", "spread": "2.5", "axis": '"y"', "flip": "true",
-    "start_margin": '"1 mm"', "end_margin": '"1 mm"', "active_length": '"270 mm"', "damping_of": '"assembly"',
+    "name": '"other"',
+    "band": '["60 Hz", "299 Hz"]',
+    "count": "4",
+    "spread": "2.5",
+    "axis": '"y"',
+    "flip": "true",
+    "start_margin": '"1 mm"',
+    "end_margin": '"1 mm"',
+    "active_length": '"270 mm"',
+    "damping_of": '"assembly"',
     "position": '"20 %"',  # a thousandth further, the right actuator is at the place of the left one
-    "start": '"61 Hz"', "stop": '"299 Hz"', "step": '"2 Hz"', "amplitude_steps": "10", "phase_steps": "72",
-    "amplitude": '"99 %"', "levels": '["10 dB", "30 dB"]',
-}  # fmt: skip
+    "start": '"61 Hz"',
+    "stop": '"299 Hz"',
+    "step": '"2 Hz"',
+    "amplitude_steps": "10",
+    "phase_steps": "72",
+    "amplitude": '"99 %"',
+    "levels": '["10 dB", "30 dB"]',
+}
 
 
-@pytest.mark.parametrize(("section", "key"), [
-    *(pair for pair in KEYS if pair[1] not in ("inferred", "description")),
-    *(("digitizer", "active_length"), ("bar", "damping_of")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        *(pair for pair in KEYS if pair[1] not in ("inferred", "description")),
+        *(("digitizer", "active_length"), ("bar", "damping_of")),
+    ],
+)
 def test_any_other_value_is_that_of_another_device(section: str, key: str) -> None:
     written = re.search(rf'^{key} = "([0-9.e-]+) ([^"]*)"', BODIES[section], re.MULTILINE)
     value = OTHER.get(key) or (written and f'"{float(written[1]) * 1.001:.12g} {written[2]}"')

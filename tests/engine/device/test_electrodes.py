@@ -44,18 +44,21 @@ def test_the_file_says_what_is_there() -> None:
     assert device.fingerprint != Device.parse(TEXT, "bare").fingerprint
 
 
-@pytest.mark.parametrize(("lines", "message"), [
-    (("number = 3", 'bias = "50 %"'), "number: 3: expected a whole number from 1 to 2"),
-    (("number = 1",), r"\[actuator\[1\].electrodes\] has no key 'bias'"),
-    (("number = 1", 'bias = "0 %"'), "bias: '0 %': expected more than 0"),
-    (("number = 1", 'bias = "100 %"'), "bias: '100 %': expected less than 100 %"),
-    (("number = 1", 'bias = "50 %"', 'phase_gap = "90 deg"'), "one electrode has none; leave it out"),
-    (("number = 2", 'bias = "50 %"', 'phase_gap = "360 deg"'), "less than 360 deg"),
-    (("number = 2", 'bias = "50 %"', 'phase_gap = "half"'), "phase_gap: .*is no angle"),
-    (("number = 1", 'bias = "50 %"', 'linearised_by = "me"'), "expected one of board, amplifier, nothing"),
-    (("number = 2", 'bias = "50 %"', 'linearised_by = "board"'), "linear without; leave it out"),
-    (("number = 1", 'bias = "50 %"', 'gap = "1 mm"'), "gap: '1 mm': unknown key"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (("number = 3", 'bias = "50 %"'), "number: 3: expected a whole number from 1 to 2"),
+        (("number = 1",), r"\[actuator\[1\].electrodes\] has no key 'bias'"),
+        (("number = 1", 'bias = "0 %"'), "bias: '0 %': expected more than 0"),
+        (("number = 1", 'bias = "100 %"'), "bias: '100 %': expected less than 100 %"),
+        (("number = 1", 'bias = "50 %"', 'phase_gap = "90 deg"'), "one electrode has none; leave it out"),
+        (("number = 2", 'bias = "50 %"', 'phase_gap = "360 deg"'), "less than 360 deg"),
+        (("number = 2", 'bias = "50 %"', 'phase_gap = "half"'), "phase_gap: .*is no angle"),
+        (("number = 1", 'bias = "50 %"', 'linearised_by = "me"'), "expected one of board, amplifier, nothing"),
+        (("number = 2", 'bias = "50 %"', 'linearised_by = "board"'), "linear without; leave it out"),
+        (("number = 1", 'bias = "50 %"', 'gap = "1 mm"'), "gap: '1 mm': unknown key"),
+    ],
+)
 def test_a_wrong_table_is_refused_by_name(lines: tuple[str, ...], message: str) -> None:
     with pytest.raises(DeviceError, match=message):
         Device.parse(with_electrodes(*lines), "bar")

@@ -95,17 +95,20 @@ def test_files_become_part_of_the_description(tmp_path: Path) -> None:
     assert again.finger.mass_kg == pytest.approx(2e-4) and "finger.spread" in again.inferred
 
 
-@pytest.mark.parametrize(("rows", "text"), [
-    (points(Finger(1e-4, 1, 1e3, 3), np.arange(80, 401, 20)), "80 to 400 Hz': does not cover the sweep, 60-300 Hz"),
-    (points(Finger(1e-4, 1, 1e3, 3), np.arange(40, 281, 20)), "40 to 280 Hz': does not cover the sweep, 60-300 Hz"),
-    ([[40, 1, 1], [400, 1, 1]], "expected 3 to 10000 points"),
-    ([[40, 1, 1], [40, 1, 1], [400, 1, 1]], "point 2: expected .* by rising frequency"),
-    ([[40, 1, 1], [50, -1, 1], [400, 1, 1]], "point 2: expected .* real parts of 0 or more"),
-    ([[40, 1, 1], [50, 0, 0], [400, 1, 1]], "point 2: expected"),
-    ([[40, 1, 1], [50, 1], [400, 1, 1]], "expected 3 to 10000 points"),
-    ([[40, 1, 1], [150, 90, 1], [400, 1, 1]], "no mass, damper and spring comes nearer than a factor of"),
-    ('"mine.csv"', "a text that is no file names no other file"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        (points(Finger(1e-4, 1, 1e3, 3), np.arange(80, 401, 20)), "80 to 400 Hz': does not cover the sweep, 60-300 Hz"),
+        (points(Finger(1e-4, 1, 1e3, 3), np.arange(40, 281, 20)), "40 to 280 Hz': does not cover the sweep, 60-300 Hz"),
+        ([[40, 1, 1], [400, 1, 1]], "expected 3 to 10000 points"),
+        ([[40, 1, 1], [40, 1, 1], [400, 1, 1]], "point 2: expected .* by rising frequency"),
+        ([[40, 1, 1], [50, -1, 1], [400, 1, 1]], "point 2: expected .* real parts of 0 or more"),
+        ([[40, 1, 1], [50, 0, 0], [400, 1, 1]], "point 2: expected"),
+        ([[40, 1, 1], [50, 1], [400, 1, 1]], "expected 3 to 10000 points"),
+        ([[40, 1, 1], [150, 90, 1], [400, 1, 1]], "no mass, damper and spring comes nearer than a factor of"),
+        ('"mine.csv"', "a text that is no file names no other file"),
+    ],
+)
 def test_what_is_no_impedance_of_a_finger_on_this_bar_is_refused(rows: object, text: str) -> None:
     with pytest.raises(DeviceError, match=f"finger.impedance: .*{text}"):
         measured(rows)
@@ -113,11 +116,14 @@ def test_what_is_no_impedance_of_a_finger_on_this_bar_is_refused(rows: object, t
         Device.parse(f'finger = "thumb"\n{BARE}', "text")
 
 
-@pytest.mark.parametrize(("content", "text"), [
-    ("1,2,3\n", "line 1: expected the header"),
-    (f"{IMPEDANCE_HEADER}\n40,1,1\n50,x,1\n", "line 3: '50,x,1': expected three numbers"),
-    (f"{IMPEDANCE_HEADER}\n40,1,nan\n", "line 2: .*expected three numbers"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("1,2,3\n", "line 1: expected the header"),
+        (f"{IMPEDANCE_HEADER}\n40,1,1\n50,x,1\n", "line 3: '50,x,1': expected three numbers"),
+        (f"{IMPEDANCE_HEADER}\n40,1,nan\n", "line 2: .*expected three numbers"),
+    ],
+)
 def test_a_wrong_line_of_a_csv_file_is_named(tmp_path: Path, content: str, text: str) -> None:
     (tmp_path / "mine.csv").write_text(content)
     (tmp_path / "bar.toml").write_text(f'{BARE}[finger]\nimpedance = "mine.csv"\n')

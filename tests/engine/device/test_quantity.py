@@ -19,12 +19,24 @@ HOSTILE = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "unit", "value"), [
-    ("18.9 kN/m", "N/m", 18900.0), ("18.9 N/mm", "N/m", 18900.0), ("0.01008 1/ks", "1/s", 1.008e-5),
-    ("0.52 µm", "m", 0.52e-6), ("0.52 μm", "m", 0.52e-6),  # micro sign, Greek mu
-    ("11 in", "m", 0.2794), ("2.7 g/cm^3", "kg/m^3", 2700.0), ("9.5 g", "kg", 0.0095), ("  5mm ", "m", 0.005),
-    ("0.045 N*s/m", "N*s/m", 0.045), ("0.045 N·s/m", "N*s/m", 0.045), ("16 %", "", 0.16), ("1 g_0", "m/s^2", 9.80665),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("18.9 kN/m", "N/m", 18900.0),
+        ("18.9 N/mm", "N/m", 18900.0),
+        ("0.01008 1/ks", "1/s", 1.008e-5),
+        ("0.52 µm", "m", 0.52e-6),
+        ("0.52 μm", "m", 0.52e-6),  # micro sign, Greek mu
+        ("11 in", "m", 0.2794),
+        ("2.7 g/cm^3", "kg/m^3", 2700.0),
+        ("9.5 g", "kg", 0.0095),
+        ("  5mm ", "m", 0.005),
+        ("0.045 N*s/m", "N*s/m", 0.045),
+        ("0.045 N·s/m", "N*s/m", 0.045),
+        ("16 %", "", 0.16),
+        ("1 g_0", "m/s^2", 9.80665),
+    ],
+)
 def test_values_come_out_in_si(text: str, unit: str, value: float) -> None:
     assert read_quantity(text, unit) == pytest.approx(value, rel=1e-15)
 

@@ -84,16 +84,19 @@ def test_a_file_of_ones_own_becomes_part_of_the_description(tmp_path: Path) -> N
     assert again.with_values({"threshold": DEFAULT}).fingerprint == find_device("reference-a").fingerprint
 
 
-@pytest.mark.parametrize(("before", "after", "text"), [
-    ("level_db = [\n    -97.81,", "level_db = [", "level_db: .* expected one level for each of 41 frequencies"),
-    ("0.4, 2.0,", "2.0, 2.0,", "frequency_hz: .* expected rising frequencies"),
-    ("-97.81", "-1e4", "level_db: .* expected 2 to 1000 numbers from -300 to 300"),
-    ('"9.80665 m/s^2"', '"1 m"', "reference: '1 m' is a length; expected an acceleration"),
-    ('amplitude = "peak"', 'amplitude = "mean"', "amplitude: 'mean': expected one of peak, rms"),
-    ('beyond = "held"', 'beyond = "held"\nbegins = 1', "begins: 1: unknown key"),
-    ('beyond = "held"', 'beyond = "held"\nmeasured_hz = [41]', "measured_hz: .* expected some of frequency_hz"),
-    ('beyond = "held"', 'beyond = "held"\npeople_db = -1', "people_db: -1: expected a number from 0 to 300"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("before", "after", "text"),
+    [
+        ("level_db = [\n    -97.81,", "level_db = [", "level_db: .* expected one level for each of 41 frequencies"),
+        ("0.4, 2.0,", "2.0, 2.0,", "frequency_hz: .* expected rising frequencies"),
+        ("-97.81", "-1e4", "level_db: .* expected 2 to 1000 numbers from -300 to 300"),
+        ('"9.80665 m/s^2"', '"1 m"', "reference: '1 m' is a length; expected an acceleration"),
+        ('amplitude = "peak"', 'amplitude = "mean"', "amplitude: 'mean': expected one of peak, rms"),
+        ('beyond = "held"', 'beyond = "held"\nbegins = 1', "begins: 1: unknown key"),
+        ('beyond = "held"', 'beyond = "held"\nmeasured_hz = [41]', "measured_hz: .* expected some of frequency_hz"),
+        ('beyond = "held"', 'beyond = "held"\npeople_db = -1', "people_db: -1: expected a number from 0 to 300"),
+    ],
+)
 def test_a_wrong_value_of_a_curve_is_refused_by_name(tmp_path: Path, before: str, after: str, text: str) -> None:
     curve = (CURVES / "android.toml").read_text(encoding="utf-8")
     assert before in curve

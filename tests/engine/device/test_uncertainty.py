@@ -34,22 +34,25 @@ def test_what_was_fitted_is_read_in_si_and_counts_in_the_fingerprint_but_not_its
     assert len({device.fingerprint, surer.fingerprint, Device.parse(TEXT, "x.toml").fingerprint}) == 3
 
 
-@pytest.mark.parametrize(("old", "new", "message"), [
-    ("actuator[1].stiffness", "actuator[3].stiffness", "fitted[1].name: 'actuator[3].stiffness': there are 2"),
-    ("actuator[1].stiffness", "actuator[0].stiffness", "expected such as actuator[1].stiffness"),
-    ("actuator[1].stiffness", "bar.length", "fitted[1].name: 'bar.length'"),
-    ('"actuator[1].stiffness"', "7", "fitted[1].name: 7"),
-    (DAMPING, 'name = "actuator[1].stiffness"\nlow = "1 N/m"\nhigh = "2 N/m"', "names a value twice"),
-    ('low = "10 kN/m"', 'low = "0 kN/m"', "fitted[1].low: '0 N/m': expected more than 0"),
-    ('high = "30 kN/m"', 'high = "3 kN/m"', "fitted[1].high: '3 kN/m': expected more than 10000 N/m"),
-    ('high = "30 kN/m"', 'high = "30 kN/m"\nmiddle = 1', "unknown key"),
-    ("[1e-6, 9e-4]", "[1e-6]", "expected 2 rows of 2 numbers"),
-    ("[1e-6, 9e-4]", "[2e-6, 9e-4]", "symmetric"),
-    ("[[4e-6, 1e-6], [1e-6, 9e-4]]", "[[4e-6, 1e-3], [1e-3, 9e-4]]", "none above what its diagonal allows"),
-    ("4e-6", "nan", "calibration.covariance"),
-    ("4e-6", '"4e-6"', "calibration.covariance"),
-    ('created = "2026', 'made = "2026', "calibration.made"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("actuator[1].stiffness", "actuator[3].stiffness", "fitted[1].name: 'actuator[3].stiffness': there are 2"),
+        ("actuator[1].stiffness", "actuator[0].stiffness", "expected such as actuator[1].stiffness"),
+        ("actuator[1].stiffness", "bar.length", "fitted[1].name: 'bar.length'"),
+        ('"actuator[1].stiffness"', "7", "fitted[1].name: 7"),
+        (DAMPING, 'name = "actuator[1].stiffness"\nlow = "1 N/m"\nhigh = "2 N/m"', "names a value twice"),
+        ('low = "10 kN/m"', 'low = "0 kN/m"', "fitted[1].low: '0 N/m': expected more than 0"),
+        ('high = "30 kN/m"', 'high = "3 kN/m"', "fitted[1].high: '3 kN/m': expected more than 10000 N/m"),
+        ('high = "30 kN/m"', 'high = "30 kN/m"\nmiddle = 1', "unknown key"),
+        ("[1e-6, 9e-4]", "[1e-6]", "expected 2 rows of 2 numbers"),
+        ("[1e-6, 9e-4]", "[2e-6, 9e-4]", "symmetric"),
+        ("[[4e-6, 1e-6], [1e-6, 9e-4]]", "[[4e-6, 1e-3], [1e-3, 9e-4]]", "none above what its diagonal allows"),
+        ("4e-6", "nan", "calibration.covariance"),
+        ("4e-6", '"4e-6"', "calibration.covariance"),
+        ('created = "2026', 'made = "2026', "calibration.made"),
+    ],
+)
 def test_what_cannot_be_is_refused_by_key(old: str, new: str, message: str) -> None:
     assert old in TABLE
     with pytest.raises(DeviceError) as caught:

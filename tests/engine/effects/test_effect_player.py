@@ -177,10 +177,15 @@ def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
     seen.at(550, touch(1, 18))
     seen.at(640, touch(1, 22))
     assert seen.until(2000).moments == [
-        (100, "F----", 30.0), (300, "F----", 20.0), (400, "-----", None), (500, "F----", 30.0),
+        (100, "F----", 30.0),
+        (300, "F----", 20.0),
+        (400, "-----", None),
+        (500, "F----", 30.0),
         # It moved on at 550: what has a duration plays to its end, what would be held never begins, but it rests anew.
-        (700, "-----", None), (740, "F----", 30.0), (940, "F----", 20.0),
-    ]  # fmt: skip
+        (700, "-----", None),
+        (740, "F----", 30.0),
+        (940, "F----", 20.0),
+    ]
 
 
 def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
@@ -216,9 +221,13 @@ def test_a_lift_is_felt_where_the_finger_was_and_only_while_it_is_felt() -> None
     seen.at(8, touch(1, 60), touch(2, 210))
     seen.at(16, touch(2, 210))
     assert seen.until(1000).moments == [
-        (0, "q---F", 5.0), (8, "-q--F", 5.0), (16, "-F--F", 20.0), (36, "----F", 5.0), (46, "-F--F", 10.0),
+        (0, "q---F", 5.0),
+        (8, "-q--F", 5.0),
+        (16, "-F--F", 20.0),
+        (36, "----F", 5.0),
+        (46, "-F--F", 10.0),
         (66, "----F", 5.0),
-    ]  # fmt: skip
+    ]
     assert (seen.player.next_change_ns, seen.player.lifted) == (None, [])
 
 
@@ -252,8 +261,12 @@ def test_the_newest_effect_takes_the_place_of_the_one_under_way() -> None:
     seen.at(0, touch(1, 10))
     seen.at(50, touch(1, 16))
     assert seen.until(1000).moments == [
-        (0, "F----", 20.0), (50, "F----", 30.0), (60, "-----", None), (250, "F----", 5.0), (260, "-----", None),
-    ]  # fmt: skip
+        (0, "F----", 20.0),
+        (50, "F----", 30.0),
+        (60, "-----", None),
+        (250, "F----", 5.0),
+        (260, "-----", None),
+    ]
 
 
 def all_triggers() -> Sequence[Rule]:

@@ -27,9 +27,13 @@ def test_a_percentile_is_the_least_sample_that_its_share_stays_within(durations_
     assert summary is not None
     assert summary == Percentiles.of([*map(float, durations_ns), np.nan])
     shares = {
-        0.1: summary.p10_ns, 0.5: summary.p50_ns, 0.9: summary.p90_ns, 0.99: summary.p99_ns,
-        0.999: summary.p99_9_ns, 0.9999: summary.p99_99_ns,
-    }  # fmt: skip
+        0.1: summary.p10_ns,
+        0.5: summary.p50_ns,
+        0.9: summary.p90_ns,
+        0.99: summary.p99_ns,
+        0.999: summary.p99_9_ns,
+        0.9999: summary.p99_99_ns,
+    }
     for share, percentile_ns in shares.items():
         assert percentile_ns in durations_ns
         assert np.mean([duration_ns <= percentile_ns for duration_ns in durations_ns]) >= share

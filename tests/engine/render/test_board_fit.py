@@ -146,27 +146,33 @@ def test_a_range_that_ends_half_a_step_before_the_band_plays_it() -> None:
     assert fit_board(REFERENCE, ends).scales == (1.0, 1.0)
 
 
-@pytest.mark.parametrize(("capabilities", "names"), [
-    *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (0.0, 0.03e-6)),
-    *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (5.3e-6, 520e-6)),
-    (board(TABLE_M), "reference-a has 2 actuators, .* 1: connect"),
-    (board(TABLE_M, TABLE_M, synthesis_rate_hz=2999), "2999 samples a second; expected 10 a period"),
-    (board(TABLE_M, TABLE_M, frequency_maximum_hz=299.0), "left .*60-300 Hz; .* 1-299 Hz: narrow"),
-    (board(TABLE_M, TABLE_M, frequency_minimum_hz=61.0), "left .*60-300 Hz; .* 61-655.35 Hz: narrow"),
-    (board(TABLE_M, TABLE_M, frequency_resolution_hz=0.0), "left .* 0 Hz apart, .*0.6 Hz: flash a finer"),
-    (board(TABLE_M, TABLE_M, frequency_resolution_hz=1.0), "left .* 1 Hz apart, .*0.6 Hz: flash a finer"),
-    (board(TABLE_M, 520e-6, board=BOARD_SOUND_CARD), r"give --port full_scale=0\.52 um"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("capabilities", "names"),
+    [
+        *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (0.0, 0.03e-6)),
+        *((board(TABLE_M, full_m), "right is 0.52 um in the table and .*: connect the") for full_m in (5.3e-6, 520e-6)),
+        (board(TABLE_M), "reference-a has 2 actuators, .* 1: connect"),
+        (board(TABLE_M, TABLE_M, synthesis_rate_hz=2999), "2999 samples a second; expected 10 a period"),
+        (board(TABLE_M, TABLE_M, frequency_maximum_hz=299.0), "left .*60-300 Hz; .* 1-299 Hz: narrow"),
+        (board(TABLE_M, TABLE_M, frequency_minimum_hz=61.0), "left .*60-300 Hz; .* 61-655.35 Hz: narrow"),
+        (board(TABLE_M, TABLE_M, frequency_resolution_hz=0.0), "left .* 0 Hz apart, .*0.6 Hz: flash a finer"),
+        (board(TABLE_M, TABLE_M, frequency_resolution_hz=1.0), "left .* 1 Hz apart, .*0.6 Hz: flash a finer"),
+        (board(TABLE_M, 520e-6, board=BOARD_SOUND_CARD), r"give --port full_scale=0\.52 um"),
+    ],
+)
 def test_a_board_that_cannot_play_a_table_is_refused_with_a_remedy(capabilities: Capabilities, names: str) -> None:
     with pytest.raises(RendererError, match=names):
         fit_board(REFERENCE, capabilities)
 
 
-@pytest.mark.parametrize(("capabilities", "factors", "remedy"), [
-    (board(1.3 * TABLE_M, TABLE_M), "0.769, 1", "flash full_scales_pm = {520000, 520000}"),
-    (board(9.9 * TABLE_M, TABLE_M), "0.101, 1", "flash full_scales_pm = {520000, 520000}"),
-    (board(1.3 * TABLE_M, TABLE_M, board=BOARD_SOUND_CARD), "0.769, 1", "give --port full_scale=0.52 um+0.52 um"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("capabilities", "factors", "remedy"),
+    [
+        (board(1.3 * TABLE_M, TABLE_M), "0.769, 1", "flash full_scales_pm = {520000, 520000}"),
+        (board(9.9 * TABLE_M, TABLE_M), "0.101, 1", "flash full_scales_pm = {520000, 520000}"),
+        (board(1.3 * TABLE_M, TABLE_M, board=BOARD_SOUND_CARD), "0.769, 1", "give --port full_scale=0.52 um+0.52 um"),
+    ],
+)
 def test_scaling_is_said_with_its_factors_and_its_remedy(capabilities: Capabilities, factors: str, remedy: str) -> None:
     (note,) = fit_board(REFERENCE, capabilities).notes
     assert f"multiplied by {factors}" in note and note.endswith(remedy)

@@ -27,11 +27,14 @@ def test_a_basis_that_fits_is_held_as_it_is() -> None:
     assert chosen.sets == {0: 0, 1: 1}
 
 
-@pytest.mark.parametrize(("changed", "rate_hz"), [
-    ({"longest_waveform_ms": 30}, RATE_HZ),
-    ({"basis_capacity_bytes": 30_000}, RATE_HZ),
-    ({}, 57_600),  # 44 weights take 18 ms, 80 take 31
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "rate_hz"),
+    [
+        ({"longest_waveform_ms": 30}, RATE_HZ),
+        ({"basis_capacity_bytes": 30_000}, RATE_HZ),
+        ({}, 57_600),  # 44 weights take 18 ms, 80 take 31
+    ],
+)
 def test_sets_that_do_not_fit_are_left_out_and_others_keep_their_order(changed: dict[str, int], rate_hz: int) -> None:
     basis = whole((80, 241), (44, 121), (40, 121))
     chosen = choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS)  # type: ignore[arg-type]
@@ -40,13 +43,16 @@ def test_sets_that_do_not_fit_are_left_out_and_others_keep_their_order(changed: 
     assert [len(each.actuators) for each in chosen.basis.sets] == [44, 40]
 
 
-@pytest.mark.parametrize(("changed", "rate_hz"), [
-    ({"features": Features(0)}, RATE_HZ),
-    ({"basis_capacity_bytes": 100}, RATE_HZ),
-    ({"longest_waveform_ms": 20}, RATE_HZ),
-    ({"synthesis_rate_hz": 3999}, RATE_HZ),
-    ({}, 38_400),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changed", "rate_hz"),
+    [
+        ({"features": Features(0)}, RATE_HZ),
+        ({"basis_capacity_bytes": 100}, RATE_HZ),
+        ({"longest_waveform_ms": 20}, RATE_HZ),
+        ({"synthesis_rate_hz": 3999}, RATE_HZ),
+        ({}, 38_400),
+    ],
+)
 def test_a_device_or_line_that_carries_no_click_gets_no_basis(changed: dict[str, int], rate_hz: int) -> None:
     basis = whole((44, 121))
     assert choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]

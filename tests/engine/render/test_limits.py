@@ -85,12 +85,15 @@ def test_the_link_never_arms_with_more_than_the_device_allows(slew_per_s: float,
     assert 1 <= configuration.lease_ms <= max(1, 1e3 * lease_s * (1 + 1e-8))
 
 
-@pytest.mark.parametrize(("changes", "names"), [
-    ({"amplitudes": (-0.1, 0.5)}, r"actuator left: amplitude -0\.1"),
-    *(({key: (None, 1.0)}, "the table is broken") for key in COLUMNS),  # a NaN of a table is read as None
-    *(({key: (1.0,)}, "build the table for this device") for key in COLUMNS),
-    *((dict.fromkeys(COLUMNS, (100.0,) * n), f"for {n} actuators, reference-a has 2") for n in (1, 3)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"amplitudes": (-0.1, 0.5)}, r"actuator left: amplitude -0\.1"),
+        *(({key: (None, 1.0)}, "the table is broken") for key in COLUMNS),  # a NaN of a table is read as None
+        *(({key: (1.0,)}, "build the table for this device") for key in COLUMNS),
+        *((dict.fromkeys(COLUMNS, (100.0,) * n), f"for {n} actuators, reference-a has 2") for n in (1, 3)),
+    ],
+)
 def test_a_drive_that_is_none_of_this_device_is_refused_by_name(changes: dict[str, Any], names: str) -> None:
     with pytest.raises(LimitError, match=names):
         clamp(replace(drive_of((150.0, 150.0), (0.1, 0.1)), **changes), REFERENCE)

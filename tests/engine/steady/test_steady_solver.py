@@ -161,16 +161,19 @@ def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:
     assert designer_of(device).solver.solve(everywhere, [True] * 5, 10.0).objective == "level"
 
 
-@pytest.mark.parametrize(("positions_m", "felt", "level_db", "words"), [
-    ([0.3], [True], 20.0, "finger 1 at 300 mm: the surface ends at 279.4 mm"),
-    ([0.1, -0.001], [True, False], 20.0, "finger 2 at -1 mm"),
-    ([float("nan")], [True], 20.0, "finger 1 at nan mm"),
-    ([0.1], [False], 20.0, "no finger is felt"),
-    ([], [], 20.0, "0 fingers"),
-    ([0.01 * k for k in range(MOST_FINGERS + 1)], [True] * 11, 20.0, "11 fingers: a drive is solved for one to 10"),
-    ([0.1, 0.2], [True], 20.0, "2 positions and 1 roles"),
-    ([0.1], [True], float("nan"), "the level is not a number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("positions_m", "felt", "level_db", "words"),
+    [
+        ([0.3], [True], 20.0, "finger 1 at 300 mm: the surface ends at 279.4 mm"),
+        ([0.1, -0.001], [True, False], 20.0, "finger 2 at -1 mm"),
+        ([float("nan")], [True], 20.0, "finger 1 at nan mm"),
+        ([0.1], [False], 20.0, "no finger is felt"),
+        ([], [], 20.0, "0 fingers"),
+        ([0.01 * k for k in range(MOST_FINGERS + 1)], [True] * 11, 20.0, "11 fingers: a drive is solved for one to 10"),
+        ([0.1, 0.2], [True], 20.0, "2 positions and 1 roles"),
+        ([0.1], [True], float("nan"), "the level is not a number"),
+    ],
+)
 def test_a_wrong_placement_is_refused(positions_m: list[float], felt: list[bool], level_db: float, words: str) -> None:
     with pytest.raises(SteadyError, match=words):
         designer_of(shipped("reference-a")).solver.solve(positions_m, felt, level_db)

@@ -88,38 +88,41 @@ def test_a_file_of_another_structure_is_refused_by_name(whole: Path, tmp_path: P
     assert says in refusal(changed(whole, tmp_path / "x.nc", lambda file: change(file, tmp_path)))
 
 
-@pytest.mark.parametrize(("name", "values", "says"), [
-    ("best_rows/drive_amplitude", np.ones((2, 31, 3)), "has shape"),
-    ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype="S3"), "numbers or text"),
-    ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype=np.int64), "real values"),
-    ("best_rows/drive_amplitude", np.full((2, 31, 2), math.nan), "finite values"),
-    ("best_rows/drive_amplitude", np.full((2, 31, 2), -0.1), "below 0"),
-    ("best_rows/level", np.array([20.0, 20.0]), "rising levels"),
-    ("best_rows/group", np.ones((2, 31)), "text values"),
-    ("clicks/weight", np.ones((2, 3)), "whole values"),
-    ("clicks/fraction_bits", np.array([0, 99]), "above 31"),
-    ("clicks/basis_set", np.array([0, -1]), "below 0"),
-    ("clicks/finger_place", np.array([[1, -1], [3, 99]]), "at one of the places"),
-    ("clicks/finger_place", np.array([[-1, 1], [3, 7]]), "at least one finger"),
-    ("clicks/finger_place", np.array([[1, -1], [3, 3]]), "rising places"),
-    ("clicks/finger_felt", np.array([[1, 0], [1, 2]]), "above 1"),
-    ("clicks/place", np.array([0.0, 0.1, 0.2]), "an even grid"),
-    ("modes/along", np.linspace(0.0, 0.1, 9), "an even grid"),
-    ("modes/across", np.array([1.0]), "an even grid"),
-    ("modes/frequency", np.full(25, 100.0), "rising frequencies"),
-    ("modes/frequency", np.linspace(1e-300, 1e300, 25), "below 0.001"),
-    ("modes/threshold", np.full(25, 1e-300), "below 1e-09"),
-    ("modes/drive", np.zeros((2, 2, 25, 2), dtype=np.float32), "no actuator moves any function"),
-    ("modes/shape", np.ones((1, 9, 1), dtype=np.float32), "function 2"),
-    ("modes/natural_frequency", np.array([100.0]), "moves without end"),
-    ("modes/damper", np.ones(3), "actuator 2"),
-    ("clicks/weight", 32768, "above 32767"),
-    ("clicks/set_samples", 1, "below 2"),
-    ("clicks/set_samples", 10_000, "more than the functions of the basis have"),
-    ("clicks/function_actuator", 2, "an actuator that the device does not have"),
-    ("clicks/sample", 0.0, "two rising times"),
-    ("best_rows/achieved", 3, "above 1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("best_rows/drive_amplitude", np.ones((2, 31, 3)), "has shape"),
+        ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype="S3"), "numbers or text"),
+        ("best_rows/drive_amplitude", np.ones((2, 31, 2), dtype=np.int64), "real values"),
+        ("best_rows/drive_amplitude", np.full((2, 31, 2), math.nan), "finite values"),
+        ("best_rows/drive_amplitude", np.full((2, 31, 2), -0.1), "below 0"),
+        ("best_rows/level", np.array([20.0, 20.0]), "rising levels"),
+        ("best_rows/group", np.ones((2, 31)), "text values"),
+        ("clicks/weight", np.ones((2, 3)), "whole values"),
+        ("clicks/fraction_bits", np.array([0, 99]), "above 31"),
+        ("clicks/basis_set", np.array([0, -1]), "below 0"),
+        ("clicks/finger_place", np.array([[1, -1], [3, 99]]), "at one of the places"),
+        ("clicks/finger_place", np.array([[-1, 1], [3, 7]]), "at least one finger"),
+        ("clicks/finger_place", np.array([[1, -1], [3, 3]]), "rising places"),
+        ("clicks/finger_felt", np.array([[1, 0], [1, 2]]), "above 1"),
+        ("clicks/place", np.array([0.0, 0.1, 0.2]), "an even grid"),
+        ("modes/along", np.linspace(0.0, 0.1, 9), "an even grid"),
+        ("modes/across", np.array([1.0]), "an even grid"),
+        ("modes/frequency", np.full(25, 100.0), "rising frequencies"),
+        ("modes/frequency", np.linspace(1e-300, 1e300, 25), "below 0.001"),
+        ("modes/threshold", np.full(25, 1e-300), "below 1e-09"),
+        ("modes/drive", np.zeros((2, 2, 25, 2), dtype=np.float32), "no actuator moves any function"),
+        ("modes/shape", np.ones((1, 9, 1), dtype=np.float32), "function 2"),
+        ("modes/natural_frequency", np.array([100.0]), "moves without end"),
+        ("modes/damper", np.ones(3), "actuator 2"),
+        ("clicks/weight", 32768, "above 32767"),
+        ("clicks/set_samples", 1, "below 2"),
+        ("clicks/set_samples", 10_000, "more than the functions of the basis have"),
+        ("clicks/function_actuator", 2, "an actuator that the device does not have"),
+        ("clicks/sample", 0.0, "two rising times"),
+        ("best_rows/achieved", 3, "above 1"),
+    ],
+)
 def test_a_wrong_array_is_refused_by_name(whole: Path, tmp_path: Path, name: str, values: object, says: str) -> None:
     def put(file: h5py.File) -> None:
         filled = isinstance(values, int | float)
@@ -129,13 +132,16 @@ def test_a_wrong_array_is_refused_by_name(whole: Path, tmp_path: Path, name: str
     assert name in found and says in found
 
 
-@pytest.mark.parametrize(("name", "value"), [
-    ("created", np.ones(3)),
-    ("format_revision", "four"),
-    ("mesh_elements", 50.5),
-    ("click_pitch_m", np.zeros(1)),
-    ("click_tolerance_m", "1 mm"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("created", np.ones(3)),
+        ("format_revision", "four"),
+        ("mesh_elements", 50.5),
+        ("click_pitch_m", np.zeros(1)),
+        ("click_tolerance_m", "1 mm"),
+    ],
+)
 def test_an_attribute_of_another_kind_is_refused(whole: Path, tmp_path: Path, name: str, value: object) -> None:
     found = refusal(changed(whole, tmp_path / "attribute.nc", lambda file: file.attrs.update({name: value})))
     assert "corrupted" in found

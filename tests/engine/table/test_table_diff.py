@@ -85,14 +85,17 @@ def test_a_table_does_not_differ_from_itself(compare: Compare) -> None:
     assert not any((found.device, found.options, found.provenance, found.response_percent, found.notes))
 
 
-@pytest.mark.parametrize(("changes", "part", "expected"), [
-    ({"source": "measured"}, "options", {"source": "measured"}),
-    ({"click_options": '{"quiet_db": 3.0}'}, "options", {"click_options.quiet_db": 3.0}),
-    ({"response": 1.05}, "response_percent", {"left": pytest.approx(5.0), "right": pytest.approx(5.0)}),
-    ({"others": {"measured": 1.0}}, "arrays", ("measured/number",)),  # by their bytes
-    ({"device": STIFFER}, "device", {"actuator[1].stiffness_n_per_m": 18711.0}),
-    ({}, "options", {}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "part", "expected"),
+    [
+        ({"source": "measured"}, "options", {"source": "measured"}),
+        ({"click_options": '{"quiet_db": 3.0}'}, "options", {"click_options.quiet_db": 3.0}),
+        ({"response": 1.05}, "response_percent", {"left": pytest.approx(5.0), "right": pytest.approx(5.0)}),
+        ({"others": {"measured": 1.0}}, "arrays", ("measured/number",)),  # by their bytes
+        ({"device": STIFFER}, "device", {"actuator[1].stiffness_n_per_m": 18711.0}),
+        ({}, "options", {}),
+    ],
+)
 def test_what_a_table_holds_differs_by_name_but_not_who_made_it_when(
     compare: Compare, changes: dict[str, Any], part: str, expected: object
 ) -> None:
@@ -105,14 +108,17 @@ def test_what_a_table_holds_differs_by_name_but_not_who_made_it_when(
     assert {change.key: change.after for change in found.provenance} == made
 
 
-@pytest.mark.parametrize(("changes", "figure", "size"), [
-    ({"level_db": 20.5}, "level_db", 0.5),
-    ({"localized_factor": 0.6}, "localized_factor", 20.0),
-    ({"achieved": False}, "achieved", 1.0),
-    ({"frequencies_hz": (108.0, 190.25)}, "frequency_hz", 0.25),
-    ({"amplitudes": (0.45, 0.25)}, "amplitude", 10.0),
-    ({"amplitudes": (0.5, 0.0), "frequencies_hz": (108.0, 250.0)}, "amplitude", 50.0),  # silent at any frequency
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "figure", "size"),
+    [
+        ({"level_db": 20.5}, "level_db", 0.5),
+        ({"localized_factor": 0.6}, "localized_factor", 20.0),
+        ({"achieved": False}, "achieved", 1.0),
+        ({"frequencies_hz": (108.0, 190.25)}, "frequency_hz", 0.25),
+        ({"amplitudes": (0.45, 0.25)}, "amplitude", 10.0),
+        ({"amplitudes": (0.5, 0.0), "frequencies_hz": (108.0, 250.0)}, "amplitude", 50.0),  # silent at any frequency
+    ],
+)
 def test_a_change_of_a_figure_is_found_where_it_was_made(
     compare: Compare, changes: dict[str, Any], figure: str, size: float
 ) -> None:
@@ -149,12 +155,15 @@ def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare
     assert [state.felt for state in changed] == [("IV",), ("I",), ("II", "III")]
 
 
-@pytest.mark.parametrize(("change", "figure", "size"), [
-    (lambda c: replace(click_of(DEVICE, c.placement, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
-    (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
-    (lambda c: replace(c, weights=c.weights + np.int16(3277)), "waveform", 10.0),
-    (lambda c: replace(c, basis_set=1), "length_s", 10.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "figure", "size"),
+    [
+        (lambda c: replace(click_of(DEVICE, c.placement, level_db=27.0), basis=c.basis), "felt_level_db", 1.0),
+        (lambda c: replace(c, quiet=shifted(c.quiet, 2.0)), "quiet_level_db", 2.0),
+        (lambda c: replace(c, weights=c.weights + np.int16(3277)), "waveform", 10.0),
+        (lambda c: replace(c, basis_set=1), "length_s", 10.0),
+    ],
+)
 def test_a_change_of_a_click_is_found_where_it_was_made(
     compare: Compare, change: Callable[[ClickEntry], ClickEntry], figure: str, size: float
 ) -> None:

@@ -27,14 +27,17 @@ def test_layout_counts_bits_from_the_report_id_and_without_one_from_the_first_by
     assert (plain.uses_report_ids, plain.contacts[0].tip.bit) == (False, 0)
 
 
-@pytest.mark.parametrize(("items", "extent_mm"), [
-    ("6511 550e", 200.0),  # 2000 times 10^-2 cm
-    ("6513 55fe", 508.0),  # 2000 times 10^-2 inch, the exponent written as a byte
-    ("6533 550d", 50.8),  # inches "cubed", as five vendors write inches
-    ("6514 550e", None),  # degrees
-    ("6500 5500", None),  # no unit
-    ("6511 550e 4500", None),  # no physical range
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("items", "extent_mm"),
+    [
+        ("6511 550e", 200.0),  # 2000 times 10^-2 cm
+        ("6513 55fe", 508.0),  # 2000 times 10^-2 inch, the exponent written as a byte
+        ("6533 550d", 50.8),  # inches "cubed", as five vendors write inches
+        ("6514 550e", None),  # degrees
+        ("6500 5500", None),  # no unit
+        ("6511 550e 4500", None),  # no physical range
+    ],
+)
 def test_extent_follows_unit_and_exponent(items: str, extent_mm: float | None) -> None:
     descriptor = application(finger()).replace(bytes.fromhex("6511 550e"), bytes.fromhex(items))
     (surface,) = read_surfaces(descriptor)
@@ -111,15 +114,18 @@ def test_a_relative_position_is_no_surface_of_a_doubled_one_the_first_counts_and
     assert surface.has_contact_ids
 
 
-@pytest.mark.parametrize("variant", [
-    bytes.fromhex("fe03aa010203") + SCREEN,  # a long item is skipped
-    SCREEN.replace(  # Pop restores every global
-        bytes.fromhex("0501 26e803"),
-        bytes.fromhex("a4 057f 1505 2506 3507 4508 5509 650a 750b 950c b4 0501 26e803"),
-        1,
-    ),
-    SCREEN.replace(bytes.fromhex("0951"), bytes.fromhex("a901 0951 0938 a900")),  # the first of alternatives counts
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "variant",
+    [
+        bytes.fromhex("fe03aa010203") + SCREEN,  # a long item is skipped
+        SCREEN.replace(  # Pop restores every global
+            bytes.fromhex("0501 26e803"),
+            bytes.fromhex("a4 057f 1505 2506 3507 4508 5509 650a 750b 950c b4 0501 26e803"),
+            1,
+        ),
+        SCREEN.replace(bytes.fromhex("0951"), bytes.fromhex("a901 0951 0938 a900")),  # the first of alternatives counts
+    ],
+)
 def test_long_items_saved_globals_and_alternatives_change_nothing(variant: bytes) -> None:
     assert variant != SCREEN
     assert read_surfaces(variant) == read_surfaces(SCREEN)
@@ -132,27 +138,40 @@ def test_a_maximum_is_signed_only_beside_a_negative_minimum() -> None:
     assert (signed.x.logical_minimum, signed.x.logical_maximum, signed.x.is_signed) == (-32768, 32767, True)
 
 
-@pytest.mark.parametrize(("descriptor", "offset", "problem"), [
-    (b"", 0, "length outside"), (b"\x05" * 5000, 0, "length outside"), (b"\x05", 0, "cut off"),
-    (b"\xc0", 0, "End Collection without Collection"), (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
-    (b"\xb4", 0, "Pop without Push"), (b"\xa4" * 40, 32, "too many states"),
-    (b"\xa1\x01" * 40, 64, "nested too deep"), (b"\x85\x00", 0, "report ID"), (b"\x86\x2c\x01", 0, "report ID"),
-    (b"\x77\xff\xff\xff\xff", 0, "report size"), (b"\x97\xff\xff\xff\x7f", 0, "report count"),
-    (b"\xa9\x00", 0, "delimiter"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("descriptor", "offset", "problem"),
+    [
+        (b"", 0, "length outside"),
+        (b"\x05" * 5000, 0, "length outside"),
+        (b"\x05", 0, "cut off"),
+        (b"\xc0", 0, "End Collection without Collection"),
+        (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
+        (b"\xb4", 0, "Pop without Push"),
+        (b"\xa4" * 40, 32, "too many states"),
+        (b"\xa1\x01" * 40, 64, "nested too deep"),
+        (b"\x85\x00", 0, "report ID"),
+        (b"\x86\x2c\x01", 0, "report ID"),
+        (b"\x77\xff\xff\xff\xff", 0, "report size"),
+        (b"\x97\xff\xff\xff\x7f", 0, "report count"),
+        (b"\xa9\x00", 0, "delimiter"),
+    ],
+)
 def test_broken_grammar_is_refused_with_its_place(descriptor: bytes, offset: int, problem: str) -> None:
     with pytest.raises(DescriptorError, match=problem) as caught:
         read_surfaces(descriptor)
     assert caught.value.offset == offset
 
 
-@pytest.mark.parametrize(("items", "instead", "problem"), [
-    ("26e803", "1500 2500", "not below its maximum"),
-    ("26e803", "150a 2505", "not below its maximum"),
-    ("7510 0930", "7540 0930", "outside 1..32 bits"),
-    ("7510 0930", "7500 0930", "outside 1..32 bits"),
-    ("8501", "", "before the first report ID"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("items", "instead", "problem"),
+    [
+        ("26e803", "1500 2500", "not below its maximum"),
+        ("26e803", "150a 2505", "not below its maximum"),
+        ("7510 0930", "7540 0930", "outside 1..32 bits"),
+        ("7510 0930", "7500 0930", "outside 1..32 bits"),
+        ("8501", "", "before the first report ID"),
+    ],
+)
 def test_a_touch_field_that_cannot_be_read_is_refused(items: str, instead: str, problem: str) -> None:
     with pytest.raises(DescriptorError, match=problem):
         read_surfaces(SCREEN.replace(bytes.fromhex(items), bytes.fromhex(instead)))

@@ -195,10 +195,13 @@ def test_a_chosen_surface_stays_and_one_notice_names_the_reports_that_come_and_t
         open_digitizer(HYBRID + PAD, 0x1234, 1, 0x22)
 
 
-@pytest.mark.parametrize(("descriptor", "vendor_id", "says"), [
-    (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
-    (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("descriptor", "vendor_id", "says"),
+    [
+        (application(finger(), usage=PEN), 0, "no touch screen or touch pad"),
+        (HYBRID, 0x056A, "Wacom.*/dev/input/event.*tactable list"),
+    ],
+)
 def test_a_device_without_surface_or_of_another_driver_is_refused(descriptor: bytes, vendor_id: int, says: str) -> None:
     with pytest.raises(DigitizerError, match=says):
         open_digitizer(descriptor, vendor_id, 1)

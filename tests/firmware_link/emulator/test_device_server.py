@@ -67,11 +67,15 @@ def fall_silent(rig: VirtualRig) -> None:
     """Stopped, wedged or in an endless loop: the port stays open."""
 
 
-@pytest.mark.parametrize(("fail", "cause", "fault"), [
-    (lambda rig: rig.line.close(), Cause.HUNG_UP, FaultCode.HUNG_UP),
-    (lambda rig: rig.line.unplug(300 * MS), Cause.HUNG_UP, FaultCode.HUNG_UP),
-    (fall_silent, Cause.LEASE_EXPIRED, FaultCode.SILENT_HOST),
-], ids=["closed", "unplugged", "silent"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("fail", "cause", "fault"),
+    [
+        (lambda rig: rig.line.close(), Cause.HUNG_UP, FaultCode.HUNG_UP),
+        (lambda rig: rig.line.unplug(300 * MS), Cause.HUNG_UP, FaultCode.HUNG_UP),
+        (fall_silent, Cause.LEASE_EXPIRED, FaultCode.SILENT_HOST),
+    ],
+    ids=["closed", "unplugged", "silent"],
+)
 @pytest.mark.parametrize("delay_ns", [0, 300_000, 30 * MS])
 def test_a_host_that_fails_leaves_no_drive(
     fail: Callable[[VirtualRig], None], cause: Cause, fault: FaultCode, delay_ns: int

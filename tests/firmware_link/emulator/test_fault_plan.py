@@ -40,10 +40,13 @@ def test_the_example_of_each_key_is_understood(key: str) -> None:
         assert parse_fault_plan(example.split(", ")[0]) != FaultPlan()
 
 
-@pytest.mark.parametrize("text", [
-    *("drop=2", "drop", "drop=nan", "drift=5", "baud=0", "at_noise=1", "reboot=1.2.3s@4s"),
-    *("stall=0.3s", "stall@3s", "stall=2s/1s", "hang_up=1@8s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("drop=2", "drop", "drop=nan", "drift=5", "baud=0", "at_noise=1", "reboot=1.2.3s@4s"),
+        *("stall=0.3s", "stall@3s", "stall=2s/1s", "hang_up=1@8s"),
+    ],
+)
 def test_a_wrong_text_is_named_with_an_example_of_its_key(text: str) -> None:
     example = fault_help()[re.split("[=@]", text)[0]]
     with pytest.raises(FaultPlanError, match=re.escape(f"'{text}' is not understood; write it as in: {example}")):

@@ -44,10 +44,17 @@ def test_a_line_without_faults_carries_all_that_is_ended_by_a_delimiter(parts: l
     assert len(carry(line_of(""), [b"\x55" * 5000])) == 5000, "they are not kept for ever"
 
 
-@pytest.mark.parametrize(("text", "kind"), [
-    ("drop=0.1", "dropped"), ("duplicate=0.1", "duplicated"), ("bit_errors=1e-3", "flipped_bits"),
-    ("insert=0.1", "insertions"), ("lose=0.1", "cuts"), ("burst=0.1", "bursts"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("drop=0.1", "dropped"),
+        ("duplicate=0.1", "duplicated"),
+        ("bit_errors=1e-3", "flipped_bits"),
+        ("insert=0.1", "insertions"),
+        ("lose=0.1", "cuts"),
+        ("burst=0.1", "bursts"),
+    ],
+)
 def test_faults_come_as_often_as_asked_and_the_receiver_sees_what_was_counted(text: str, kind: str) -> None:
     sent, line, decoder = frames(5000), line_of(text), FrameDecoder(2)
     received = decoder.receive(carry(line, sent))

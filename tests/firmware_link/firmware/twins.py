@@ -377,12 +377,28 @@ class Session(Twins):
 
 
 STEPS: dict[Callable[[Session], None], int] = {
-    Session.pause: 12, Session.pause_for_long: 1, Session.set: 8, Session.set_at_once: 4, Session.play: 10,
-    Session.keep_alive: 5, Session.arm: 3, Session.greet: 1, Session.stop: 1, Session.recover: 6,
-    Session.settle: 1, Session.ask: 2, Session.shake: 2, Session.begin: 2, Session.go_on: 8,
-    Session.transfer: 4, Session.intrude: 8, Session.send_any_body: 2, Session.repeat: 2, Session.damage: 1,
+    Session.pause: 12,
+    Session.pause_for_long: 1,
+    Session.set: 8,
+    Session.set_at_once: 4,
+    Session.play: 10,
+    Session.keep_alive: 5,
+    Session.arm: 3,
+    Session.greet: 1,
+    Session.stop: 1,
+    Session.recover: 6,
+    Session.settle: 1,
+    Session.ask: 2,
+    Session.shake: 2,
+    Session.begin: 2,
+    Session.go_on: 8,
+    Session.transfer: 4,
+    Session.intrude: 8,
+    Session.send_any_body: 2,
+    Session.repeat: 2,
+    Session.damage: 1,
     Session.babble: 1,
-}  # fmt: skip
+}
 # Most of these come during a crossfade, which takes up to 400 samples.
 HURRIED_STEPS: dict[Callable[[Session], None], int] = {
     Session.pause: 1,

@@ -180,16 +180,19 @@ def test_a_rebooted_device_is_never_driven_and_the_host_notices() -> None:
     assert rig.link.state is LinkState.DISCONNECTED
 
 
-@pytest.mark.parametrize(("change", "wanted", "remedy"), [
-    ({"version_major": 2}, {}, "protocol 2.1, this host 3.1.*install the firmware"),
-    ({"schema_hash": 1}, {}, "schema 00000001.*install the firmware"),
-    ({"number_of_actuators": 1}, {}, "drives 1 actuators, 2 are needed"),
-    ({"longest_lease_ms": 0}, {}, "no lease.*set longest_lease_ms"),
-    ({"features": Features(0)}, {"basis": BASIS}, "plays no clicks: connect another device"),
-    ({"basis_capacity_bytes": 100}, {"basis": BASIS}, "has 2664 bytes, the device holds 100: take"),
-    ({"longest_waveform_ms": 29}, {"basis": BASIS}, "lasts 300 ms, .* at most 29: shorten it"),
-    ({}, {"basis": Clicks(9, [np.zeros((3, 3))]).basis}, "for 3 actuators, not 2"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "wanted", "remedy"),
+    [
+        ({"version_major": 2}, {}, "protocol 2.1, this host 3.1.*install the firmware"),
+        ({"schema_hash": 1}, {}, "schema 00000001.*install the firmware"),
+        ({"number_of_actuators": 1}, {}, "drives 1 actuators, 2 are needed"),
+        ({"longest_lease_ms": 0}, {}, "no lease.*set longest_lease_ms"),
+        ({"features": Features(0)}, {"basis": BASIS}, "plays no clicks: connect another device"),
+        ({"basis_capacity_bytes": 100}, {"basis": BASIS}, "has 2664 bytes, the device holds 100: take"),
+        ({"longest_waveform_ms": 29}, {"basis": BASIS}, "lasts 300 ms, .* at most 29: shorten it"),
+        ({}, {"basis": Clicks(9, [np.zeros((3, 3))]).basis}, "for 3 actuators, not 2"),
+    ],
+)
 def test_a_device_that_does_not_fit_is_refused(change: dict[str, Any], wanted: dict[str, Any], remedy: str) -> None:
     device = EmulatedFirmware(DeviceConfiguration(BOOT_ID))
     hello, *_ = decode_messages(device.receive(encode_message(greeting(0), 1), 0))

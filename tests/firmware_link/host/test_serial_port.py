@@ -33,12 +33,19 @@ def refusal(
     return message
 
 
-@pytest.mark.parametrize(("group", "mode", "number", "helps"), [
-    ("dialout", 0o660, errno.EACCES, True), ("uucp", 0o660, errno.EPERM, True),
-    ("root", 0o660, errno.EACCES, False), (None, 0o660, errno.EACCES, False),
-    ("dialout", 0o600, errno.EACCES, False), ("dialout", 0o640, errno.EACCES, False),
-    ("dialout", 0o620, errno.EACCES, False), ("dialout", 0o660, errno.EIO, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("group", "mode", "number", "helps"),
+    [
+        ("dialout", 0o660, errno.EACCES, True),
+        ("uucp", 0o660, errno.EPERM, True),
+        ("root", 0o660, errno.EACCES, False),
+        (None, 0o660, errno.EACCES, False),
+        ("dialout", 0o600, errno.EACCES, False),
+        ("dialout", 0o640, errno.EACCES, False),
+        ("dialout", 0o620, errno.EACCES, False),
+        ("dialout", 0o660, errno.EIO, False),
+    ],
+)
 def test_no_permission_is_told_with_a_udev_rule_and_with_the_group_where_that_helps_and_another_failure_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str | None, mode: int, number: int, helps: bool
 ) -> None:

@@ -78,11 +78,14 @@ def test_drive_is_the_nearest_that_the_words_can_say_and_its_bytes_survive(chann
         assert abs(error_rad) < 0.51 * math.tau / 65_536
 
 
-@pytest.mark.parametrize("wrong", [
-    *({"frequency_hz": value} for value in (655.36, -0.01, math.nan, math.inf)),
-    *({"amplitude": value} for value in (1.0001, -0.0001, math.nan)),
-    *({"phase_rad": value} for value in (math.inf, math.nan)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *({"frequency_hz": value} for value in (655.36, -0.01, math.nan, math.inf)),
+        *({"amplitude": value} for value in (1.0001, -0.0001, math.nan)),
+        *({"phase_rad": value} for value in (math.inf, math.nan)),
+    ],
+)
 def test_a_drive_out_of_range_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(MessageError):
         encode_drive([dataclasses.replace(ChannelDrive(60.0, 0.5), **wrong)], RESOLUTION_HZ)

@@ -62,13 +62,16 @@ def end_of(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> object:
     return end.value.code
 
 
-@pytest.mark.parametrize(("error", "status", "said"), [
-    *[(kind("no [bar]: mend it"), 1, "no [bar]: mend it\n") for kind in (TactableError, WorkerError)],
-    (OSError("no [bar]: mend it"), 1, "no [bar]: mend it\n"),
-    (FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "gone.csv"), 1, "gone.csv: No such file"),
-    (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), 1, "No space left on device: where the output goes"),
-    (KeyboardInterrupt(), 130, ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        *[(kind("no [bar]: mend it"), 1, "no [bar]: mend it\n") for kind in (TactableError, WorkerError)],
+        (OSError("no [bar]: mend it"), 1, "no [bar]: mend it\n"),
+        (FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "gone.csv"), 1, "gone.csv: No such file"),
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), 1, "No space left on device: where the output goes"),
+        (KeyboardInterrupt(), 130, ""),
+    ],
+)
 def test_an_error_is_one_line_and_status_one_and_ctrl_c_is_quiet(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: BaseException, status: int, said: str
 ) -> None:

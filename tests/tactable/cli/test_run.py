@@ -133,16 +133,19 @@ def test_a_run_that_reconnects_plays_on_when_the_port_is_back(folder: Path, line
     assert len(drives_of(line.log)) == 1, "another drive is played after the loss"
 
 
-@pytest.mark.parametrize(("words", "error", "parts"), [
-    ("bar.nc --touch no-such-panel", DigitizerError, ["no-such-panel", "tactable list"]),
-    ("missing.nc --touch simulated", TableError, ["missing.nc", "tactable build"]),
-    ("bar.nc --touch simulated --device reference-d", TableError, ["bar.nc", "is a table of", "reference-d"]),
-    ("bar.nc --touch simulated --effects missing.toml", OSError, ["missing.toml"]),
-    ("bar.nc --touch simulated --effects wrong.toml", TactableError, ["wrong.toml", "'VI'"]),
-    ("bar.nc --touch held.toml", RecordingError, ["held.toml"]),
-    ("bar.nc --touch simulated", LinkError, ["no-such-port", "tactable list"]),
-    ("bar.nc --touch simulated --realtime nice", SystemExit, []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "error", "parts"),
+    [
+        ("bar.nc --touch no-such-panel", DigitizerError, ["no-such-panel", "tactable list"]),
+        ("missing.nc --touch simulated", TableError, ["missing.nc", "tactable build"]),
+        ("bar.nc --touch simulated --device reference-d", TableError, ["bar.nc", "is a table of", "reference-d"]),
+        ("bar.nc --touch simulated --effects missing.toml", OSError, ["missing.toml"]),
+        ("bar.nc --touch simulated --effects wrong.toml", TactableError, ["wrong.toml", "'VI'"]),
+        ("bar.nc --touch held.toml", RecordingError, ["held.toml"]),
+        ("bar.nc --touch simulated", LinkError, ["no-such-port", "tactable list"]),
+        ("bar.nc --touch simulated --realtime nice", SystemExit, []),
+    ],
+)
 def test_a_refusal_names_the_thing_before_kernels_are_compiled(
     folder: Path, monkeypatch: pytest.MonkeyPatch, words: str, error: type[Exception], parts: list[str]
 ) -> None:

@@ -44,12 +44,15 @@ def test_help_and_list_load_neither_arrays_nor_compiler_nor_solver_nor_plot() ->
         assert set(loaded).isdisjoint(HEAVY), words
 
 
-@pytest.mark.parametrize(("words", "offered"), [
-    ("tactable pl", {"plot", "plan-measurements"}),
-    ("tactable study ", {"placement", "resolution"}),
-    ("tactable calibrate --al", {"--also"}),
-    ("tactable --ver", {"--version"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("tactable pl", {"plot", "plan-measurements"}),
+        ("tactable study ", {"placement", "resolution"}),
+        ("tactable calibrate --al", {"--also"}),
+        ("tactable --ver", {"--version"}),
+    ],
+)
 def test_a_shell_is_offered_commands_groups_and_options(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, offered: set[str]
 ) -> None:

@@ -22,11 +22,18 @@ VALUES = st.one_of(
     st.binary(min_size=1, max_size=9), st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
 )  # fmt: skip
 ASKED: dict[str, list[Value]] = {
-    "trigger": ["press", 3, -6.0], "trigger_at": ["error", 120.5], "remove": ["ok"], "settings": [1, False, 3],
-    "region": ["ok", 20, 60.0, "touch", "press", "lift", "release"], "quiet": [3, 1], "hello": [9001], "stop": [],
-    "json": ['{"type": "define", "name": "mine", "envelope": [["click", "20 dB"]]}'], "ping": [],
+    "trigger": ["press", 3, -6.0],
+    "trigger_at": ["error", 120.5],
+    "remove": ["ok"],
+    "settings": [1, False, 3],
+    "region": ["ok", 20, 60.0, "touch", "press", "lift", "release"],
+    "quiet": [3, 1],
+    "hello": [9001],
+    "stop": [],
+    "json": ['{"type": "define", "name": "mine", "envelope": [["click", "20 dB"]]}'],
+    "ping": [],
     "subscribe": ["touches", "played"],
-}  # fmt: skip
+}
 
 
 def bundle_of(data: bytes, times: int = 1) -> bytes:

@@ -25,14 +25,17 @@ def test_the_token_is_in_the_address_and_in_no_text_of_the_door_nor_of_a_command
     assert LOOPBACK.ticket != OPEN.ticket
 
 
-@pytest.mark.parametrize(("policy", "host", "is_admitted"), [
-    *((LOOPBACK, host, True) for host in ("127.0.0.1:8000", "localhost:8000", "[::1]:8000")),
-    *((LOOPBACK, host, False) for host in (None, "", "127.0.0.1", "127.0.0.1:8001", "evil.example:8000")),
-    *((LOOPBACK, host, False) for host in ("192.168.1.2:8000", "localhost.evil:8000")),
-    (OPEN, "192.168.1.2:8000", True),
-    (OPEN, "evil.example:8000", False),
-    (AccessPolicy("bar.example", 8000, "secret"), "bar.example:8000", True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("policy", "host", "is_admitted"),
+    [
+        *((LOOPBACK, host, True) for host in ("127.0.0.1:8000", "localhost:8000", "[::1]:8000")),
+        *((LOOPBACK, host, False) for host in (None, "", "127.0.0.1", "127.0.0.1:8001", "evil.example:8000")),
+        *((LOOPBACK, host, False) for host in ("192.168.1.2:8000", "localhost.evil:8000")),
+        (OPEN, "192.168.1.2:8000", True),
+        (OPEN, "evil.example:8000", False),
+        (AccessPolicy("bar.example", 8000, "secret"), "bar.example:8000", True),
+    ],
+)
 def test_a_door_admits_the_names_that_it_is_bound_to_and_pages_of_theirs_alone(
     policy: AccessPolicy, host: str | None, is_admitted: bool
 ) -> None:
@@ -62,14 +65,17 @@ CONNECTIONS = """\
 
 
 @pytest.mark.skipif(sys.byteorder == "big", reason="the listing is one of a little-endian machine")
-@pytest.mark.parametrize(("host", "port", "user"), [
-    ("127.0.0.1", 50000, 1001),
-    ("127.0.0.1", 50001, None),  # the browser has closed it: the system names root
-    ("127.0.0.1", 50002, 1002),
-    ("::1", 50003, 1003),
-    ("127.0.0.1", 50003, None),
-    ("192.0.2.7", 50000, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("host", "port", "user"),
+    [
+        ("127.0.0.1", 50000, 1001),
+        ("127.0.0.1", 50001, None),  # the browser has closed it: the system names root
+        ("127.0.0.1", 50002, 1002),
+        ("::1", 50003, 1003),
+        ("127.0.0.1", 50003, None),
+        ("192.0.2.7", 50000, None),
+    ],
+)
 def test_the_user_at_the_other_end_is_read_from_the_system_s_list(host: str, port: int, user: int | None) -> None:
     server = ("::1" if ":" in host else "127.0.0.1", 8000)
     assert user_of((host, port), server, CONNECTIONS.splitlines()) == user

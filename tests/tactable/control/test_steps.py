@@ -122,8 +122,12 @@ def test_a_scene_may_change_without_an_end() -> None:
 
 EFFECT: dict[str, Any] = {"effect": 1, "name": "e", "at": 0, "segments": [[5, 20.0, False]], "is_whole": True}
 REGION: dict[str, Any] = {
-    "region": 0, "rules": [["touch", 1, 0, 0.0]], "zones": None, "region_m": [0.0, 0.1], "level_change_db": 0.0,
-}  # fmt: skip
+    "region": 0,
+    "rules": [["touch", 1, 0, 0.0]],
+    "zones": None,
+    "region_m": [0.0, 0.1],
+    "level_change_db": 0.0,
+}
 SCENE: dict[str, Any] = {"scene": [0], "settings": [True, True, 0.0]}
 ACT: dict[str, Any] = {"act": {"stopped": None, "gone": 1, "role": [3, True, 1], "trigger": [1, 1, 3, None, 0.0]}}
 WRONG = [

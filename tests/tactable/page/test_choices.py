@@ -49,12 +49,21 @@ def test_every_choice_has_rules_that_feel_at_its_level_where_it_may(choice: Choi
         assert felt.effect.envelope[0].duration_ns is not None
 
 
-@pytest.mark.parametrize(("switches", "named"), [
-    ({"colour": 1}, "colour"), ({"device": "../secret"}, "device"), ({"source": "theirs"}, "source"),
-    ({"rules": "file"}, "rules"), ({"level_db": 17}, "level_db"), ({"level_db": True}, "level_db"),
-    ({"quiet_zones": "I"}, "quiet_zones"), ({"actuators_m": [0.1]}, "actuators_m"),
-    ({"quiet_zones": ["VI"]}, "quiet_zones"), ({"is_loaded": 1}, "is_loaded"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("switches", "named"),
+    [
+        ({"colour": 1}, "colour"),
+        ({"device": "../secret"}, "device"),
+        ({"source": "theirs"}, "source"),
+        ({"rules": "file"}, "rules"),
+        ({"level_db": 17}, "level_db"),
+        ({"level_db": True}, "level_db"),
+        ({"quiet_zones": "I"}, "quiet_zones"),
+        ({"actuators_m": [0.1]}, "actuators_m"),
+        ({"quiet_zones": ["VI"]}, "quiet_zones"),
+        ({"is_loaded": 1}, "is_loaded"),
+    ],
+)
 def test_what_is_no_switch_or_no_position_is_refused_by_name(switches: dict[str, Any], named: str) -> None:
     with pytest.raises(ChoiceError, match=named):
         changed(Choice("reference-a"), switches, DEVICE, OFFERS)

@@ -89,25 +89,28 @@ def test_any_bytes_are_a_message_or_refused(data: bytes, body: bytes, kind: Kind
             assert error.code in codes
 
 
-@pytest.mark.parametrize(("data", "code"), [
-    (b"", CloseCode.MALFORMED),
-    (bytes([VERSION]), CloseCode.MALFORMED),
-    (bytes([VERSION + 1, Kind.LISTEN]) + bytes(4), CloseCode.OTHER_VERSION),
-    (bytes([VERSION, Kind.SCENE]) + b"{}", CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.LISTEN]) + bytes(3), CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.TOUCHES]), CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.TOUCHES]) + bytes(13 * (MOST_TOUCHES + 1)), CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 4, 0.5, 0.5), CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 0, math.nan, 0.5), CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.CHOICE]) + b"[1]", CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.CHOICE]) + b"\xff", CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.CHOICE]) + b"[" * 2000, CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.CHOICE]) + b" " * (MOST_CHOICE_BYTES + 1), CloseCode.TOO_BIG),
-    (bytes([VERSION, Kind.DEVICE]) + b" " * MOST_BYTES, CloseCode.TOO_BIG),
-    (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml"}', CloseCode.MALFORMED),
-    (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml", "text": 1}', CloseCode.MALFORMED),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("data", "code"),
+    [
+        (b"", CloseCode.MALFORMED),
+        (bytes([VERSION]), CloseCode.MALFORMED),
+        (bytes([VERSION + 1, Kind.LISTEN]) + bytes(4), CloseCode.OTHER_VERSION),
+        (bytes([VERSION, Kind.SCENE]) + b"{}", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.LISTEN]) + bytes(3), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + bytes(13 * (MOST_TOUCHES + 1)), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 4, 0.5, 0.5), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 0, math.nan, 0.5), CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"[1]", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"{", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"\xff", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b"[" * 2000, CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.CHOICE]) + b" " * (MOST_CHOICE_BYTES + 1), CloseCode.TOO_BIG),
+        (bytes([VERSION, Kind.DEVICE]) + b" " * MOST_BYTES, CloseCode.TOO_BIG),
+        (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml"}', CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.DEVICE]) + b'{"name": "x.toml", "text": 1}', CloseCode.MALFORMED),
+    ],
+)
 def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -> None:
     with pytest.raises(PageMessageError) as caught:
         decode_message(data)

@@ -135,9 +135,13 @@ def test_the_player_plays_the_clicks_and_drives_at_their_times() -> None:
     played = story(Rule(Trigger.TOUCH, made.effect))
     played.at(0, touch(1, 10))
     assert played.until(1000).moments == [
-        (10, "C----", 25.0), (40, "-----", None), (100, "F----", 19.0), (150, "C----", 25.0),
-        (180, "F----", 19.0), (200, "-----", None),
-    ]  # fmt: skip
+        (10, "C----", 25.0),
+        (40, "-----", None),
+        (100, "F----", 19.0),
+        (150, "C----", 25.0),
+        (180, "F----", 19.0),
+        (200, "-----", None),
+    ]
 
 
 @pytest.mark.parametrize("name", [name for name in named_effects() if name != "buzz"])

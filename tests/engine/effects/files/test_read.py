@@ -54,14 +54,17 @@ def controls(*curves: list[tuple[float, float]]) -> list[dict[str, Any]]:
     ]
 
 
-@pytest.mark.parametrize(("curves", "expected"), [
-    ([[(0.0, 1.0), (0.4, 0.0)], [(0.5, 1.0), (1.0, 1.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),
-    ([[(0.5, 1.0), (1.0, 1.0)], [(0.0, 1.0), (0.4, 0.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),  # any order
-    ([[(0.0, 1.0), (1.0, 0.0)], [(0.5, 0.1), (0.6, 0.1)]], {0.25: 0.75, 0.4999: 0.5, 0.55: 0.1, 0.95: 0.1}),
-    ([[(0.2, 0.3)], [(0.4, 0.9)], [(0.4, 0.6)]], {0.1: 1.0, 0.3: 0.3, 0.5: 0.6}),
-    ([[(at / 10, at / 10), ((at + 1) / 10, (at + 1) / 10)] for at in range(10)], {0.05: 0.05, 0.55: 0.55}),
-    ([[(0.0, 0.2)], [(0.3, 0.2), (0.5, 1.0)]], {0.29: 0.2, 0.4: 0.6, 0.99: 1.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("curves", "expected"),
+    [
+        ([[(0.0, 1.0), (0.4, 0.0)], [(0.5, 1.0), (1.0, 1.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),
+        ([[(0.5, 1.0), (1.0, 1.0)], [(0.0, 1.0), (0.4, 0.0)]], {0.2: 0.5, 0.45: 0.0, 0.5: 1.0, 0.9: 1.0}),  # any order
+        ([[(0.0, 1.0), (1.0, 0.0)], [(0.5, 0.1), (0.6, 0.1)]], {0.25: 0.75, 0.4999: 0.5, 0.55: 0.1, 0.95: 0.1}),
+        ([[(0.2, 0.3)], [(0.4, 0.9)], [(0.4, 0.6)]], {0.1: 1.0, 0.3: 0.3, 0.5: 0.6}),
+        ([[(at / 10, at / 10), ((at + 1) / 10, (at + 1) / 10)] for at in range(10)], {0.05: 0.05, 0.55: 0.55}),
+        ([[(0.0, 0.2)], [(0.3, 0.2), (0.5, 1.0)]], {0.29: 0.2, 0.4: 0.6, 0.99: 1.0}),
+    ],
+)
 def test_a_control_of_ahap_holds_until_the_next_one_begins(
     curves: list[list[tuple[float, float]]], expected: dict[float, float]
 ) -> None:
@@ -87,13 +90,16 @@ def test_a_haptic_clip_rises_from_0_to_its_first_point(first_s: float, points: o
     assert [(event.source, event.points) for event in events] == ([("amplitude[0..0]", points)] if points else [])
 
 
-@pytest.mark.parametrize(("keyframes", "exponent", "points"), [
-    ([(0, None), (500, None)], None, [(0.0, 1.0), (0.25, 1.0)]),
-    ([(0, 0.8), (500, None)], None, [(0.0, 0.8), (0.25, 0.8)]),
-    ([(100, 0.8), (300, 0.2), (500, None)], None, [(0.0, 0.8), (0.05, 0.8), (0.15, 0.2), (0.25, 0.2)]),
-    ([(0, 1.0), (500, 1.0)], -1, [(0.0, 0.1), (0.25, 0.1)]),
-    ([], None, []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("keyframes", "exponent", "points"),
+    [
+        ([(0, None), (500, None)], None, [(0.0, 1.0), (0.25, 1.0)]),
+        ([(0, 0.8), (500, None)], None, [(0.0, 0.8), (0.25, 0.8)]),
+        ([(100, 0.8), (300, 0.2), (500, None)], None, [(0.0, 0.8), (0.05, 0.8), (0.15, 0.2), (0.25, 0.2)]),
+        ([(0, 1.0), (500, 1.0)], -1, [(0.0, 0.1), (0.25, 0.1)]),
+        ([], None, []),
+    ],
+)
 def test_amplitudes_of_hjif_are_held_and_1_where_none_is_given(
     keyframes: list[tuple[int, float | None]], exponent: int | None, points: list[tuple[float, float]]
 ) -> None:
@@ -187,11 +193,14 @@ def test_hjif_composite_effects_are_read_and_those_that_contain_themselves_refus
         read_hjif(part(hjif("Curve", circle, library=[circle])))
 
 
-@pytest.mark.parametrize(("band_type", "leaf"), [
-    ("VectorialWave", {"keyframes": []}),  # it makes no event, and its visits take time all the same
-    ("Transient", {"keyframes": [keyframe(0, 1.0)]}),
-    ("VectorialWave", {"keyframes": [keyframe(0, 1.0), keyframe(1, 1.0)]}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("band_type", "leaf"),
+    [
+        ("VectorialWave", {"keyframes": []}),  # it makes no event, and its visits take time all the same
+        ("Transient", {"keyframes": [keyframe(0, 1.0)]}),
+        ("VectorialWave", {"keyframes": [keyframe(0, 1.0), keyframe(1, 1.0)]}),
+    ],
+)
 def test_hjif_references_within_references_are_refused_before_all_expand(band_type: str, leaf: dict[str, Any]) -> None:
     """Five kB that stand for 10 000 effects and more, and at 16 kB for millions."""
     references = [[{"effect_type": "Reference", "id": number}] * 22 for number in range(3)]
@@ -220,10 +229,13 @@ def test_a_word_that_reports_repeat_for_each_event_is_short() -> None:
         read_hjif(part(document))
 
 
-@pytest.mark.parametrize(("modality", "band_type", "reason"), [
-    ("Force", "VectorialWave", "Force is no vibration"),
-    ("Vibrotactile", "WaveletWave", "a band of WaveletWave holds coded samples"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("modality", "band_type", "reason"),
+    [
+        ("Force", "VectorialWave", "Force is no vibration"),
+        ("Vibrotactile", "WaveletWave", "a band of WaveletWave holds coded samples"),
+    ],
+)
 def test_hjif_that_is_no_course_of_vibration_is_named(modality: str, band_type: str, reason: str) -> None:
     document = hjif(band_type, {"position": 0, "keyframes": []})
     document["perceptions"][0]["perception_modality"] = modality
@@ -231,20 +243,23 @@ def test_hjif_that_is_no_course_of_vibration_is_named(modality: str, band_type: 
     assert event.kind is Kind.OTHER and event.reason == reason
 
 
-@pytest.mark.parametrize(("name", "text", "expected"), [
-    ("a.ahap", "{", r"a.ahap: not JSON"),
-    ("a.ahap", "[" * 100_000, r"a.ahap: not JSON"),
-    ("a.ahap", '{"Pattern": NaN}', r"NaN is no number of JSON"),
-    ("a.ahap", "[]", r"a.ahap: document: \[\]: expected an object"),
-    ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": -1}}]}', r"Event.Time: -1: "),
-    ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e9}}]}', r"expected 0 to 120 s"),
-    ("a.ahap", '{"Pattern": [{"Event": {"EventType": 7}}]}', r"EventType: 7: expected a text"),
-    ("a.haptic", '{"version": {"major": 2}}', r"version.major: 2: expected 1"),
-    ("a.haptic", '{"version": {"major": 1}}', r"expected an object with the key 'signals'"),
-    ("a.hjif", '{"timescale": 0, "perceptions": []}', r"timescale: 0: expected 1 to"),
-    ("a.hjif", '{"perceptions": [{"channels": [{"bands": 3}]}]}', r"bands: 3: expected a list"),
-    ("a.wav", "", r"a.wav: ends in '.wav'; expected .ahap, .haptic, .hjif"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("a.ahap", "{", r"a.ahap: not JSON"),
+        ("a.ahap", "[" * 100_000, r"a.ahap: not JSON"),
+        ("a.ahap", '{"Pattern": NaN}', r"NaN is no number of JSON"),
+        ("a.ahap", "[]", r"a.ahap: document: \[\]: expected an object"),
+        ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": -1}}]}', r"Event.Time: -1: "),
+        ("a.ahap", '{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e9}}]}', r"expected 0 to 120 s"),
+        ("a.ahap", '{"Pattern": [{"Event": {"EventType": 7}}]}', r"EventType: 7: expected a text"),
+        ("a.haptic", '{"version": {"major": 2}}', r"version.major: 2: expected 1"),
+        ("a.haptic", '{"version": {"major": 1}}', r"expected an object with the key 'signals'"),
+        ("a.hjif", '{"timescale": 0, "perceptions": []}', r"timescale: 0: expected 1 to"),
+        ("a.hjif", '{"perceptions": [{"channels": [{"bands": 3}]}]}', r"bands: 3: expected a list"),
+        ("a.wav", "", r"a.wav: ends in '.wav'; expected .ahap, .haptic, .hjif"),
+    ],
+)
 def test_what_is_wrong_is_refused_by_file_place_and_value(tmp_path: Path, name: str, text: str, expected: str) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(EffectError, match=expected):

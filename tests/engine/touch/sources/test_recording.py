@@ -63,11 +63,18 @@ def test_of_several_devices_the_first_is_read_and_its_reports_counted_also_witho
     assert [(report.index, report.data) for report in recording.reports] == [(0, b"\xaa"), (1, b"\xcc")]
 
 
-@pytest.mark.parametrize(("line", "problem"), [
-    ("E: 000000.000000 2 01", "length 2 but 1 bytes"), ("E: 000000.000000 1 0g", "pairs of hex digits"),
-    ("E: 000000.000000", "a length, then bytes"), ("E: soon 1 00", "seconds.microseconds"),
-    ("E: 0.5 1 00", "six digits"), ("I: 3 0596", "three hex numbers"), ("R: 1 05", "second report descriptor"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("E: 000000.000000 2 01", "length 2 but 1 bytes"),
+        ("E: 000000.000000 1 0g", "pairs of hex digits"),
+        ("E: 000000.000000", "a length, then bytes"),
+        ("E: soon 1 00", "seconds.microseconds"),
+        ("E: 0.5 1 00", "six digits"),
+        ("I: 3 0596", "three hex numbers"),
+        ("R: 1 05", "second report descriptor"),
+    ],
+)
 def test_a_broken_line_is_named_with_its_number_and_remedy(tmp_path: Path, line: str, problem: str) -> None:
     with pytest.raises(RecordingError, match=problem) as caught:
         read_text(tmp_path, f"{LINES[0]}\n{line}\n")
@@ -169,14 +176,17 @@ def test_reports_that_libinput_kept_are_read_in_place_of_its_events(tmp_path: Pa
     assert places(recording) == [[(100, 200)], [(101, 200)], [(102, 200)]]
 
 
-@pytest.mark.parametrize(("text", "line", "says"), [
-    (evemu(EVDEV).replace("A: 2f", "A: 2e"), 1, "multitouch slots.*hidraw"),
-    (libinput(EVDEV).replace("47: [", "46: ["), 2, "multitouch slots.*hidraw"),
-    (evemu(EVDEV).replace("A: 2f 0 9", "A: 2f 0 99999999"), 4, "A.*record again"),
-    (evemu(EVDEV) + "\nE: 0.1 0003", 16, "E.*record again"),
-    (libinput(EVDEV) + "\n    - [ 0, 9]", libinput(EVDEV).count("\n") + 2, r"\[ 0, 9\].*record again"),
-    ("devices:\n", 1, "multitouch slots"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        (evemu(EVDEV).replace("A: 2f", "A: 2e"), 1, "multitouch slots.*hidraw"),
+        (libinput(EVDEV).replace("47: [", "46: ["), 2, "multitouch slots.*hidraw"),
+        (evemu(EVDEV).replace("A: 2f 0 9", "A: 2f 0 99999999"), 4, "A.*record again"),
+        (evemu(EVDEV) + "\nE: 0.1 0003", 16, "E.*record again"),
+        (libinput(EVDEV) + "\n    - [ 0, 9]", libinput(EVDEV).count("\n") + 2, r"\[ 0, 9\].*record again"),
+        ("devices:\n", 1, "multitouch slots"),
+    ],
+)
 def test_events_without_slots_or_cut_off_are_refused_by_line(tmp_path: Path, text: str, line: int, says: str) -> None:
     with pytest.raises(RecordingError, match=says) as caught:
         read_text(tmp_path, text)

@@ -155,11 +155,14 @@ def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware
     assert document["ratios"] == []
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
-    (("--realtime", "nice"), "is unknown: write all, none"),
-    (("--seconds", "700"), "take more --rounds"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--loads", "busy"), "'busy' is not a valid BackgroundLoad"),
+        (("--realtime", "nice"), "is unknown: write all, none"),
+        (("--seconds", "700"), "take more --rounds"),
+    ],
+)
 def test_what_cannot_be_measured_is_refused(table: Path, tmp_path: Path, words: tuple[str, str], said: str) -> None:
     done = bench(tmp_path, str(table), *words)
     assert done.exit_code == 2
