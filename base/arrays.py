@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Single = NDArray[np.float32]
+Complex32 = NDArray[np.complex64]
 Points = Array | Complex
 """Points of a surface (base.points): real on a bar, complex on a plate."""
 

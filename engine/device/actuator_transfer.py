@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+from base.arrays import Array, Complex
 
 FEWEST_POINTS = 3  # two lie on a line whatever the actuator does
 GREATEST_MISS = 0.05

@@ -12,13 +12,10 @@ measurement that does not cover the sweep, outside of which drives are not searc
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device.description import DeviceTable
 from engine.device.parts import Finger, Sweep
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _LARGEST_SPREAD = 1000
 _FEWEST_POINTS, _MOST_POINTS = 3, 10_000  # two points determine mass, damping and stiffness, a third one shows a misfit

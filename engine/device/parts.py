@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.errors import TactableError
 from engine.device.actuator_transfer import Transfer
 from engine.device.electrodes import Electrodes
@@ -228,13 +228,13 @@ class Sweep:
     is_stored: bool = True
 
     @property
-    def frequency_hz(self) -> NDArray[np.float64]:
+    def frequency_hz(self) -> Array:
         """Shape (frequency,): `start_hz` to `stop_hz`, both included."""
         steps = round((self.stop_hz - self.start_hz) / self.step_hz)
         return np.linspace(self.start_hz, self.stop_hz, steps + 1)
 
     @property
-    def amplitude(self) -> NDArray[np.float64]:
+    def amplitude(self) -> Array:
         """Shape (amplitude,): 0 to 1, both included."""
         return np.linspace(0.0, 1.0, self.amplitude_steps + 1)
 

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.files import shipped
 from engine.device.parts import DeviceError
 from engine.device.toml_table import TomlTable, read_text
-
-Array = NDArray[np.float64]
 
 DEFAULT = "oh-choi-2019"
 """The curve of a device whose file names none."""

@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points
+from base.arrays import Array, Points
 from base.points import clip_points
 from engine.device import Finger
-
-Array = NDArray[np.float64]
 
 TOLERANCE_M = 1e-3
 """How far a finger may lie from where the digitizer says, evenly distributed to both sides."""

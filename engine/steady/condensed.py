@@ -5,12 +5,9 @@ function. Principal components find such functions, and the courses that recepta
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, Points
+from base.arrays import Array, Complex, Points, Single
 from engine.steady.modes import Modes
-
-Single = NDArray[np.float32]
 
 _TOLERANCE = 3e-5
 """Principal components below it are left out; at each frequency the greatest motion is about 1."""

@@ -9,16 +9,13 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.steady.cases import axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes
 from engine.steady.plain_loading import PlainLoading
 from engine.touch.placement import MOST_FINGERS
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 CASES = 32
 """As many as `tactable explain` takes for fingers at positions."""

@@ -9,14 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, Integers, Points
+from base.arrays import Array, Complex, Complex32, Integers, Points, Single
 from engine.device import Device
 from engine.touch.places import Places
-
-Single = NDArray[np.float32]
-Complex32 = NDArray[np.complex64]
 
 _CUBIC = 4
 _MORE_NODES = 3

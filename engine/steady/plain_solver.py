@@ -16,17 +16,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device
 from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes, energy_points, held_zones
 from engine.steady.plain_loading import PlainLoading
 from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 _CASES = 8
@@ -99,7 +96,7 @@ class PlainSolver:
             achieved=bool(np.isinf(level_db) or full_db >= level_db - _TOLERANCE_DB),
         )
 
-    def _forms(self, cases: FingerCases, loaded: Complex, is_felt: NDArray[np.bool_]) -> tuple[Complex, Complex]:
+    def _forms(self, cases: FingerCases, loaded: Complex, is_felt: Mask) -> tuple[Complex, Complex]:
         """The forms (form, frequency, actuator, actuator) above and below the fraction."""
         if not is_felt.all():
             power = _squares(loaded[1:]).mean(axis=0).swapaxes(0, 1)

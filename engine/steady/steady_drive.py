@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from base.arrays import Array, Complex
 
 
 @dataclass(frozen=True)
@@ -35,9 +34,9 @@ class SteadyDrive:
         return (self.frequency_hz,) * len(self.amplitudes)
 
     @property
-    def complex_amplitudes(self) -> NDArray[np.complex128]:
+    def complex_amplitudes(self) -> Complex:
         """Complex amplitudes (actuator,), fractions of full scale."""
-        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
+        amplitudes: Complex = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
         return amplitudes
 
     @property

@@ -19,9 +19,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points
+from base.arrays import Points, Single
 from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
@@ -32,9 +31,6 @@ from engine.steady.loading import fill_energies, fill_loaded, fill_powers, fill_
 from engine.steady.modes import Modes, energy_points, held_zones
 from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
 LEVEL_TOLERANCE_DB = 1e-3

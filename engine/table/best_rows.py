@@ -12,8 +12,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from engine.device import Device
 from engine.table.levels import LEVEL_TOLERANCE_DB
 from engine.table.netcdf_file import TableWriter, Variable
@@ -73,9 +73,9 @@ class BestRow:
         return [actuator for actuator, amplitude in enumerate(self.amplitudes) if amplitude > 0]
 
     @property
-    def complex_amplitudes(self) -> NDArray[np.complex128]:
+    def complex_amplitudes(self) -> Complex:
         """Complex amplitudes (actuator,), fractions of full scale."""
-        amplitudes: NDArray[np.complex128] = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
+        amplitudes: Complex = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
         return amplitudes
 
     @property

@@ -13,11 +13,10 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Mask
 from engine.table.click_entry import ClickEntry, ClickFinger, LevelSpread
 from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis
-
-Array = NDArray[np.float64]
 
 NO_FINGER = -1
 """Stands in `finger_place` behind the last finger of a row."""
@@ -42,7 +41,7 @@ class Clicks(Sequence[ClickEntry]):
     basis: Basis | None
     levels_db: tuple[float, ...]
     finger_place: NDArray[np.int32]
-    is_felt: NDArray[np.bool_]
+    is_felt: Mask
     weights: NDArray[np.int16]
     fraction_bits: NDArray[np.int32]
     basis_set: NDArray[np.int32]
@@ -151,9 +150,9 @@ class Clicks(Sequence[ClickEntry]):
         return code
 
     @property
-    def _count(self) -> NDArray[np.int64]:
+    def _count(self) -> Integers:
         """Number of fingers (row,)."""
-        count: NDArray[np.int64] = np.count_nonzero(self.finger_place >= 0, axis=1)
+        count: Integers = np.count_nonzero(self.finger_place >= 0, axis=1)
         return count
 
     @cached_property

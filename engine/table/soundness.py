@@ -14,8 +14,8 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table.error import TableError
 from engine.table.netcdf_file import pieces, read_points
@@ -227,7 +227,7 @@ def _check_modes(arrays: Arrays, device: Device) -> None:
         raise _FlawError("modes/natural_frequency: is one of the frequencies, undamped, where it moves without end")
 
 
-def _check_even(where: str, at_m: NDArray[np.float64], side_m: float, fewest: int) -> None:
+def _check_even(where: str, at_m: Array, side_m: float, fewest: int) -> None:
     even_m = np.linspace(0, side_m, len(at_m))
     if len(at_m) < fewest or (not side_m and len(at_m) > 1) or not np.allclose(at_m, even_m, rtol=0, atol=_ROUNDING_M):
         raise _FlawError(f"{where}: expected an even grid from one end of the surface to the other")

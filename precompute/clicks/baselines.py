@@ -4,14 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from engine.steady import SteadyDrive
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.click_solver import Click, ClickSolver
-
-Array = NDArray[np.float64]
 
 _PLANTS = 41
 """Plants that the energies are averaged over."""
@@ -74,6 +72,6 @@ def _energy(course: Array) -> Array:
     return energy
 
 
-def _drive_energy(wave: Array, actuator: NDArray[np.int64]) -> Array:
+def _drive_energy(wave: Array, actuator: Integers) -> Array:
     energy: Array = (wave @ wave.T) * (actuator[:, None] == actuator)
     return energy

@@ -7,14 +7,12 @@ rounded afterwards. The basis depends on the actuators' bands and on the options
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from engine.device import Device
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
 from precompute.clicks.click_options import ClickOptions
 from precompute.model.damped_lines import DampedLines
-
-Array = NDArray[np.float64]
 
 SAMPLE_RATE_HZ = 4000.0
 """Sample rate of a waveform; between samples the displacement is linear."""
@@ -41,7 +39,7 @@ class Tones:
     """Windowed tones: wave (tone, time) at SAMPLE_RATE_HZ, 0 at both ends, and the actuator (tone,) that plays each."""
 
     wave: Array
-    actuator: NDArray[np.int64]
+    actuator: Integers
 
     def waveform(self, weight: Array) -> Array:
         """Base displacements (actuator, time) in fractions of full scale from weights (tone,)."""
@@ -69,7 +67,7 @@ def orthogonalised(tones: Tones) -> Tones:
 
     Closely spaced tones are nearly linearly dependent, which would make the linear programs ill-conditioned.
     """
-    waves, players = list[Array](), list[NDArray[np.int64]]()
+    waves, players = list[Array](), list[Integers]()
     for actuator in np.unique(tones.actuator):
         _, size, sums = np.linalg.svd(tones.wave[tones.actuator == actuator], full_matrices=False)
         kept = size > _NEGLIGIBLE * size[0]

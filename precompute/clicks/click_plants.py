@@ -24,9 +24,8 @@ from functools import lru_cache, partial
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from base.arrays import Points
+from base.arrays import Array, Complex, Complex32, Integers, Points, Single
 from base.compiled import njit
 from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
@@ -36,11 +35,6 @@ from precompute.model.plant import Plant, moved_masses
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Complex = NDArray[np.complex128]
-Complex32 = NDArray[np.complex64]
 
 _STATIC_MODES = 12
 """Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars: their compliance."""
@@ -172,7 +166,7 @@ def weighting(lines: DampedLines, threshold: Threshold) -> Complex:
     return factor
 
 
-def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, NDArray[np.int64], Single]], Array]:
+def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, Integers, Single]], Array]:
     """Modes of every sampled bar as combinations of the modes of a bar of the same dimensions.
 
     Returns the plants of each dimensions, with the indices of their scenarios and the shapes (scenario, degree of

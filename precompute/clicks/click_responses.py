@@ -4,15 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex32, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, Tones
 from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Complex32 = NDArray[np.complex64]
 
 _AT_ONCE = 64
 """Time courses transformed at once, so that they stay in the processor's cache."""

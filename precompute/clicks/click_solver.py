@@ -24,9 +24,9 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -39,8 +39,6 @@ from precompute.clicks.evaluation import Evaluation, evaluate_waveform
 from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
 from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.sampling.plants import sample_deviations, sample_scenarios
-
-Array = NDArray[np.float64]
 
 FULL_SCALE = 32767
 """Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""

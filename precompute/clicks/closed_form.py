@@ -25,19 +25,14 @@ felt finger peaks at 1; it is then scaled until a limit binds. It is found in th
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 
+from base.arrays import Array, Complex32, Integers, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import SAMPLE_RATE_HZ, Tones
 from precompute.clicks.click_responses import Responses, combine
 from precompute.clicks.percentiles import ManyPlants
 from precompute.model.damped_lines import DampedLines
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Complex32 = NDArray[np.complex64]
-Integers = NDArray[np.int64]
 
 SHARE = 95
 """Percentage of the plants that keep to the quiet level."""

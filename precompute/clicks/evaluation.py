@@ -4,16 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.table.click_entry import ClickFinger, LevelSpread
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.percentiles import ManyPlants, percentiles
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 PERCENTS = (5, 50, 95)
 _SILENT = 1e-15

@@ -3,8 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click_entry import ClickFinger
@@ -15,8 +15,6 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
-
-Array = NDArray[np.float64]
 
 _STEPS = 12
 """Steps for each sample; acceleration changes sharply at the corners of the waveform."""

@@ -11,12 +11,9 @@ one by 0.1 and 0.2 to 0.6.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Single
 from base.compiled import njit
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 MANY = 800
 _ENOUGH = 2

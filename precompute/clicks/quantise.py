@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, BasisSet, amplitude_steps, quantise_weights, weighted_sum
-
-Array = NDArray[np.float64]
 
 _MARGIN = 2 / SAMPLE_FULL_SCALE
 

@@ -7,9 +7,8 @@ from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, Points
+from base.arrays import Array, Complex, Integers, Points
 from engine.device import Device, Finger
 from engine.device.parts import Bar, DeviceError
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
@@ -38,10 +37,10 @@ class BarPlant(Plant):
         return 2 * len(self.node_m)
 
     @property
-    def actuator_dof(self) -> NDArray[np.int64]:
+    def actuator_dof(self) -> Integers:
         """Shape (actuator,): the deflection that each actuator drives."""
         places = [actuator.position_m for actuator in self.device.actuators]
-        nodes: NDArray[np.int64] = np.abs(self.node_m[:, None] - places).argmin(axis=0)
+        nodes: Integers = np.abs(self.node_m[:, None] - places).argmin(axis=0)
         return 2 * nodes
 
     @property
@@ -60,7 +59,7 @@ class BarPlant(Plant):
         return np.stack([shape_integral(length_m) for length_m in np.diff(self.node_m)])
 
     @cached_property
-    def element_zone(self) -> NDArray[np.int64]:
+    def element_zone(self) -> Integers:
         """Shape (element,): index of the zone that holds it; the number of zones where none does."""
         middle_m = (self.node_m[:-1] + self.node_m[1:]) / 2
         out = np.full(len(middle_m), len(self.device.zones), dtype=np.int64)
@@ -68,7 +67,7 @@ class BarPlant(Plant):
             out[(middle_m > zone.start_m) & (middle_m < zone.stop_m)] = index
         return out
 
-    def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
+    def sampler(self, position_m: Array | Complex) -> Sampler:
         """Sampler at positions (point,) on the bar."""
         position_m = np.asarray(position_m, dtype=np.float64)
         element = np.clip(np.searchsorted(self.node_m, position_m, side="right") - 1, 0, len(self.node_m) - 2)

@@ -10,11 +10,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Complex32 = NDArray[np.complex64]
+from base.arrays import Array, Complex, Complex32, Single
 
 SIGMA_PER_S = 25.0
 """Wrap-around is attenuated to 1/1000 in 0.27 s; single precision keeps 3e-5 of the greatest value at the end."""
@@ -44,9 +41,9 @@ class DampedLines:
         return (SIGMA_PER_S + 1j * omega).astype(np.complex128)
 
     @cached_property
-    def growth(self) -> NDArray[np.float32]:
+    def growth(self) -> Single:
         """exp(sigma t) at every sample of a period, (time,)."""
-        growth: NDArray[np.float32] = np.exp(SIGMA_PER_S * np.arange(self.size) / self.rate_hz).astype(np.float32)
+        growth: Single = np.exp(SIGMA_PER_S * np.arange(self.size) / self.rate_hz).astype(np.float32)
         return growth
 
     @cached_property
@@ -59,12 +56,12 @@ class DampedLines:
         spectrum = scipy.fft.rfft(course * self.decay[: course.shape[-1]], self.size)
         return spectrum[..., : len(self.s_per_s)].astype(np.complex64)
 
-    def period(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
+    def period(self, spectrum: Complex32, oversampling: int = 1) -> Single:
         """A whole period (..., time) of spectra (..., line), still attenuated by exp(-sigma t), oversampled."""
-        course: NDArray[np.float32] = scipy.fft.irfft(spectrum, oversampling * self.size)
+        course: Single = scipy.fft.irfft(spectrum, oversampling * self.size)
         return course * np.float32(oversampling) if oversampling > 1 else course
 
-    def course(self, spectrum: Complex32, oversampling: int = 1) -> NDArray[np.float32]:
+    def course(self, spectrum: Complex32, oversampling: int = 1) -> Single:
         """Courses (..., time) of spectra (..., line): `oversampling` samples for each of `steps`."""
         steps = oversampling * self.steps
         if oversampling == 1:

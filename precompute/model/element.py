@@ -1,9 +1,8 @@
 """One Euler-Bernoulli element with cubic Hermite shape functions: deflection and slope at each end."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from base.arrays import Array
 
 
 def stiffness_matrix(bending_stiffness_n_m2: float, length_m: float) -> Array:

@@ -1,14 +1,11 @@
 """Frequency grids: the steps of a sweep, with frequencies of their own for the resonances that fall between them."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.plant import Plant
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BEAT_HZ = 10.0
 """Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): no drive has two such."""
@@ -54,11 +51,9 @@ def fine_frequencies(plant: Plant) -> Array:
     return add_resonances(plant.device, grid_hz, compute_modal_model(compute_basis(plant)).pole)
 
 
-def in_band(device: Device, frequency_hz: Array) -> NDArray[np.bool_]:
+def in_band(device: Device, frequency_hz: Array) -> Mask:
     """Shape (frequency, actuator): whether each actuator may play each frequency."""
     low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).reshape(-1, 2).T
     slack_hz = 1e-9 * frequency_hz[:, None]
-    inside: NDArray[np.bool_] = (frequency_hz[:, None] >= low_hz - slack_hz) & (
-        frequency_hz[:, None] <= high_hz + slack_hz
-    )
+    inside: Mask = (frequency_hz[:, None] >= low_hz - slack_hz) & (frequency_hz[:, None] <= high_hz + slack_hz)
     return inside

@@ -2,12 +2,12 @@
 
 import numpy as np
 from numba import prange, types
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from base.compiled import njit
 from precompute.model.response import Response
 
-Gram = NDArray[np.complex128]
+Gram = Complex
 
 _FIELD = types.Array(types.complex128, 3, "C", readonly=True)
 _INTEGRAL = types.Array(types.float64, 3, "C", readonly=True)

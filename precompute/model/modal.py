@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Finger
 from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 CONVERGED = 10 ** (0.01 / 20) - 1
 """Error of a receptance that is tolerated, as a fraction of its greatest value: 0.01 dB."""
@@ -44,7 +41,7 @@ class Basis:
         shape, damping = np.ascontiguousarray(self.shape[:, kept]), np.ascontiguousarray(self.damping[kept, kept])
         return Basis(self.plant, shape, self.square_omega[kept], damping)
 
-    def at(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Array:
+    def at(self, position_m: Array | Complex) -> Array:
         """Mode shapes at positions: (point, mode)."""
         return self.plant.sampler(position_m).shapes(self.shape)
 

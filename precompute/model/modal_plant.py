@@ -12,7 +12,6 @@ from typing import Protocol, Self
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from base.arrays import Array, Complex, Points
@@ -93,7 +92,7 @@ class ModalPlant(Plant):
     def _at_actuators(self) -> Array:
         return self.sampler(np.array([actuator.position_m for actuator in self.device.actuators])).weight
 
-    def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
+    def sampler(self, position_m: Array | Complex) -> Sampler:
         """Sampler at points (point,) on the surface."""
         return _of_modes(self.functions.at(position_m) @ self.shape)
 

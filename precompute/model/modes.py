@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points, even_points
+from base.arrays import Array, Points, even_points
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
-
-Array = NDArray[np.float64]
 
 POINTS, _ACROSS = 201, 61
 """Points along a surface that shapes are seen at, close enough to find nodes: 2 mm apart on 400 mm; and across a plate.

@@ -12,9 +12,8 @@ from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, Points, even_points
+from base.arrays import Array, Complex, Integers, Points, even_points
 from engine.device import Actuator, Device, Finger
 
 _ZONE_PLACES = {"bar": (1, 257), "plate": (17, 17)}
@@ -25,7 +24,7 @@ _ZONE_PLACES = {"bar": (1, 257), "plate": (17, 17)}
 class Sampler:
     """Rows of shape functions that read a field at points: degrees of freedom and their weights, (point, k) each."""
 
-    dof: NDArray[np.int64]
+    dof: Integers
     weight: Array
 
     def sample(self, field: Complex) -> Complex:
@@ -74,7 +73,7 @@ class Plant(ABC):
         """The deflection of each mass of `moved_masses`."""
 
     @abstractmethod
-    def sampler(self, position_m: NDArray[np.float64] | NDArray[np.complex128]) -> Sampler:
+    def sampler(self, position_m: Array | Complex) -> Sampler:
         """Sampler at points (point,) on the surface."""
 
     @property
@@ -102,7 +101,7 @@ class Plant(ABC):
         """
 
     @cached_property
-    def zone_places_m(self) -> NDArray[np.float64] | NDArray[np.complex128]:
+    def zone_places_m(self) -> Array | Complex:
         """Points (zone, across, along) in each zone, edges included, where peaks are looked for; a bar has one row."""
         zones, (across, along) = self.device.zones, _ZONE_PLACES[self.device.surface.kind]
         each = [even_points(zone.start_m, zone.stop_m, along, across) for zone in zones]

@@ -14,9 +14,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
-from base.arrays import Array, Complex, Points
+from base.arrays import Array, Complex, Integers, Points
 from engine.device import Device
 from engine.device.parts import Plate
 from precompute.model.modal_plant import ModalPlant, assemble_modes
@@ -42,8 +41,8 @@ class Ritz:
 
     length_m: float
     width_m: float
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
+    first: Integers
+    second: Integers
 
     @classmethod
     def of(cls, plate: Plate, degrees: tuple[int, int]) -> "Ritz":
@@ -94,7 +93,7 @@ class Ritz:
         return area * plain, area * along * across * (mixed - 2 * twist), area * pair(x0, y0, x0, y0)
 
 
-def _products(degree: NDArray[np.int64], start_m: float, stop_m: float, side_m: float) -> Array:
+def _products(degree: Integers, start_m: float, stop_m: float, side_m: float) -> Array:
     """Integral of P_i P_j over a part of a side, by the degrees of two functions: (function, function), m."""
     top = int(degree.max()) + 1
     node, weight = legendre.leggauss(top)
@@ -163,7 +162,7 @@ def _between(one: Complex, matrix: Array, other: Complex) -> Complex:
     return product
 
 
-def _derivatives(degree: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+def _derivatives(degree: Integers) -> tuple[Array, Array, Array]:
     """Each function's polynomial and its first two derivatives at Gauss's nodes, times the root of their weights."""
     top = int(degree.max()) + 1
     node, weight = legendre.leggauss(top)

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points
+from base.arrays import Array, Complex, Points
 from engine.device import Actuator
 from precompute.model.plant import Plant, Sampler
 from precompute.model.transfers import transfers_at
@@ -20,18 +19,16 @@ class Response:
     """
 
     plant: Plant
-    frequency_hz: NDArray[np.float64]
-    displacement_m: NDArray[np.complex128]
+    frequency_hz: Array
+    displacement_m: Complex
 
-    def acceleration(self, position_m: Points) -> NDArray[np.complex128]:
+    def acceleration(self, position_m: Points) -> Complex:
         """A = -omega^2 G at positions (point,): shape (frequency, column, point), m/s^2 at full scale."""
         omega = 2 * np.pi * self.frequency_hz
         return -(omega**2)[:, None, None] * self.plant.sampler(position_m).sample(self.displacement_m)
 
 
-def by_tone(
-    frequency_hz: NDArray[np.float64], amplitude: NDArray[np.complex128]
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def by_tone(frequency_hz: Array, amplitude: Complex) -> tuple[Array, Complex]:
     """Frequencies (tone,) of what moves in a drive (actuator,), and its amplitudes at each (tone, actuator)."""
     tones_hz = np.unique(frequency_hz[amplitude != 0])
     return tones_hz, np.where(frequency_hz == tones_hz[:, None], amplitude, 0)
@@ -39,30 +36,30 @@ def by_tone(
 
 def peak_along(
     plant: Plant,
-    frequency_hz: NDArray[np.float64],
-    amplitude: NDArray[np.complex128],
+    frequency_hz: Array,
+    amplitude: Complex,
     position_m: Points,
-) -> NDArray[np.float64]:
+) -> Array:
     """Peak steady acceleration (point,), m/s^2, of a drive (actuator,) at positions (point,).
 
     Fields of one frequency add, those of several as magnitudes (paper eq. (8)).
     """
     tones_hz, weight = by_tone(frequency_hz, amplitude)
     field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(position_m))
-    peak: NDArray[np.float64] = abs(field).sum(axis=0)
+    peak: Array = abs(field).sum(axis=0)
     return peak
 
 
-def blocked_force(actuators: Sequence[Actuator], frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+def blocked_force(actuators: Sequence[Actuator], frequency_hz: Array) -> Complex:
     """F_i = (k_i + j omega c_i) alpha_i H_i: force (frequency, actuator), N, of full scale on a bar that is held."""
     jw = 2j * np.pi * frequency_hz
     force = [a.spring_force_n + jw * a.damper_force_n_s for a in actuators]
     transfers = transfers_at(actuators, jw)
-    out: NDArray[np.complex128] = np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
+    out: Complex = np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
     return out
 
 
-def solve_response(plant: Plant, frequency_hz: NDArray[np.float64], touched_m: Points | None = None) -> Response:
+def solve_response(plant: Plant, frequency_hz: Array, touched_m: Points | None = None) -> Response:
     """G(omega) = (K + j omega C - omega^2 M)^-1 F(omega), F_i = (k_i + j omega c_i) alpha_i H_i (docs/theory.md#model).
 
     H_i is the transfer function of an actuator, 1 where the device file has none. A column for each actuator, as

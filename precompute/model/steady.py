@@ -3,15 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points
+from base.arrays import Array, Complex, Points
 from precompute.model.gram import compute_gram
 from precompute.model.plant import Plant
 from precompute.model.response import Response, by_tone, solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,9 @@
 """Detection threshold as a causal filter: acceleration in, acceleration over threshold out."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Threshold
-
-Array = NDArray[np.float64]
 
 LENGTH_S = 0.1
 """Length of the filter; what is cut off changes its magnitude by less than 0.03 dB from 30 Hz to 1 kHz.

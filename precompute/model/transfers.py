@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import ztbsv
 
+from base.arrays import Array, Complex
 from engine.device import Actuator, Transfer
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def transfers_at(actuators: Sequence[Actuator], s_per_s: NDArray[np.complexfloating[Any, Any]]) -> Complex | None:

@@ -4,14 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Finger
 from precompute.model.modal import Basis, ModalModel, compute_modal_model
 from precompute.model.transfers import TransferFilter, decaying_sums, step_integrals
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 _CHUNK = 8192  # samples: bounds memory, 2 MB for 20 modes and complex values
 
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
@@ -24,7 +24,6 @@ from precompute.sampling.fingers import SAMPLES, SampledFingers
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sampling.surfaces import sample_surfaces
 
-Array = NDArray[np.float64]
 PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
 
 

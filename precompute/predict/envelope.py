@@ -1,13 +1,10 @@
 """Envelopes of the acceleration under fingers while a drive starts from rest."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from precompute.model.transfers import moved_bases
 from precompute.predict.rise_time import RiseModel
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex, time_s: Array) -> tuple[Array, Array]:

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from precompute.model.plant import Plant
 from precompute.model.response import by_tone, solve_response
 from precompute.model.steady import SteadyState, steady_state_of
 from precompute.sampling.fingers import SampledFingers
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _STEPS = 32  # about, of the places along a zone, are looked at for the range of its peak
 

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from base.compiled import njit
 from engine.device import Actuator, Finger
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.transfers import moved_bases
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 WITHIN = 0.1
 """Risen: the envelope stays within this fraction of its final value (t90)."""

@@ -4,16 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from base.arrays import Array, Complex, Mask
 from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.gram import compute_gram
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class UntouchedEnergy:
     frequency_hz: Array
     by_zone: Complex
     total: Complex
-    usable: NDArray[np.bool_]
+    usable: Mask
 
     @classmethod
     def of_plant(cls, plant: Plant) -> "UntouchedEnergy":
@@ -83,7 +80,7 @@ def greatest_factors(plant: Plant) -> Array:
     return np.array([max(value for value, _ in energy.greatest([zone])) for zone in zones])
 
 
-def _greatest(R: Complex, T: Complex, usable: NDArray[np.bool_]) -> tuple[float, Complex]:
+def _greatest(R: Complex, T: Complex, usable: Mask) -> tuple[float, Complex]:
     """The greatest share and its drive (actuator,), of the actuators that may play the frequency."""
     amplitude, which = np.zeros(len(R), dtype=np.complex128), np.flatnonzero(usable)
     if not len(which):

@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Integers
 from engine.device import Finger
-
-Array = NDArray[np.float64]
 
 SAMPLES = 32
 """Sampled cases, each with its own finger in every zone."""
@@ -22,7 +20,7 @@ class SampledFingers:
     """
 
     position_m: Array
-    place: NDArray[np.int64]
+    place: Integers
     mass_kg: Array
     damping_n_s_per_m: Array
     stiffness_n_per_m: Array
@@ -42,7 +40,7 @@ class SampledFingers:
             for zone in zones
         ]
 
-    def dynamic_stiffness(self, frequency_hz: Array) -> NDArray[np.complex128]:
+    def dynamic_stiffness(self, frequency_hz: Array) -> Complex:
         """Shape (frequency, case, zone), N/m: k + j omega c - omega^2 m of every finger."""
         omega = 2 * np.pi * frequency_hz[:, None, None]
         real: Array = self.stiffness_n_per_m - omega**2 * self.mass_kg

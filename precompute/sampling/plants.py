@@ -5,15 +5,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from base.arrays import Points
+from base.arrays import Array, Mask, Points
 from base.points import clip_points
 from engine.device import Device, Finger
 from precompute.sampling.devices import sample_devices
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -180,7 +177,7 @@ def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:
     return (each for each in sample_devices(device, device.uncertainty, pairs, seed) for _ in range(2))
 
 
-def _fitted(device: Device) -> NDArray[np.bool_]:
+def _fitted(device: Device) -> Mask:
     """Whether a calibration has fitted the stiffness and the mass (2, part) of the bar and of every actuator."""
     names = {value.name for value in device.uncertainty.fitted} if device.uncertainty is not None else set[str]()
     kind = device.surface.kind

@@ -25,12 +25,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Single
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows, combination_of
 
-Single = NDArray[np.float32]
 Figures = Sequence[Single]
 """Factor, peak and dead spot."""
 Drive = tuple[int, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -63,7 +62,7 @@ class _Best:
     weakest: float
     """Peak over threshold in the weakest wanted zone, the strongest actuator at full scale."""
     group: str
-    figures: NDArray[np.float64]
+    figures: Array
     """Factor, peak and dead spot (figure, zone)."""
     drive: Drive
 

@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Complex, Mask, Single
 from precompute.sweep.grid import GridResponse
 from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_coherent_sweep
-
-Complex = NDArray[np.complex128]
-Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -22,7 +19,7 @@ class CoherentFigures:
     factor: Single
     peak: Single
     dead: Single
-    allowed: NDArray[np.bool_]
+    allowed: Mask
 
 
 def pair_directions(actuators: int, pair: tuple[int, int], ratios: AmplitudeRatios, phase_steps: int) -> Complex:

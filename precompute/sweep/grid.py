@@ -3,17 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from base.arrays import Points, even_points
+from base.arrays import Array, Complex, Mask, Points, even_points
 from engine.device import Device
 from precompute.model.frequencies import in_band
 from precompute.model.gram import compute_gram
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 SAMPLING_ERROR = 2e-3
 """Relative error of a tabulated peak from looking at finitely many points of a zone, where these are enough."""
@@ -36,7 +32,7 @@ class GridResponse:
     acceleration: Complex
     gram: Complex
     total: Complex
-    in_band: NDArray[np.bool_]
+    in_band: Mask
 
 
 def zone_points(device: Device) -> Points:

@@ -11,8 +11,8 @@ from math import gcd
 
 import numpy as np
 from numba import prange, types
-from numpy.typing import NDArray
 
+from base.arrays import Integers, Single
 from base.compiled import njit
 
 _F1 = types.Array(types.float32, 1, "C", readonly=True)
@@ -23,8 +23,6 @@ _I1 = types.Array(types.int64, 1, "C", readonly=True)
 _FAST = {"nnan", "nsz", "contract", "reassoc"}  # no NaN inside; the order of a sum or maximum is free
 _OUT3 = types.Array(types.float32, 3, "C")
 _OUT4 = types.Array(types.float32, 4, "C")
-
-Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,8 @@ class AmplitudeRatios:
 
     first: Single
     second: Single
-    ratio: NDArray[np.int64]
-    multiple: NDArray[np.int64]
+    ratio: Integers
+    multiple: Integers
 
 
 def fold_amplitudes(steps: int) -> AmplitudeRatios:

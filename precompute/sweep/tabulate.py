@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Single
 from engine.device import Device
 from engine.table.best_rows import BestRows
 from engine.table.netcdf_file import TableWriter, Variable, VariableStream
@@ -24,8 +25,6 @@ from precompute.sweep.grid import (
     zone_points,
 )
 from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
-
-Single = NDArray[np.float32]
 
 _CHUNK_BYTES = 1 << 23
 """Of rows that are not kept; few enough for the caches of a processor."""

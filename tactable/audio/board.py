@@ -22,8 +22,8 @@ import ctypes
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Single
 from base.c_library import CompileError, LibrarySource, compile_library
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_state import DeviceConfiguration
@@ -32,7 +32,7 @@ from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import PM_PER_M, DeviceState
 from tactable.audio.names import AudioError, AudioOutput
 
-Samples = NDArray[np.float32]
+Samples = Single
 
 RISE_S = 0.005
 """Time of the rise from silence after a block that came too late: the ramp of the shipped devices."""

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Single
 from tactable.audio.interfaces import find_interfaces, load_portaudio, quiet, select_interface
 from tactable.audio.names import SIMULATED, AudioError
 
-Samples = NDArray[np.float32]
+Samples = Single
 Callback = Callable[[Samples, int, bool], None]
 """Called with a block (sample, channel) to fill or to take, its number of samples, and whether some were lost."""
 _NS_PER_S = 1_000_000_000

@@ -10,18 +10,16 @@ import numba
 import numpy as np
 import scipy.linalg
 from numba import njit, prange
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 from threadpoolctl import threadpool_limits
 
-from base.arrays import Array, Points
+from base.arrays import Array, Points, Single
 from engine.device import Device
 from precompute.model.assembly import BarPlant, assemble_bar
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
 
-Single = NDArray[np.float32]
 ROUNDS = 5  # of each task, in turn; their median is shown
 TWIN_ROWS = 8
 """Rows of frequency_1 that the NumPy twin computes: it is timed on these and scaled up."""

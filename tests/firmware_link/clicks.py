@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, EncodedClick, encode_click
 from firmware_link.protocol.messages import FULL_SCALE_WORD, Play
 
@@ -14,7 +14,7 @@ FRACTION_BITS = 14
 class Clicks:
     """Waveforms (sample, actuator) in fractions of full scale, by index, and the basis of which they are."""
 
-    def __init__(self, sample_rate_hz: int, waveforms: Sequence[NDArray[np.float64]]) -> None:
+    def __init__(self, sample_rate_hz: int, waveforms: Sequence[Array]) -> None:
         peaks = [np.abs(waveform).max(axis=0) for waveform in waveforms]
         self.weights = [tuple(np.rint(peak * 2**FRACTION_BITS).astype(int).tolist()) for peak in peaks]
         self.basis = Basis(

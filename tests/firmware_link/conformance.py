@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer_messages
 from firmware_link.protocol.framing import EMERGENCY_STOP, FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
@@ -99,7 +99,7 @@ class Tier(Protocol):
 class WaveTier(Tier, Protocol):
     """A tier in virtual time: it can tell what its actuators did, and its host can let go of the line."""
 
-    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, Array]:
         """Sample rate in Hz, and displacements (time, actuator) between two device times that have passed."""
 
     def hang_up(self) -> None:
@@ -282,7 +282,7 @@ class Host:
 LOUD = (ChannelDrive(200, 1.0), ChannelDrive(200, 0.5, math.pi / 2))
 
 
-def hump(*amplitudes: float, duration_us: int = WAVEFORM_US) -> NDArray[np.float64]:
+def hump(*amplitudes: float, duration_us: int = WAVEFORM_US) -> Array:
     """A waveform (sample, actuator) that rises to an amplitude and falls again, smoothly."""
     samples = np.linspace(0, 1, duration_us * SAMPLE_RATE_HZ // US_PER_S + 1)
     rise = np.sin(math.pi * samples) ** 2

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.emulator.synthesis import synthesise
@@ -49,7 +49,7 @@ class VirtualTier:
         displacements = self.outputs(start_us, stop_us)[1]
         return tuple(np.abs(displacements).max(axis=0, initial=0.0)) or (0.0,)
 
-    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, Array]:
         log = decode_log(json.loads(json.dumps(self.line.server.log())))
         return SYNTHESIS_RATE_HZ, synthesise(log.events, start_us, stop_us, SYNTHESIS_RATE_HZ)
 

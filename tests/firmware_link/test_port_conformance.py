@@ -7,8 +7,8 @@ from typing import Self
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.serial_port import SerialPort
@@ -53,7 +53,7 @@ class PortTier:
         displacements = self.outputs(start_us, stop_us)[1]
         return tuple(np.abs(displacements).max(axis=0, initial=0.0)) or (0.0,)
 
-    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, Array]:
         log = self._emulator.log()
         return SAMPLE_RATE_HZ, synthesise(log.events, start_us, stop_us, SAMPLE_RATE_HZ)
 

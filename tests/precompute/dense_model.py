@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 from scipy.integrate import simpson
 
+from base.arrays import Array, Complex
 from engine.device import Device, Finger
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Fingers = Sequence[tuple[complex, Finger]]
 
 

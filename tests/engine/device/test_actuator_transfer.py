@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, DeviceError, Transfer
 from engine.device.actuator_transfer import GREATEST_GROWTH, _fitted
 from engine.device.description import MOST_TRANSFER_POINTS
@@ -36,9 +37,7 @@ def resonant(s: Complex) -> Complex:
     return np.asarray(w**2 / (s**2 + w * s / 6 + w**2), dtype=np.complex128)
 
 
-def points_of(
-    system: Callable[[Complex], Complex], frequency_hz: NDArray[np.float64] = HZ, noise: float = 0
-) -> Transfer:
+def points_of(system: Callable[[Complex], Complex], frequency_hz: Array = HZ, noise: float = 0) -> Transfer:
     random = np.random.default_rng(4)
     value = system(1j * TURN * frequency_hz)
     value = value * (1 + noise * (random.standard_normal(value.shape) + 1j * random.standard_normal(value.shape)))

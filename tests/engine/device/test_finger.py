@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, DeviceError, Finger
 from engine.device.finger import impedance_of
 from engine.device.named_files import IMPEDANCE_HEADER
@@ -54,7 +54,7 @@ def test_the_fit_has_the_least_squares_of_the_relative_error_within_the_sweep() 
     rows = np.array(device.finger_origin.impedance)
     hz, real, imaginary = rows[(rows[:, 0] >= 60) & (rows[:, 0] <= 300)].T
 
-    def misses(finger: Finger) -> NDArray[np.float64]:
+    def misses(finger: Finger) -> Array:
         return np.asarray(abs(impedance_of(finger, hz) / (real + 1j * imaginary) - 1))
 
     best = device.finger

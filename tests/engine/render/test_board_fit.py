@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Electrodes
 from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.fast.fast_table import with_fast_table
@@ -56,7 +56,7 @@ def steady_m(rendering: Rendering, full_scales_m: Sequence[float]) -> list[float
     return [c.amplitude * full_m for c, full_m in zip(decode_drive(command.drive, 0.01), full_scales_m, strict=False)]
 
 
-def click_m(rendering: Rendering, full_scales_m: Sequence[float]) -> NDArray[np.float64]:
+def click_m(rendering: Rendering, full_scales_m: Sequence[float]) -> Array:
     """Displacements (sample, actuator) of the click, made as the firmware makes them."""
     command, configuration = rendering.renderer.render(PLACEMENT, LEVEL_DB, is_click=True), rendering.configuration
     assert isinstance(command, PlayCommand) and configuration.basis is not None
@@ -66,7 +66,7 @@ def click_m(rendering: Rendering, full_scales_m: Sequence[float]) -> NDArray[np.
     sums = weighted_sum(configuration.basis.sets[play.basis_set], play.weights, play.fraction_bits, number)
     words = configuration.arm_for(1, number, 40).amplitude_limits
     samples = clamp_samples(sums, sample_limits(words, 655_350_000, configuration.basis.sample_rate_hz))
-    moved: NDArray[np.float64] = samples * (play.amplitude / 65_535 / SAMPLE_FULL_SCALE) * np.array(full_scales_m[:2])
+    moved: Array = samples * (play.amplitude / 65_535 / SAMPLE_FULL_SCALE) * np.array(full_scales_m[:2])
     return moved
 
 

@@ -15,15 +15,12 @@ Forms are computed apart from the solver: finite elements at the fingers' own po
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex, Mask
 from engine.device import Device
 from engine.steady.cases import FingerCases
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def mean_forms(device: Device, cases: FingerCases, frequency_hz: Array) -> Complex:
@@ -46,7 +43,7 @@ def mean_forms(device: Device, cases: FingerCases, frequency_hz: Array) -> Compl
     return forms
 
 
-def bound_db(forms: Complex, felt: NDArray[np.bool_], usable: NDArray[np.bool_]) -> float:
+def bound_db(forms: Complex, felt: Mask, usable: Mask) -> float:
     """The bound in dB over all frequencies; `usable` (frequency, actuator): where each actuator may play."""
     N, D = forms[felt], forms[~felt]
     picks = [np.ix_(np.flatnonzero(row), np.flatnonzero(row)) for row in usable]
@@ -71,7 +68,7 @@ def bound_db(forms: Complex, felt: NDArray[np.bool_], usable: NDArray[np.bool_])
     return float(found.fun)
 
 
-def ratio_db(forms: Complex, felt: NDArray[np.bool_], amplitude: Complex) -> float:
+def ratio_db(forms: Complex, felt: Mask, amplitude: Complex) -> float:
     """The expected contrast of one drive, in dB; forms (finger, actuator, actuator) at its frequency."""
     power = np.einsum("a,fab,b->f", amplitude.conj(), forms, amplitude).real
     return float(10 * np.log10(power[felt].min() / power[~felt].max()))

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.steady.ascent import evaluate
 from engine.steady.forms import fill_products, multiply, power_of, solve
 
-Complex = NDArray[np.complex128]
 
-
-def packed(matrix: Complex) -> NDArray[np.float64]:
+def packed(matrix: Complex) -> Array:
     """The diagonal, then real and imaginary parts of the elements above it, row by row."""
     above = matrix[np.triu_indices(len(matrix), 1)]
     return np.concatenate([matrix.diagonal().real, np.stack([above.real, above.imag], axis=1).ravel()])

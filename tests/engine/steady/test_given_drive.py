@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.steady.given_drive import CASES, compute_levels
 from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 
-Array = NDArray[np.float64]
 POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
 PERCENTS = (5, 50, 95)
 

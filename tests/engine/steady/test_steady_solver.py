@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from engine.steady import SteadyDrive
 from engine.steady.cases import FingerCases, cases_at, sample_deviations
@@ -19,8 +19,6 @@ from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import SHIPPED, shipped
 from tests.precompute.sampled import threshold
 from tests.quick import first_quick
-
-Array = NDArray[np.float64]
 
 TOLERANCE_DB = 0.05
 INTERPOLATED_DB = 0.1

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.protocol.basis import Basis, transfer_messages
@@ -102,7 +103,7 @@ class CompiledTier(VirtualTier):
         super().__init__(actuators)
         self._samples: list[NDArray[np.int16]] = []
 
-    def outputs(self, start_us: int, stop_us: int) -> tuple[float, NDArray[np.float64]]:
+    def outputs(self, start_us: int, stop_us: int) -> tuple[float, Array]:
         firmware = self.line.firmware
         rate_hz = firmware.configuration.synthesis_rate_hz
         self._samples = [np.concatenate([*self._samples, firmware.take_samples()])]

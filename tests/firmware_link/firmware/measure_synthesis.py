@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.protocol.messages import ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played
 from tests.firmware_link.strategies import RESOLUTION_HZ
@@ -52,7 +52,7 @@ def measure(rate_hz: int, frequency_hz: float, amplitude: float, phase_rad: floa
     )
 
 
-def play(rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
+def play(rate_hz: int, channels: Sequence[ChannelDrive]) -> Array:
     """Displacements (time, actuator) of a drive that is held, once its ramp is over, in fractions of full scale."""
     device = Played(rate_hz, (65_535, 65_535), 200, lease_ms=LEASE_MS)
     device.send(Set(reference(device.now_us), SetFlag.WRITE_PHASE, LEASE_MS, encode_drive(channels, RESOLUTION_HZ)))
@@ -64,7 +64,7 @@ def play(rate_hz: int, channels: Sequence[ChannelDrive]) -> NDArray[np.float64]:
     return samples[: DURATION_US * rate_hz // US_PER_S] / FULL_OUTPUT
 
 
-def fit(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float) -> tuple[float, complex]:
+def fit(samples: Array, rate_hz: int, frequency_hz: float) -> tuple[float, complex]:
     """Frequency error in Hz, and complex amplitude at the wanted frequency: how the phase moves from half to half."""
     time_s = np.arange(len(samples)) / rate_hz
     turned = samples * np.exp(-1j * math.tau * frequency_hz * time_s)
@@ -74,7 +74,7 @@ def fit(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float) -> tupl
     return float(np.angle(second / first)) / math.tau / apart_s, complex(first + second) / 2
 
 
-def spurious_db(samples: NDArray[np.float64], rate_hz: int, frequency_hz: float) -> float:
+def spurious_db(samples: Array, rate_hz: int, frequency_hz: float) -> float:
     """Greatest line outside the tone's own, relative to it."""
     spectrum = np.abs(np.fft.rfft(samples * np.kaiser(len(samples), KAISER_BETA)))
     at = round(frequency_hz * len(samples) / rate_hz)

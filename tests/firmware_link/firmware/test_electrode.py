@@ -4,8 +4,8 @@ import ctypes
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from firmware_link.emulator.c_core import CompiledFirmware
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
@@ -20,7 +20,7 @@ BIASES = [1, 13_107, 32_768, 46_340, 46_341, 60_000, 65_535]
 DISPLACEMENTS = np.arange(-32_768, 32_768, 7)
 
 
-def voltages(bias: int, displacements: NDArray[np.int64]) -> NDArray[np.float64]:
+def voltages(bias: int, displacements: Integers) -> Array:
     """What the core sends, as fractions of the greatest voltage."""
     function = core_library().electrode_output
     function.argtypes, function.restype = (ctypes.c_uint16, ctypes.c_int16), ctypes.c_int16
@@ -28,7 +28,7 @@ def voltages(bias: int, displacements: NDArray[np.int64]) -> NDArray[np.float64]
     return (outputs + 32_768) / GREATEST
 
 
-def second_harmonic_db(voltage: NDArray[np.float64]) -> float:
+def second_harmonic_db(voltage: Array) -> float:
     """Of the force of a whole number of turns of a tone, below the tone."""
     spectrum = abs(np.fft.rfft(voltage**2))
     tone = int(spectrum[1:].argmax()) + 1

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.builder.code_fingerprint import code_fingerprint
@@ -108,7 +108,7 @@ def test_every_group_opens_in_xarray_with_units_and_labels(folder: Path, group: 
 
 def drive(
     device: Device, pair: tuple[int, int], hz: tuple[float, float], amplitude: tuple[complex, complex]
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+) -> tuple[Array, Complex]:
     frequency_hz, weights = np.full(len(device.actuators), 1.0), np.zeros(len(device.actuators), dtype=np.complex128)
     frequency_hz[list(pair)], weights[list(pair)] = hz, amplitude
     return frequency_hz, weights

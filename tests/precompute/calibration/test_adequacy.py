@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.measurements.parameters import default_names, paper_names
@@ -63,7 +63,7 @@ def test_a_length_that_was_misread_is_named_with_its_value(misread: tuple[str, f
 
 def test_residuals_without_memory_or_smaller_than_of_any_sensor_are_no_doubt() -> None:
     found, random = fitted(TRUTH, paper_names(DEVICE), Flaws()), np.random.default_rng(1)
-    noise: list[NDArray[np.float64]] = list(random.normal(0, 0.02, (1000, len(found.log_residual))))
+    noise: list[Array] = list(random.normal(0, 0.02, (1000, len(found.log_residual))))
     doubted = sum(not assess(replace(found, log_residual=row)).is_noise for row in noise)
     assert doubted <= 15  # of 1000 at a probability of 0.005
     wavy = replace(found, log_residual=np.full(len(found.log_residual), 1e-3))

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.conventions import implausible_changes
@@ -19,7 +19,6 @@ from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, TRUTH, read_bar
 from tests.quick import first_quick
 
-Complex = NDArray[np.complex128]
 DEVICE = shipped("reference-a")
 HZ = (66.0, 90, 110, 140, 170, 209, 230, 284)
 

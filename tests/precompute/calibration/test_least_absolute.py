@@ -3,11 +3,10 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from precompute.calibration.least_absolute import solve_least_absolute
 
-Array = NDArray[np.float64]
 FAR = np.full(3, 10.0)
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=settings().max_examples // 3)

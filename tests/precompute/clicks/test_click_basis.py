@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from engine.device import Device
 from precompute.clicks.click_basis import (
@@ -15,7 +14,6 @@ from precompute.clicks.click_basis import (
 )
 from tests.precompute.devices import any_device, shipped
 
-Array = NDArray[np.float64]
 LENGTH_S = 0.02
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.threshold import DEFAULT, shipped_threshold
 from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, SAMPLE_RATE_HZ, lines_for, make_tones
@@ -19,8 +19,6 @@ from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import Scenarios, sample_scenarios
 from tests.precompute.devices import any_device, damped_as_assembly, shipped, with_inertial
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 POSITION_M = (31e-3, 118e-3)
 """Of the fingers: in no middle, and on every bar."""
 LENGTH_S = 0.02

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.touch import Placement
 from precompute.clicks.click_basis import Tones, drive_rows
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
@@ -20,7 +20,6 @@ from tests.precompute.clicks.click_cases import CHEAP, fresh_responses, placed, 
 from tests.precompute.clicks.judge.design import ProgramSolver
 from tests.precompute.devices import shipped
 
-Array = NDArray[np.float64]
 LIMIT = 10 ** (DEFAULT_OPTIONS.quiet_db / 20)
 CASES = [("reference-a", "F--q-"), ("reference-t", "FqF-F"), ("reference-a", "F----"), ("reference-t", "qqFqq")]
 any_case = pytest.mark.parametrize(("name", "letters"), CASES)

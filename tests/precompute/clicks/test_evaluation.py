@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
 from precompute.clicks.click_plants import SampledPlants, weighting
@@ -15,7 +15,6 @@ from precompute.clicks.percentiles import ManyPlants
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
 
-Array = NDArray[np.float64]
 POSITION_M = (30e-3, 80e-3, 190e-3)
 
 

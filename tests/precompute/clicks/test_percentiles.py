@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Single
 from precompute.clicks.percentiles import ManyPlants, percentiles
 
-Array = NDArray[np.float64]
 PERCENTS = (5, 50, 95)
 PARAMETERS = 5
 
 
-def linear_plants(count: int, seed: int) -> tuple[Array, NDArray[np.float32], Array]:
+def linear_plants(count: int, seed: int) -> tuple[Array, Single, Array]:
     """Deviations (plant, parameter), courses (plant, finger, time) linear in them, and the strongest finger's peak."""
     slope = np.random.default_rng(0).normal(size=(1 + PARAMETERS, 2 * 30))
     deviation = np.random.default_rng(seed).normal(size=(count, PARAMETERS))

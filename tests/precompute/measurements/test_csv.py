@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from precompute.measurements.csv import parse_csv, write_csv
 from precompute.measurements.csv_form import example_csv
 from precompute.measurements.sheet import MOST_ROWS
@@ -38,7 +38,7 @@ def measurements(draw: Any) -> Measurements:
     if kind is Kind.RESPONSE:
         frequency_hz[:, 1] = frequency_hz[:, 0]
     phase = random.uniform(-3, 3, (rows, 2)) if draw(st.booleans()) else np.zeros((rows, 2))
-    turned: NDArray[np.complex128] = np.exp(1j * phase)
+    turned: Complex = np.exp(1j * phase)
     amplitude = random.uniform(0.01, 1.0, (rows, 2)) * turned
     still = random.integers(0, 3, rows)  # 0: none, 1: left, 2: right
     for i in (0, 1):

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters, known_names
@@ -17,7 +17,6 @@ from tests.precompute.devices import damped_as_assembly, every_device, on_each, 
 from tests.precompute.measured import NAN
 from tests.precompute.model.test_transfers import with_transfers
 
-Array = NDArray[np.float64]
 DEVICE = with_bar(shipped("reference-a"), mass_damping_per_s=0.7)
 ASSEMBLY = damped_as_assembly(DEVICE)
 DEVICES = [*every_device().values(), ASSEMBLY]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.pick import pick_modes, write_modes
 from precompute.measurements.simulate import Flaws
@@ -50,9 +50,7 @@ def test_what_has_no_common_modes_is_refused_by_name() -> None:
 
 @pytest.mark.skipif(not PUBLIC.is_dir(), reason="the public measured bars are not beside the checkout")
 def test_a_public_measured_bar_has_the_modes_that_are_known_of_it() -> None:
-    value: NDArray[np.complex128] = np.array(
-        [complex(line) for line in (PUBLIC / "pyuff_beam_1.txt").read_text().split()]
-    )[20:]
+    value: Complex = np.array([complex(line) for line in (PUBLIC / "pyuff_beam_1.txt").read_text().split()])[20:]
     n, hz = len(value), np.arange(20.0, 20 + len(value))
     none = np.zeros(n)
     one = Measurements(

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.measured_responses import interpolation_errors_of, plant_of, source_attributes
@@ -23,8 +23,6 @@ from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sweep.grid import compute_grid_response, zone_points
 from tests.precompute.devices import shipped
 from tests.precompute.fleet.small_fleet import small_text
-
-Array = NDArray[np.float64]
 
 REFERENCE = shipped("reference-a")
 COARSE = Device.parse(small_text(), "coarse")

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
+from base.arrays import Array
 from engine.device import Device, Zone
 from precompute.model.assembly import assemble_bar, build_mesh, dense
 from tests.precompute.devices import any_device, damped_as_assembly, shipped, with_bar
 
-Array = NDArray[np.float64]
 places = st.floats(0.0, 1.0)
 
 

@@ -1,8 +1,8 @@
 """The mesh that follows from the band is converged, on bars of other materials and sizes too."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
@@ -11,7 +11,6 @@ from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 from tests.precompute.devices import any_bar, with_bar
 
-Array = NDArray[np.float64]
 MODES = 60
 
 

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
 from precompute.model.modal import CONVERGED, ModalModel, compute_basis, compute_modal_model
 from precompute.model.response import solve_response
 from tests.precompute.devices import any_bar, random_device
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 def steady_acceleration(model: ModalModel, frequency_hz: float, position_m: Array) -> Complex:

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from base.arrays import Complex
 from engine.device import Device
 from precompute.model.assembly import assemble_bar, dense
 from precompute.model.gram import compute_gram
@@ -45,7 +45,7 @@ def test_decays_of_the_modes_of_reference_a_below_300_hz(device: Device, printed
 
 
 @cache
-def swept(finger_in_zone: int | None = None) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def swept(finger_in_zone: int | None = None) -> tuple[Complex, Complex]:
     """Zone Gram matrices and their total: REF-A, 60-300 Hz, 1 Hz."""
     device = shipped("reference-a")
     plant = assemble_bar(device)
@@ -55,7 +55,7 @@ def swept(finger_in_zone: int | None = None) -> tuple[NDArray[np.complex128], ND
     return compute_gram(solve_response(plant, np.arange(60.0, 301.0)))
 
 
-def best_coherent(zones: list[int], finger_in_zone: int | None = None) -> tuple[float, int, NDArray[np.complex128]]:
+def best_coherent(zones: list[int], finger_in_zone: int | None = None) -> tuple[float, int, Complex]:
     """Largest localized factor over frequency, amplitudes and phase; index of its frequency; its drive."""
     gram, total = swept(finger_in_zone)
     found = [eigh(R, T) for R, T in zip(gram[:, zones].sum(axis=1), total, strict=True)]

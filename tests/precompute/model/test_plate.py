@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
-from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementTriArgyris, MeshTri
 
 from base.arrays import Array, even_points
@@ -41,7 +40,7 @@ def plant_of(device: Device) -> ModalPlant:
     return plant
 
 
-def frequencies_hz(plate: Plate, degrees: tuple[int, int], actuators: tuple[Actuator, ...] = ()) -> NDArray[np.float64]:
+def frequencies_hz(plate: Plate, degrees: tuple[int, int], actuators: tuple[Actuator, ...] = ()) -> Array:
     ritz = Ritz.of(plate, degrees)
     K, M = plate_matrices(plate, ritz.energies)
     if actuators:

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import BarPlant, assemble_bar, dense
 from tests.precompute.devices import every_device, on_each
@@ -21,7 +21,7 @@ def _inertia(u: Any, v: Any, _: Any) -> Any:
     return u * v
 
 
-def assemble_independently(plant: BarPlant) -> tuple[NDArray[np.float64], ...]:
+def assemble_independently(plant: BarPlant) -> tuple[Array, ...]:
     """K, C, M of the untouched device on the plant's nodes, full; degrees of freedom (deflection, slope) by node."""
     bar = plant.device.bar
     basis = Basis(MeshLine(plant.node_m), ElementLineHermite(), intorder=6)

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array, Complex
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import any_device
-
-Complex = NDArray[np.complex128]
 
 
 def random_amplitude(random: np.random.Generator, count: int) -> Complex:
@@ -18,7 +16,7 @@ def random_amplitude(random: np.random.Generator, count: int) -> Complex:
     return np.asarray(size * turned, dtype=np.complex128)
 
 
-def compare(device: Device, frequency_hz: NDArray[np.float64], amplitude: Complex) -> None:
+def compare(device: Device, frequency_hz: Array, amplitude: Complex) -> None:
     steady = compute_steady_state(assemble(device), frequency_hz, amplitude)
     expected = DenseModel(device).figures(frequency_hz, amplitude, points=2001)
     assert steady.share == pytest.approx(expected.share, rel=1e-6)

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
@@ -13,8 +13,6 @@ from precompute.model.transient import TransientPlant
 from tests.precompute.dense_model import DenseModel, drive_of
 from tests.precompute.devices import every_device, on_each, shipped, with_bar
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 RATE_HZ = 48000.0
 DEVICES = {device.name: with_bar(device, mass_damping_per_s=20.0) for device in every_device().values()}
 """Damped, so that a second and a half from rest all is steady to 1e-6; the laws do not depend on it."""

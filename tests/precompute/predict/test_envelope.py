@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, Finger
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
@@ -40,7 +40,7 @@ def test_they_are_those_of_the_dense_model(name: str, drive: str, touched: bool)
     course, final = DenseModel(device, fingers).envelope(hz, amplitude, places_m, time_s)
     model = compute_rise_model(compute_basis(assemble(device)), [fingers], places_m[None])
     _, envelope = compute_envelopes(model, hz, amplitude.astype(np.complex128), np.append(time_s, 1e3))
-    found: NDArray[np.float64] = envelope.sum(axis=0)[0].T
+    found: Array = envelope.sum(axis=0)[0].T
     assert found[-1] == pytest.approx(final, rel=2e-3)
     error = abs(found[:-1] - course)[time_s > SHARPEST_S] / final
     assert error.max() <= 0.01

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
@@ -15,7 +15,6 @@ from tests.precompute.devices import other_bars, shipped, with_actuators, with_b
 from tests.precompute.predict.test_envelope import fingers_on
 from tests.quick import first_quick
 
-Array = NDArray[np.float64]
 STEP_S = 5e-5
 """Steps of the brute force: 1/40 of the fastest beat at 250 Hz."""
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Complex
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima, greatest_factors
@@ -28,7 +28,7 @@ def test_no_sampled_drive_has_a_greater_factor(name: str) -> None:
     count = len(device.actuators)
     for _ in range(60):
         hz, amplitude = random.uniform(60.0, 300.0, count), random.uniform(0.0, 1.0, count)
-        phase: NDArray[np.complex128] = np.exp(2j * np.pi * random.random(count))
+        phase: Complex = np.exp(2j * np.pi * random.random(count))
         assert factor(name, BarDrive("", hz, amplitude.astype(np.complex128)), zones) <= best + 2e-3
         assert factor(name, BarDrive("", np.full(count, hz[0]), amplitude * phase), zones) <= coherent + 2e-3
 

@@ -1,8 +1,8 @@
 """Sampled devices vary within the bounds of the calibration; test_plants.py has that they do as its covariance says."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import FittedValue, Uncertainty
 from precompute.measurements.parameters import find_parameters
 from precompute.sampling.devices import sample_devices
@@ -11,7 +11,7 @@ from tests.precompute.devices import shipped
 DEVICE = shipped("reference-a")
 
 
-def sampled_damping(knee: float) -> NDArray[np.float64]:
+def sampled_damping(knee: float) -> Array:
     """Damping by mass of devices of which a calibration has left it open from 0 to 100 1/s."""
     known = Uncertainty((FittedValue("bar.mass_damping", 0.0, 100.0, knee),), ((4.0,),))
     return np.array([device.bar.mass_damping_per_s for device in sample_devices(DEVICE, known, 500, seed=2)])

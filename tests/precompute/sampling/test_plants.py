@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from base.arrays import Array
 from engine.device import Device, FittedValue, Spread, Uncertainty
 from precompute.sampling.plants import Scenarios, latin_hypercube, sample_scenarios
 from tests.precompute.devices import any_device, mirrored, shipped
 
-Array = NDArray[np.float64]
 POSITION_M = (20e-3, 90e-3, 120e-3)
 
 

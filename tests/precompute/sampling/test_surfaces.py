@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
@@ -15,7 +15,6 @@ from precompute.sampling.surfaces import SampledSurfaces, sample_surfaces
 from tests.precompute.builder.test_table_build import SMALL
 from tests.precompute.sampled import sample_fingers
 
-Array = NDArray[np.float64]
 DEVICE = Device.parse(SMALL, "bar")
 TOUCHED = (0, 2)
 HZ, AMPLITUDE = np.array([150.0, 173.25]), np.array([1.0, 0.4 - 0.7j])

@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows, combination_of
 from engine.table.netcdf_file import TableWriter
@@ -34,7 +34,7 @@ BARS = {
     "limited": replace(_TWO, limits=replace(_TWO.limits, amplitude=0.3)),
 }
 FIGURES = ("localized_factor", "peak_acceleration", "dead_spot")
-Tables = dict[str, NDArray[np.float64]]
+Tables = dict[str, Array]
 
 
 @cache
@@ -53,7 +53,7 @@ def swept(name: str, memory_budget_bytes: int = 1 << 24) -> tuple[BestRows, Tabl
             return best.best_rows(), {each: file[each][...].astype(float) for each in names}
 
 
-def every_row(device: Device, tables: Tables) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def every_row(device: Device, tables: Tables) -> tuple[Array, Array]:
     """Factor and level (row, zone) of all tabulated rows of both sweeps, level as a ratio at the amplitude limit."""
     threshold = device.threshold.peak_m_per_s2(device.sweep.frequency_hz)
     amplitude = device.sweep.amplitude

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.sweep.grid import compute_grid_response, estimate_interpolation_error, sampling_error, zone_points
@@ -37,7 +37,7 @@ def test_points_reach_from_edge_to_edge_in_eights(device: Device) -> None:
     assert points_m[:, -1] == pytest.approx([zone.stop_m for zone in device.zones])
 
 
-def looked_at(device: Device, frequency_hz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def looked_at(device: Device, frequency_hz: Array) -> tuple[Array, Array]:
     """Localized factor and peak of each actuator alone, (frequency, actuator, zone), through the dense model."""
     model, points_m = DenseModel(device), zone_points(device)
     peak = np.stack([np.abs(model.unit_acceleration(frequency_hz, row)).max(axis=1) for row in points_m], axis=-1)

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from base.arrays import Complex, Single
 from precompute.sweep.sweep_kernels import fill_coherent_sweep, fill_pair_sweep, fold_amplitudes
 
-Single = NDArray[np.float32]
-Complex = NDArray[np.complex128]
 few = settings(max_examples=settings().max_examples // 3)
 seeds = st.integers(0, 2**32 - 1)
 small = st.integers(1, 4)

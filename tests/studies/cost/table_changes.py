@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Integers
 from engine.device import Device
 from engine.device.texts import text_with_values
 from engine.table.history import replace_table
@@ -29,7 +29,7 @@ from tactable.shipped import find_device, find_device_file
 from tests.studies.options import read_options
 from tests.studies.trust.watched_run import resting_run, touches, watched_run
 
-Times = NDArray[np.int64]
+Times = Integers
 
 TACTABLE = (sys.executable, "-c", "from tactable.cli.main import main; main()")
 DEVICE = "reference-a"

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from base.plain import to_plain
 from base.points import point_at
 from engine.device import Device
@@ -34,8 +34,6 @@ from precompute.sampling.placements import Anywhere, random_placements
 from precompute.studies.placement_search import with_actuators_at
 from tactable.shipped import find_device
 from tests.studies.options import read_options
-
-Array = NDArray[np.float64]
 
 AIM_CONTRAST_DB, STEADY_LEVEL_DB = 18.0, 20.0
 """Expected contrast that a steady drive is to reach at this level."""

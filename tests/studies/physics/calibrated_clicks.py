@@ -11,8 +11,8 @@ on fresh plants of its own spread; fingers vary as the device file says. SIMULAT
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.device_text import calibrated_device
@@ -33,7 +33,7 @@ def calibrated(device: Device, names: tuple[str, ...]) -> Device:
     return calibrated_device(calibrate(device, measured, names, starts=1))
 
 
-def felt_db(device: Device, placements: int) -> NDArray[np.float64]:
+def felt_db(device: Device, placements: int) -> Array:
     """Felt level of 5 % and quiet level of 95 % of the plants (2, placement)."""
     wanted = Anywhere(placements=placements, seed=11)
     solver = ClickSolver(device, replace(DEFAULT_OPTIONS, tolerance_m=1e-3))

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array, Mask
 from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
 from precompute.calibration.misfit import Loss
@@ -26,8 +26,6 @@ from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG
 from tests.studies.options import read_options
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -83,8 +81,8 @@ class Draw:
 
     names: tuple[str, ...]
     error: Array
-    held: NDArray[np.bool_]
-    open: NDArray[np.bool_]
+    held: Mask
+    open: Mask
     seconds: float
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.signal
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.device import Device
 from engine.render.limits import clamp
 from engine.steady.steady_solver import FOLLOWED_HZ
@@ -29,8 +29,6 @@ from precompute.model.transient import TransientPlant
 from precompute.predict.at_positions import SteadyDesigner
 from tactable.shipped import find_device
 from tests.studies.options import read_options
-
-Array = NDArray[np.float64]
 
 LEVEL_DB = 20.0
 RATE_HZ = 24_000

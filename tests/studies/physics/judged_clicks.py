@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as Grid
 
+from base.arrays import Array
 from engine.device import Device
 from engine.touch import Placement
 from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
@@ -30,7 +30,6 @@ from tactable.shipped import find_device
 from tests.precompute.clicks.judge.design import ProgramSolver
 from tests.studies.options import read_options
 
-Array = NDArray[np.float64]
 Solved = TypeVar("Solved")
 
 CASES = ((1, 1), (1, 2), (2, 1), (1, 4), (2, 3))

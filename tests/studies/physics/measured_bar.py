@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Array
 from engine.device import Device
 from engine.steady.steady_solver import SteadySolver
 from engine.touch import Placement
@@ -50,8 +50,6 @@ from tactable.measure.walk import (
 from tactable.shipped import find_device
 from tests.precompute.measured import SENSOR_MASS_KG
 from tests.studies.options import read_options
-
-Array = NDArray[np.float64]
 
 NAMES = (
     "actuator[1].stiffness",

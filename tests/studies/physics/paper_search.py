@@ -18,10 +18,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 from scipy.stats import qmc
 
+from base.arrays import Array, Integers, Mask
 from engine.device import Device, Zone
 from tactable.shipped import find_device
 from tests.studies.options import read_options
@@ -36,8 +36,6 @@ from tests.studies.physics.paper_statements import (
     solve,
     with_damping_of,
 )
-
-Array = NDArray[np.float64]
 
 BOUNDS = {
     "length, mm": (170.0, 420.0),
@@ -111,9 +109,9 @@ def score(margin: Array) -> float:
 class Archive:
     """What all evaluations have shown, whatever they were made for."""
 
-    together: NDArray[np.bool_] = field(default_factory=lambda: np.eye(len(STATEMENTS), dtype=bool) & False)
+    together: Mask = field(default_factory=lambda: np.eye(len(STATEMENTS), dtype=bool) & False)
     """(statement, statement): some set kept both."""
-    most_with: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(STATEMENTS), dtype=np.int64))
+    most_with: Integers = field(default_factory=lambda: np.zeros(len(STATEMENTS), dtype=np.int64))
     """(statement,): the most statements that a set that keeps this one keeps."""
     best: dict[Choice, tuple[float, Array]] = field(default_factory=dict)
     evaluations: int = 0

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Mask
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
@@ -28,7 +28,6 @@ from precompute.model.response import solve_response
 from tactable.shipped import find_device
 from tests.studies.options import read_options
 
-Array = NDArray[np.float64]
 DampingOf = Literal["bar", "assembly"]
 DAMPING_OF: tuple[DampingOf, ...] = ("bar", "assembly")
 
@@ -74,7 +73,7 @@ class Solved:
     """
 
     place_m: Array
-    zone_of: NDArray[np.int64]
+    zone_of: Integers
     tones: Array
     sweep: Array
     sweep_share: Array
@@ -136,9 +135,9 @@ class Figures:
     optimum_peak: Array
     """Peak accelerations (candidate, zone) there."""
 
-    def around(self, place_in: float) -> NDArray[np.bool_]:
+    def around(self, place_in: float) -> Mask:
         """Shape (place,): whether a place is around this many inches."""
-        near: NDArray[np.bool_] = np.abs(self.place_m - place_in * INCH_M) <= AROUND_M
+        near: Mask = np.abs(self.place_m - place_in * INCH_M) <= AROUND_M
         return near
 
 
@@ -183,7 +182,7 @@ def _beats(values: Array, best: int) -> float:
     return _decibels(values[best] / np.delete(values, best).max())
 
 
-def _node(field: Array, near: NDArray[np.bool_]) -> tuple[int, float]:
+def _node(field: Array, near: Mask) -> tuple[int, float]:
     """Index of the least place near, and what it is of the greatest along the bar."""
     least = int(np.where(near, field, np.inf).argmin())
     return least, float(field[least] / field.max())
@@ -193,12 +192,12 @@ Checked = tuple[str, float]
 """What the device has, in words, and the margin in dB."""
 
 
-def _is_node(field: Array, near: NDArray[np.bool_]) -> Checked:
+def _is_node(field: Array, near: Mask) -> Checked:
     ratio = _node(field, near)[1]
     return f"{100 * ratio:.0f} % of the greatest", _decibels(NODE / ratio)
 
 
-def _is_neutralized(node_of: Array, field: Array, near: NDArray[np.bool_]) -> Checked:
+def _is_neutralized(node_of: Array, field: Array, near: Mask) -> Checked:
     ratio = float(field[_node(node_of, near)[0]] / field.max())
     return f"{100 * ratio:.0f} % of the greatest there", _decibels(ratio / SIGNIFICANT)
 

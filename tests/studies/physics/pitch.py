@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.table import Table
 from engine.touch.places import Places
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
@@ -28,13 +28,13 @@ PITCHES_MM = (2.0, 3.0, 4.0, 5.0, 7.5, 10.0)
 _PERCENTS = (50, 95, 100)
 
 
-def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
+def measure(name: str, placements: int) -> dict[float, Array]:
     """By pitch in mm: loss of the felt level (5 %) and gain of the quiet level (95 %) in dB, (2, placement)."""
     device, wanted = find_device(name), Anywhere(placements=placements, seed=7)
     options = replace(DEFAULT_OPTIONS, tolerance_m=TOLERANCE_M, judged=PLANTS)
     own, drawn = ClickSolver(device, options), random_placements(device, wanted)
     best = [own.solve(placement).evaluation for placement in drawn]
-    found = dict[float, NDArray[np.float64]]()
+    found = dict[float, Array]()
     for pitch_mm in PITCHES_MM:
         places = Places.every(device.surface.corner_m, pitch_mm / 1e3)
         solver = ClickSolver(device, replace(options, tolerance_m=places.pitch_m / 2 + TOLERANCE_M))
@@ -48,7 +48,7 @@ def measure(name: str, placements: int) -> dict[float, NDArray[np.float64]]:
     return found
 
 
-def measure_table(path: Path, placements: int) -> dict[float, NDArray[np.float64]]:
+def measure_table(path: Path, placements: int) -> dict[float, Array]:
     """As `measure`, of the clicks that a table holds for the nearest places."""
     wanted = Anywhere(placements=placements, seed=7)
     with Table.open(path, verify=False) as table:

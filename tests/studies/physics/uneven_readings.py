@@ -11,9 +11,9 @@ as `calibrate` does, and for errors that are taken as even.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from base.arrays import Mask
 from engine.device import Device
 from precompute.calibration.calibrate import pose_fit
 from precompute.calibration.confidence import compute_confidence
@@ -39,8 +39,8 @@ NOISE = 0.002
 class Coverage:
     """held, and held_even with errors taken as even (bar, parameter): whether the interval holds the true value."""
 
-    held: NDArray[np.bool_]
-    held_even: NDArray[np.bool_]
+    held: Mask
+    held_even: Mask
 
 
 def measure_uneven(true: Device, seed: int) -> Measurements:
@@ -57,7 +57,7 @@ def measure_uneven(true: Device, seed: int) -> Measurements:
 
 def measure_coverage(bars: int) -> Coverage:
     """Fit the bars, and look whether the intervals hold."""
-    device, held, held_even = find_device("reference-a"), list[NDArray[np.bool_]](), list[NDArray[np.bool_]]()
+    device, held, held_even = find_device("reference-a"), list[Mask](), list[Mask]()
     for seed in range(bars):
         true, values = true_bar(device, seed)
         parameters = find_parameters(device, NAMES, {}, SENSOR_MASS_KG)

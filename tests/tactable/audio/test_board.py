@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from firmware_link.protocol.messages import ChannelDrive
 from tactable.audio.board import AudioBoard, CardPace
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
@@ -49,7 +49,7 @@ class CardTier:
     def reboot(self) -> None:
         pytest.fail("a sound card cannot be started again from its host")
 
-    def played(self, start_us: float, stop_us: float) -> NDArray[np.float64]:
+    def played(self, start_us: float, stop_us: float) -> Array:
         return self.card.drive(start_us, stop_us, OUTPUT.rate_hz)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from precompute.clicks.click_basis import RINGDOWN_S
 from tactable.explain.click_sound import (
     LOUDEST,
@@ -22,7 +22,7 @@ from tactable.explain.click_source import ClickSource
 from tests.tactable.click_table import click_of
 
 
-def peaks(course: NDArray[np.float64]) -> list[float]:
+def peaks(course: Array) -> list[float]:
     values: list[float] = abs(course).max(axis=0).tolist()
     return values
 

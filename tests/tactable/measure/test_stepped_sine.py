@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, lay_out
 from tactable.measure.asked_drive import AskedDrive
@@ -107,7 +107,7 @@ def true_response(reading: Reading) -> complex:
     return complex(reading.amplitude * np.exp(response[0]))
 
 
-def errors(reading: Reading) -> NDArray[np.float64]:
+def errors(reading: Reading) -> Array:
     """Of the response, in dB and in degrees."""
     ratio = reading.acceleration / true_response(reading)
     return abs(np.array([20 * np.log10(abs(ratio)), np.degrees(np.angle(ratio))]))

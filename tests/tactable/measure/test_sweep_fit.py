@@ -4,12 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import signal
 
+from base.arrays import Array, Complex
 from tactable.measure.sweep_fit import SweepFit, fit_sweep
-
-Array = NDArray[np.float64]
 
 RATE_HZ, LOW_HZ, HIGH_HZ, SWEEP_S, GATE_S = 4_000.0, 60.0, 300.0, 3.0, 1.0
 STRETCH_S = SWEEP_S / math.log(HIGH_HZ / LOW_HZ)
@@ -30,7 +28,7 @@ def moved(drive: Array) -> Array:
     return np.asarray(signal.lfilter(NUMERATOR, DENOMINATOR, drive))
 
 
-def true_response() -> NDArray[np.complex128]:
+def true_response() -> Complex:
     return np.asarray(signal.freqz(NUMERATOR, DENOMINATOR, HZ, fs=RATE_HZ)[1])
 
 

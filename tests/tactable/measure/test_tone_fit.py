@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from tactable.measure.tone_fit import fit_tone, is_beside_hum
 
 RATE_HZ = 8_000.0
 SECONDS = 0.4
 
 
-def samples(hz: float, phasor: complex) -> NDArray[np.float64]:
+def samples(hz: float, phasor: complex) -> Array:
     time_s = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     return np.asarray((phasor * np.exp(2j * np.pi * hz * time_s)).real[:, None])
 

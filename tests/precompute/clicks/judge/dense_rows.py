@@ -1,11 +1,9 @@
 """Programs whose watched courses are given as all their rows."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Single
 from tests.precompute.clicks.judge.program import Program
-
-Array = NDArray[np.float64]
 
 
 class Dense:
@@ -18,10 +16,10 @@ class Dense:
     def shape(self) -> tuple[int, int]:
         return self._rows.shape[0], self._rows.shape[1]
 
-    def play(self, weight: Array) -> NDArray[np.float32]:
+    def play(self, weight: Array) -> Single:
         return abs(self._rows @ weight).astype(np.float32)
 
-    def rows(self, numbers: NDArray[np.int64]) -> Array:
+    def rows(self, numbers: Integers) -> Array:
         chosen: Array = self._rows.reshape(-1, self._rows.shape[2])[numbers]
         return chosen
 

@@ -9,9 +9,9 @@ of a decibel makes it exact.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from base.arrays import Array, Integers
 from engine.device import Device
 from engine.touch import Placement
 from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_set, drive_rows, lines_for, tones_of
@@ -25,8 +25,6 @@ from precompute.sampling.plants import sample_scenarios
 from tests.precompute.clicks.judge.instants import Search
 from tests.precompute.clicks.judge.program import Optimum, Program
 from tests.precompute.clicks.judge.watched import WatchedCourses
-
-Array = NDArray[np.float64]
 
 OPTIMISED, TRIMMED = 40, 800
 """Sampled plants of the programs, and those that their limit is trimmed on."""
@@ -135,12 +133,12 @@ class Designer:
         return float(percentiles(level_db, (SHARE,))[0]) - self._quiet_db
 
 
-def _first_rows(watched: WatchedCourses) -> NDArray[np.int64]:
+def _first_rows(watched: WatchedCourses) -> Integers:
     """Watched rows that the pool starts with: every other sample of the first 70 ms in the first plants."""
     scenarios, fingers = watched.responses.transfer.shape[:2]
     course = np.arange(min(scenarios, _FIRST_PLANTS) * fingers)[:, None]
     sample = np.arange(0, min(round(_FIRST_S * SAMPLE_RATE_HZ), watched.shape[1]), 2)
-    numbers: NDArray[np.int64] = (course * watched.shape[1] + sample).ravel()
+    numbers: Integers = (course * watched.shape[1] + sample).ravel()
     return numbers
 
 

@@ -20,12 +20,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
 from tests.precompute.clicks.judge.program import TOLERANCE, UNBOUNDED, Optimum
-
-Array = NDArray[np.float64]
 
 STEP_S = 4e-3
 """Spacing of the instants that are tried; ascent reaches the peaks between them.
@@ -57,7 +55,7 @@ class LinearProgram(Protocol):
 class Aim:
     """Instant (finger,), an index into the time course of each felt finger, and sign (finger,) of its peak."""
 
-    instant: NDArray[np.int64]
+    instant: Integers
     sign: Array
 
     def is_same(self, other: "Aim") -> bool:

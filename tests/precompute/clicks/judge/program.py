@@ -21,13 +21,9 @@ from typing import Protocol
 
 import highspy
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Single
 from base.errors import TactableError
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Integers = NDArray[np.int64]
 
 TOLERANCE = 1e-4
 """A bound this close, relative, counts as met: 0.001 dB."""

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from base.arrays import Array
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
 from tests.precompute.clicks.judge.dense_rows import program_of
 from tests.precompute.clicks.judge.instants import AFTER_S, STEP_S, Aim, Search
 
-Array = NDArray[np.float64]
 GAIN = 1e-2
 LENGTH_S = 0.02
 INSTANTS = np.arange(LENGTH_S / 2, LENGTH_S + AFTER_S, STEP_S) * EVALUATION_RATE_HZ

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from base.arrays import Array
 from tests.precompute.clicks.judge.dense_rows import program_of
 from tests.precompute.clicks.judge.program import TOLERANCE
 
-Array = NDArray[np.float64]
 seeds = pytest.mark.parametrize("seed", range(6))
 aims_of = pytest.mark.parametrize("aims", [1, 2, 3])
 

@@ -4,15 +4,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from base.arrays import Array, Integers, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import Tones
 from precompute.clicks.click_responses import Responses
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
