@@ -147,6 +147,7 @@ def test_a_maximum_is_signed_only_beside_a_negative_minimum() -> None:
         (b"\xc0", 0, "End Collection without Collection"),
         (SCREEN[:-1], len(SCREEN) - 1, "open collections"),
         (b"\xb4", 0, "Pop without Push"),
+        (b"\xc4", 0, "unknown global item"),
         (b"\xa4" * 40, 32, "too many states"),
         (b"\xa1\x01" * 40, 64, "nested too deep"),
         (b"\x85\x00", 0, "report ID"),
