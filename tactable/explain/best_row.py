@@ -84,7 +84,7 @@ def print_best_row(out: Console, explained: ExplainedRow) -> None:
         f"row {row.index} of {row.group}; limited by {row.limited_by}",
     ]
     words.print_lines(out, *lines)
-    grid = Grid("zone", "localized factor", "peak m/s²", "dead spot m/s²", caption="the bar without fingers, tabulated")
+    grid = Grid("zone", "localized factor", "peak m/s²", "dead spot m/s²", caption="tabulated without fingers")
     figures = zip(device.zones, row.shares, row.peaks_m_per_s2, row.dead_spots_m_per_s2, strict=True)
     for zone, share, peak, dead in figures:
         grid.add_row(zone.name, f"{share:.3f}", f"{peak:.2f}", f"{dead:.2f}")

@@ -7,8 +7,8 @@ import { ORDERS, Role } from "./surface.js";
 const SOURCES = { click: "Click", steady: "Steady drive", zones: "Zones (the paper)" };
 // What the second bar is, by the kind of drive that plays on the first.
 const PAPERS = {
-  1: "The same fingers with the paper’s drive: the row of the sweep with the greatest localized factor in their zones, on a bar without fingers, that reaches the level there.",
-  2: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the row of the sweep with the greatest localized factor in their zones, on a bar without fingers, that reaches the level there.",
+  1: "The same fingers with the paper’s drive: the row of the sweep with the greatest localized factor in their zones, tabulated without fingers, that reaches the level there.",
+  2: "The same fingers with the paper’s drive, switched on for as long as the click: the paper has none. It is the row of the sweep with the greatest localized factor in their zones, tabulated without fingers, that reaches the level there.",
 };
 const RULES = {
   touch: "when it touches", hold: "after resting 0.5 s", drag: "every 10 mm of a drag", lift: "when it lifts",
