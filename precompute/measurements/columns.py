@@ -44,7 +44,7 @@ def place_columns(device: Device, name: str) -> tuple[str, ...]:
 
 
 def split_places(device: Device, name: str, place_m: Points) -> dict[str, Array]:
-    """Places (row,) as the columns that a file has of them, NaN in each where there is none."""
+    """Split places (row,) into a column for each side of the surface, by name; NaN in a row without a place."""
     parts = (np.where(np.isnan(place_m), np.nan, part) for part in (place_m.real, place_m.imag))
     return dict(zip(place_columns(device, name), parts, strict=False))
 

@@ -64,7 +64,7 @@ def estimate_errors(device: Device, responses: MeasuredResponses) -> Interpolati
     """Compare splines through every other frequency and place with the others, and the model with all."""
     measured, hz, place_m = responses.acceleration, responses.frequency_hz, responses.position_m
     size = abs(measured).max(axis=2, keepdims=True)
-    # Every other frequency; of places so many that the others are half as close.
+    # Leave out every other frequency. Leave out every other place of a bar, every fourth of a plate.
     left_hz, left_m = slice(1, len(hz) - 1, 2), slice(1, len(place_m) - 1, 4 if np.iscomplexobj(place_m) else 2)
     kept_hz, kept_m = _without(len(hz), left_hz), _without(len(place_m), left_m)
     between_hz = CubicSpline(hz[kept_hz], measured[kept_hz])(hz[left_hz]) - measured[left_hz]

@@ -19,7 +19,7 @@ _UNIT_OF = {"db": "dB", "hz": "Hz", "rad": "rad", "s": "s"}
 
 
 def diff_json(found: TableDiff) -> dict[str, Any]:
-    """The comparison as plain values for JSON; infinite values are None."""
+    """The comparison as plain values for JSON, which has no infinite numbers: they become None."""
     tolerance = found.tolerance
     changes = {key: getattr(found, key) for key in ("device", "options", "provenance")}
     values: dict[str, Any] = to_plain(

@@ -14,6 +14,7 @@ import errno
 import secrets
 import socket
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -48,39 +49,39 @@ _STATIC = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 
-class PageBackend:
+class PageBackend(ABC):
     """Source of what the page shows, and what its browsers may change in it: nothing, where it only looks on."""
 
     scene_number = 0
     """Changes whenever the scene does."""
 
+    @abstractmethod
     def scene(self) -> dict[str, Any]:
         """The part of the state that changes seldom, as JSON values."""
-        raise NotImplementedError
 
+    @abstractmethod
     def tick(self) -> tuple[list[bytes], bool]:
         """Advance to the present; the messages for all browsers, and whether anything moves."""
-        raise NotImplementedError
 
-    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:
+    def touch(self, browser: int, events: Sequence[PointerEvent]) -> None:  # noqa: B027  # one that only looks on takes nothing
         """Take pointer events of a browser."""
 
-    def leave(self, browser: int) -> None:
+    def leave(self, browser: int) -> None:  # noqa: B027  # one that only looks on takes nothing
         """Release the pointers of a browser that disconnected."""
 
-    def choose(self, switches: dict[str, Any]) -> None:
+    def choose(self, switches: dict[str, Any]) -> None:  # noqa: B027  # one that only looks on takes nothing
         """Move switches."""
 
-    def drop(self, file: DroppedFile) -> None:
+    def drop(self, file: DroppedFile) -> None:  # noqa: B027  # one that only looks on takes nothing
         """Take a device file that was dropped on the page."""
 
+    @abstractmethod
     def sound(self, finger: int) -> bytes | None:
         """Vibration that a finger felt, as a SOUND message; None where it is not known."""
-        raise NotImplementedError
 
+    @abstractmethod
     async def run(self) -> None:
         """Do the background work until cancelled."""
-        raise NotImplementedError
 
 
 class _Browser:
