@@ -2,12 +2,11 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-import numpy as np
-
-from base.points import point_text
+from base.points import point_at, point_text
 from engine.device.description import DeviceTable
 from engine.device.parts import Bar, Plate, Surface, Sweep, TouchAcross, TouchAxis, Zone
 
@@ -115,21 +114,26 @@ def read_zones(part: DeviceTable, top: DeviceTable, surface: Surface) -> tuple[t
     return tuple(zones), hysteresis_m
 
 
-def _equal_zones(part: DeviceTable, surface: Surface) -> list[Zone]:
-    """Zones of a bar by their `count`; of a plate by `rows` and `columns`, row by row from the first corner."""
+def equal_zones(surface: Surface, columns: int, rows: int = 1) -> tuple[Zone, ...]:
+    """Zones of one size, at most 16, named by Roman numerals: along the surface, row by row from its first corner."""
+    corners_m = [
+        [point_at(surface.corner_m, (column + far) / columns, (row + far) / rows) for far in (0, 1)]
+        for row, column in itertools.product(range(rows), range(columns))
+    ]
+    return tuple(Zone(name, *ends_m) for name, ends_m in zip(ROMAN, corners_m, strict=False))
+
+
+def _equal_zones(part: DeviceTable, surface: Surface) -> Sequence[Zone]:
+    """Zones of a bar by their `count`; of a plate by `rows` and `columns`."""
     if isinstance(surface, Bar):
-        edges = np.linspace(0.0, surface.length_m, part.integer("count", 1, len(ROMAN)) + 1).tolist()
-        return [Zone(n, a, b) for n, (a, b) in zip(ROMAN, itertools.pairwise(edges), strict=False)]
+        return equal_zones(surface, part.integer("count", 1, len(ROMAN)))
     rows, columns = part.integer("rows", 1, len(ROMAN)), part.integer("columns", 1, len(ROMAN))
     if rows * columns > len(ROMAN):
         raise part.error("rows", rows, f"expected at most {len(ROMAN)} zones")
-    x_m, y_m = np.linspace(0.0, surface.length_m, columns + 1), np.linspace(0.0, surface.width_m, rows + 1)
-    corners = itertools.product(itertools.pairwise(y_m.tolist()), itertools.pairwise(x_m.tolist()))
-    named = zip(ROMAN, corners, strict=False)
-    return [Zone(n, complex(left, low), complex(right, high)) for n, ((low, high), (left, right)) in named]
+    return equal_zones(surface, columns, rows)
 
 
-def _read_zone_tables(top: DeviceTable, surface: Surface) -> list[Zone]:
+def _read_zone_tables(top: DeviceTable, surface: Surface) -> Sequence[Zone]:
     zones: list[Zone] = []
     parts = top.tables("zone")
     if len(parts) > len(ROMAN):

@@ -1,16 +1,15 @@
 """Resolution: how well actuators tell two fingers apart as zones become narrower, which the paper leaves open."""
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from base.arrays import Array
 from base.points import order_of
-from engine.device import Device, Zone
-from engine.device.surface_description import ROMAN
+from engine.device import Device
+from engine.device.surface_description import equal_zones
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import WorkerPool
 from precompute.predict.untouched import greatest_factors
@@ -20,23 +19,30 @@ from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
-    """A bar with actuators at position_m and `zones` equal zones.
+    """A surface with actuators at position_m and `zones` equal zones.
 
-    fingers: contrasts of every two of them. factor (zone,): the greatest localized factor of each alone, untouched.
+    zone_width_m: the length of a zone of a bar; on a plate the side of a square of its area. fingers: contrasts of
+    every two of them. factor (zone,): the greatest localized factor of each alone, untouched.
     """
 
     position_m: tuple[complex, ...]
     zones: int
-    zone_length_m: float
+    zone_width_m: float
     fingers: TwoFingers
     factor: Array
 
 
 def with_equal_zones(device: Device, count: int) -> Device:
-    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals."""
-    edges = np.linspace(0.0, device.bar.length_m, count + 1).tolist()
-    named = [Zone(name, a, b) for name, (a, b) in zip(ROMAN[:count], itertools.pairwise(edges), strict=True)]
-    return replace(device, zones=tuple(named))
+    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals.
+
+    Those of a plate lie in as many rows as make them most nearly square.
+    """
+    rows, corner_m = [1], device.surface.corner_m
+    if isinstance(corner_m, complex):
+        over_square = corner_m.real / corner_m.imag / count  # times the square of the rows: length of a zone by width
+        rows = [n for n in range(1, count + 1) if count % n == 0]
+        rows.sort(key=lambda n: abs(math.log(over_square * n**2)))
+    return replace(device, zones=equal_zones(device.surface, count // rows[0], rows[0]))
 
 
 def study_resolution(
@@ -61,10 +67,11 @@ def study_resolution(
 def _resolve(device: Device, wanted_db: float, job: tuple[tuple[complex, ...], int]) -> Resolved:
     position_m, zones = job
     changed = with_equal_zones(with_actuators_at(device, position_m), zones)
+    span_m = changed.zones[0].stop_m - changed.zones[0].start_m
     return Resolved(
         position_m=tuple(sorted(position_m, key=order_of)),
         zones=zones,
-        zone_length_m=device.bar.length_m / zones,
+        zone_width_m=math.sqrt(span_m.real * span_m.imag) if isinstance(span_m, complex) else span_m,
         fingers=solve_two_fingers(changed, wanted_db),
         factor=greatest_factors(assemble(changed)),
     )

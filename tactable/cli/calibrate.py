@@ -336,7 +336,9 @@ def simulate_measurements(
     device_name: DeviceArgument,
     output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
     drives: Frequencies = "150,130;150,200;150,230",
-    points: Annotated[int, typer.Option(min=1, max=1000, help="Evenly spaced points; a plate: at most so many.")] = 22,
+    points: Annotated[
+        int, typer.Option(min=1, max=1000, help="Evenly spaced points; on a plate at most this many.")
+    ] = 22,
     change: Change = None,
     noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading.")] = "1 %",
     wrong: Annotated[str, typer.Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",

@@ -1,4 +1,4 @@
-"""Commands `effects ...`: effect files of other makers read, shown and written, and what a place of a bar can do."""
+"""Commands `effects ...`: effect files of other makers read, shown and written, and what a place can do."""
 
 import json
 import math
@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from base.files import replace_file
+from base.points import json_of
 from engine.device import Device
 from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
 from engine.effects.files.read import FORMATS, read_effect_file
@@ -53,8 +54,8 @@ def show(
 def export(
     name: Annotated[str, typer.Argument(metavar="EFFECT", help="A named effect such as press, or an effect file.")],
     path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .hjif.")],
-    device_name: Annotated[str | None, typer.Option("--device", help="The bar that it is for.")] = None,
-    at: Annotated[str | None, typer.Option("--at", help="The place on that bar, such as 40 mm.")] = None,
+    device_name: Annotated[str | None, typer.Option("--device", help="The device that it is for.")] = None,
+    at: Annotated[str | None, typer.Option("--at", help="The place on it: 40mm, or 40x60mm.")] = None,
     level: FullLevel = _DEFAULT_LEVEL,
     hold: Annotated[str, typer.Option(help="Length of a segment that lasts while the finger rests.")] = "1 s",
 ) -> None:
@@ -85,7 +86,9 @@ def export(
 
 def curve(
     device_name: DeviceArgument,
-    at: Annotated[str, typer.Option("--at", help="Places such as 40mm,140mm; default: the middle of each zone.")] = "",
+    at: Annotated[
+        str, typer.Option("--at", help="Places: 40mm,140mm, or 40x60mm of a plate; default: the middle of each zone.")
+    ] = "",
     path: Annotated[Path | None, typer.Option("-o", "--output", help="A .json file; default: print.")] = None,
     under_finger: Annotated[bool, typer.Option("--finger/--no-finger", help="With the device's finger there.")] = True,
 ) -> None:
@@ -100,8 +103,7 @@ def curve(
     from precompute.studies.reach_along import compute_acceleration_curves
 
     device = find_device(device_name)
-    middles = [zone.middle_m.real for zone in device.zones]
-    places_m = [_read_place(device, each) for each in names_in(at)] or middles
+    places_m = [_read_place(device, each) for each in names_in(at)] or [zone.middle_m for zone in device.zones]
     finger = device.finger if under_finger else None
     hz, g = compute_acceleration_curves(assemble(device), np.array(places_m), finger)
     document = {
@@ -111,7 +113,7 @@ def curve(
         "estimated": list(device.estimated_values),
         "places": [
             {
-                "at_m": place_m,
+                "at_m": json_of(place_m),
                 "frequencyToOutputAccelerationMap": [
                     {"frequencyHz": float(f), "maxOutputAccelerationGs": float(f"{value:.6g}")}
                     for f, value in zip(hz, column, strict=True)
@@ -148,7 +150,7 @@ def _effect(name: str, level: str) -> Effect:
 def _place(device_name: str, at: str) -> Any:
     import numpy as np
 
-    from engine.effects.files.hjif_out import BarPlace
+    from engine.effects.files.hjif_out import EffectPlace
     from precompute.model.assembly import assemble
     from precompute.studies.reach_along import compute_reach
 
@@ -157,14 +159,16 @@ def _place(device_name: str, at: str) -> Any:
     reach = compute_reach(assemble(device), np.array([at_m]), device.finger)
     bands = [actuator.band_hz for actuator in device.actuators]
     band_hz = (min(low for low, _ in bands), max(high for _, high in bands))
-    return BarPlace(device.name, at_m, band_hz, float(reach.one_tone_hz[0]))
+    return EffectPlace(device.name, at_m, band_hz, float(reach.one_tone_hz[0]))
 
 
-def _read_place(device: Device, text: str) -> float:
-    at_m = read_option("--at", text, "m")
-    if at_m > device.bar.length_m:
-        raise OptionError(f"--at {text}: is off the bar, which is {1e3 * device.bar.length_m:g} mm long")
-    return at_m
+def _read_place(device: Device, text: str) -> complex:
+    from engine.device.quantity import QuantityError, read_point_on
+
+    try:
+        return read_point_on(text, device.surface.corner_m)
+    except QuantityError as error:
+        raise OptionError(f"--at: {error}") from None
 
 
 def _plain(converted: Converted, full_level_db: float) -> dict[str, Any]:

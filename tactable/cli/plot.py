@@ -199,7 +199,7 @@ def response(
     sensor_mass: SensorMass = "0 g",
     change: Change = None,
 ) -> Picture:
-    """Draw the acceleration along the bar of one or more drives.
+    """Draw the acceleration over the surface of one or more drives.
 
     The actuators are at full scale. Measured readings are drawn beside the model where there are any.
     """

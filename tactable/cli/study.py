@@ -1,4 +1,4 @@
-"""Commands `study ...`: bars that are not built yet, searched and compared; each a picture with its data."""
+"""Commands `study ...`: devices that are not built yet, searched and compared; each a picture with its data."""
 
 import time
 from dataclasses import replace
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from base.points import order_of
 from engine.device import Device
 from engine.device.surface_description import ROMAN
 from tactable.cli.console import Progress, remark
@@ -74,8 +75,8 @@ def resolution(
         str,
         typer.Option(
             "--at",
-            help="Positions of actuators in % of the bar, placements separated by ;. Default: the device's, and 1, 3 "
-            "and 4 evenly spaced.",
+            help="Positions of actuators in % of the bar, or of a plate's sides as 10x15, placements separated by ;. "
+            "Default: the device's, and 1, 3 and 4 evenly spaced.",
         ),
     ] = "",
     level_db: Level = 20.0,
@@ -109,14 +110,18 @@ def _helpers(workers: int | None) -> int:
 
 
 def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
-    """Positions in metres, in rising order, of a text such as "16,97.7;10,50,90". Raises OptionError."""
+    """Points in metres, in order, of a text such as "16,97.7;10,50,90" or "10x15,90x85". Raises OptionError."""
+    from engine.device.quantity import QuantityError, read_point_on
+
     found = list[tuple[complex, ...]]()
     for part in text.split(";"):
         try:
-            percent = sorted(float(number) for number in names_in(part))
-        except ValueError:
-            percent = []
-        if not percent or len(set(percent)) < len(percent) or not all(0 <= at <= 100 for at in percent):
-            raise OptionError(f"--at {text!r}: {part!r}: expected different places in % of the bar, such as 16,97.7")
-        found.append(tuple(at / 100 * device.bar.length_m for at in percent))
+            at_m = {read_point_on(f"{each} %", device.surface.corner_m) for each in names_in(part)}
+        except QuantityError as error:
+            raise OptionError(f"--at {text!r}: {error}") from None
+        if not at_m or len(at_m) < len(names_in(part)):
+            raise OptionError(
+                f"--at {text!r}: {part!r}: expected different places in %, such as 16,97.7 or 10x15,90x85"
+            )
+        found.append(tuple(sorted(at_m, key=order_of)))
     return found

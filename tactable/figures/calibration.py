@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from base.arrays import Integers, even_points
 from precompute.calibration.calibrate import Calibration, FittedDevice
 from precompute.calibration.modal_fit import ModalCalibration
-from tactable.figures.response_picture import PLACES, reading_at
-from tactable.figures.style import BLACK, BLUE, COLOUR_MAP, GREY, VERMILLION, draw_actuators
+from tactable.figures.response_picture import reading_at
+from tactable.figures.style import BLACK, BLUE, COLOUR_MAP, GREY, VERMILLION, draw_actuators, surface_field
 
 _DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than picture_file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
@@ -79,7 +79,7 @@ def _draw(axes: Axes, calibration: Calibration, rows: Integers) -> None:
     if np.iscomplexobj(measurements.position_m):
         _draw_from_above(axes, calibration, rows)
         return
-    place_m = np.linspace(0.0, device.bar.length_m, PLACES)
+    place_m = surface_field(device).position_m.real
     axes.plot(
         1e3 * place_m, reading_at(device, measurements, int(rows[0]), place_m), color=BLUE, lw=1.5, label="fitted"
     )

@@ -134,21 +134,9 @@ def _placement_text(device: Device, placement: Placement) -> str:
     )
 
 
-def _percent_text(device: Device, placement: Placement) -> str:
-    shares = [_percent(device, at) for at in placement.position_m]
-    return ", ".join(" x ".join(f"{share:.1f}" for share in np.atleast_1d(each)) for each in shares) + " %"
-
-
-def _percent(device: Device, at_m: complex) -> float | list[float]:
-    """A point in per cent of the sides of the surface: one number on a bar, two on a plate."""
-    corner_m = device.surface.corner_m
-    shares = [100 * at_m.real / corner_m.real, *([100 * at_m.imag / corner_m.imag] if style.is_plate(device) else [])]
-    return shares if len(shares) > 1 else shares[0]
-
-
 def _search_text(device: Device, search: PlacementSearch) -> str:
     return f"{search.count} actuators: " + ", ".join(
-        f"{placement.name} at {_percent_text(device, placement)} {_value_text(placement)}"
+        f"{placement.name} at {style.percents_text(device, placement.position_m)} {_value_text(placement)}"
         for placement in search.evaluated
     )
 
@@ -193,7 +181,7 @@ def _summary_of(device: Device, search: PlacementSearch) -> dict[str, object]:
         "judged": [
             {
                 "placement": placement.name,
-                "position_percent": [_percent(device, at) for at in placement.position_m],
+                "position_percent": [style.percent_of(device, at) for at in placement.position_m],
                 "reached": placement.fingers.is_reached,
                 "worst_contrast_db": placement.fingers.worst_db,
                 "median_contrast_db": float(np.nanmedian(placement.fingers.contrast_db)),

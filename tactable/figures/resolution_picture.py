@@ -1,6 +1,7 @@
 """A study of narrower zones: the worst contrast of two fingers and the worst factor of a zone, by zone width."""
 
 import itertools
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,10 +11,11 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from precompute.studies.zone_resolution import Resolved
 from tactable.figures.picture_file import Picture
-from tactable.figures.style import BLACK, CURVES, GREY, finish_picture
+from tactable.figures.style import BLACK, CURVES, GREY, finish_picture, percent_of, percents_text
 
 TOLD_APART_DB = 10.0
 """Contrast at which a table calls two fingers told apart here: a felt finger at 20 dB, the quiet one at 10."""
+_NAME_LETTERS = 28  # a line of the legend
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
@@ -26,7 +28,8 @@ def plot_resolution(device: Device, study: Sequence[Resolved], wanted_db: float)
         _draw_line(left, right, line, colour, style, marker, _name_of(device, line[0]))
     _finish(left, right, lines)
     handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, fontsize="x-small", loc="outside right upper")
+    wrapped = [textwrap.fill(label, _NAME_LETTERS) for label in labels]
+    figure.legend(handles, wrapped, fontsize="x-small", loc="outside right center")
     return finish_picture(
         figure,
         device,
@@ -42,18 +45,18 @@ def plot_resolution(device: Device, study: Sequence[Resolved], wanted_db: float)
 
 
 def narrowest_zone_m(line: Sequence[Resolved]) -> float | None:
-    """Length of the narrowest zones at which, and above which, every two fingers are told apart; None: at no width."""
+    """Width of the narrowest zones at which, and above which, every two fingers are told apart; None: at no width."""
     wide_first = sorted(line, key=lambda resolved: resolved.zones)
     kept = list(
         itertools.takewhile(lambda each: each.fingers.is_reached and each.fingers.worst_db >= TOLD_APART_DB, wide_first)
     )
-    return kept[-1].zone_length_m if kept else None
+    return kept[-1].zone_width_m if kept else None
 
 
 def _draw_line(
     left: Axes, right: Axes, line: Sequence[Resolved], colour: str, style: str, marker: str, name: str
 ) -> None:
-    width_mm = 1e3 * np.array([each.zone_length_m for each in line])
+    width_mm = 1e3 * np.array([each.zone_width_m for each in line])
     worst_db = np.array([each.fingers.worst_db for each in line])
     missed = np.array([not each.fingers.is_reached for each in line])
     left.plot(width_mm, worst_db, marker=marker, color=colour, ls=style, lw=1.6, ms=6, label=name)
@@ -68,9 +71,9 @@ def _finish(left: Axes, right: Axes, lines: Sequence[Sequence[Resolved]]) -> Non
         left.plot([], [], "o", color="white", mec=GREY, label="hollow: a level out of reach")
     left.set(ylabel="worst contrast (dB)", ylim=(min(0.0, left.get_ylim()[0]), None))
     left.set_title("with fingers: worst of every felt and quiet zone", fontsize="small", loc="left")
-    counts = np.array(sorted({each.zones for line in lines for each in line}))
-    width_mm = 1e3 * lines[0][0].zone_length_m * lines[0][0].zones / counts
-    right.plot(width_mm, 1 / counts, color=GREY, lw=1.0, ls=":", label="its share of the length")
+    width_of = {each.zones: 1e3 * each.zone_width_m for line in lines for each in line}
+    counts, width_mm = np.array(sorted(width_of)), np.array([width_of[count] for count in sorted(width_of)])
+    right.plot(width_mm, 1 / counts, color=GREY, lw=1.0, ls=":", label="its share of the surface")
     right.set(ylabel="localized factor (1)", ylim=(0, 1.03))
     right.set_title("untouched: greatest factor of the worst zone alone", fontsize="small", loc="left")
     right.legend(fontsize="x-small", loc="upper left")
@@ -84,8 +87,7 @@ def _finish(left: Axes, right: Axes, lines: Sequence[Sequence[Resolved]]) -> Non
 
 
 def _name_of(device: Device, resolved: Resolved) -> str:
-    at = ", ".join(f"{100 * place / device.bar.length_m:.3g}" for place in resolved.position_m)
-    return f"{len(resolved.position_m)} at {at} %"
+    return f"{len(resolved.position_m)} at {percents_text(device, resolved.position_m)}"
 
 
 def _line_text(device: Device, line: Sequence[Resolved]) -> str:
@@ -99,7 +101,7 @@ def _columns(device: Device, study: Sequence[Resolved]) -> dict[str, list[object
         "actuators (1)": [len(each.position_m) for each in study],
         "placement": [_name_of(device, each) for each in study],
         "zones (1)": [each.zones for each in study],
-        "width of a zone (m)": [each.zone_length_m for each in study],
+        "width of a zone (m)": [each.zone_width_m for each in study],
         "worst contrast (dB)": [each.fingers.worst_db for each in study],
         "median contrast (dB)": [float(np.nanmedian(each.fingers.contrast_db)) for each in study],
         "least level (dB above threshold)": [float(np.nanmin(each.fingers.level_db)) for each in study],
@@ -110,7 +112,7 @@ def _columns(device: Device, study: Sequence[Resolved]) -> dict[str, list[object
 
 def _summary_of(device: Device, line: Sequence[Resolved]) -> dict[str, object]:
     return {
-        "position_percent": [100 * at / device.bar.length_m for at in line[0].position_m],
+        "position_percent": [percent_of(device, at) for at in line[0].position_m],
         "narrowest_zone_m": narrowest_zone_m(line),
         "zones": [each.zones for each in line],
         "worst_contrast_db": [each.fingers.worst_db for each in line],

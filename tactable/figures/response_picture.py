@@ -1,5 +1,7 @@
-"""Acceleration along the bar, with measured points (paper's Figures 6 and 7), and the reading that any place gives."""
+"""Acceleration over the surface, with readings (on a bar the paper's Figures 6 and 7), and the reading of any place."""
 
+import math
+import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -7,17 +9,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from base.arrays import Array, Points
+from base.points import json_of, point_text
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Measurements, lay_out
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
-PLACES = 401  # less than a millimetre apart on 300 mm
 MOST_PANELS = 12  # a page's worth
 NODE = 0.1
 """A minimum below this fraction of the greatest acceleration is marked: a dead spot of this drive."""
 _MM_PER_INCH = 25.4  # by definition
+_MAPS_A_ROW, _MAP_INCHES = 2, 4.0
+_TITLE_LETTERS = 60  # a line above a panel
 _HEADROOM = 1.18  # above the greatest value: the names of the zones
 
 
@@ -29,23 +33,27 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
     measured = layout if has_readings else None
     number = layout.drive_of_row
     first_rows = [int((number == drive).argmax()) for drive in range(min(int(number.max()) + 1, MOST_PANELS))]
-    place_m = np.linspace(0.0, device.bar.length_m, PLACES)
+    place_m = style.surface_field(device).position_m
     curves = [(place_m, reading_at(device, layout, row, place_m)) for row in first_rows]
-    figure = Figure(figsize=(9, 1.8 + 2.0 * len(curves)), layout="constrained")
-    panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
+    figure, panels = _panels(device, len(curves))
     for k, (axes, row, curve) in enumerate(zip(panels, first_rows, curves, strict=True)):
-        rows = np.flatnonzero(number == number[row])
-        _draw(axes, device, curve, None if measured is None else measured.part(rows), is_first=k == 0)
-        axes.set_title(drive_text(device, layout, row), fontsize="small", loc="left")
-    panels[-1].set(xlabel="along the bar (mm)")
+        read = None if measured is None else measured.part(np.flatnonzero(number == number[row]))
+        if style.is_plate(device):
+            _draw_map(axes, device, curve[1], read)
+        else:
+            _draw(axes, device, curve, read, is_first=k == 0)
+        axes.set_title(textwrap.fill(drive_text(device, layout, row), _TITLE_LETTERS), fontsize="small", loc="left")
     is_simulated = measured is not None and measured.is_simulated
-    drives = [_summary_of(device, layout, *pair) for pair in zip(first_rows, curves, strict=True)]
+    drives = [
+        {"drive": drive_text(device, layout, row), **_summary_of(*curve)}
+        for row, curve in zip(first_rows, curves, strict=True)
+    ]
     readings = 0 if measured is None else len(measured)
     return style.finish_picture(
         figure,
         device,
-        f"{device.name}: peak acceleration along the bar{', SIMULATED points' if is_simulated else ''}",
-        "; ".join(f"{drive['drive']} {_node_text(drive)}" for drive in drives),
+        f"{device.name}: peak acceleration {_where(device)}{', SIMULATED points' if is_simulated else ''}",
+        "; ".join(f"{drive['drive']} {_words_of(*pair)}" for drive, pair in zip(drives, curves, strict=True)),
         _columns(device, layout, first_rows, curves) if measured is None else _compared(device, measured),
         {"simulated": is_simulated, "readings": readings, "drives": drives},
         notes=(),
@@ -97,10 +105,33 @@ def _predicted(device: Device, measurements: Measurements) -> Array:
     return size
 
 
+def _panels(device: Device, count: int) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels: one below the other along a bar, maps of a plate side by side."""
+    if not style.is_plate(device):
+        figure = Figure(figsize=(9, 1.8 + 2.0 * count), layout="constrained")
+        panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+        panels[-1].set(xlabel="along the bar (mm)")
+        return figure, list(panels)
+    rows = math.ceil(count / _MAPS_A_ROW)
+    height = 1.2 + rows * style.map_height(device, _MAP_INCHES)
+    figure = Figure(figsize=(_MAPS_A_ROW * (_MAP_INCHES + 1), height), layout="constrained")
+    return figure, [figure.add_subplot(rows, _MAPS_A_ROW, k + 1) for k in range(count)]
+
+
+def _draw_map(axes: Axes, device: Device, level: Array, measured: Measurements | None) -> None:
+    """The computed acceleration as a map, and on it the readings as discs of the same colours."""
+    size = np.zeros(0) if measured is None else np.abs(measured.acceleration)
+    greatest = float(np.max([*level, *size]))
+    label = "peak (m/s²)" if measured is None else "peak (m/s²); discs: read"
+    image = style.draw_map(axes, device, style.surface_field(device), level, label, vmin=0.0, vmax=greatest)
+    if measured is not None:
+        style.draw_values(axes, image, measured.position_m, size)
+
+
 def _draw(
-    axes: Axes, device: Device, curve: tuple[Array, Array], measured: Measurements | None, *, is_first: bool
+    axes: Axes, device: Device, curve: tuple[Points, Array], measured: Measurements | None, *, is_first: bool
 ) -> None:
-    place_m, level = curve
+    place_m, level = curve[0].real, curve[1]
     label = "computed" if measured is None else "computed, with the sensor at each place"
     axes.plot(1e3 * place_m, level, color=style.BLUE, lw=1.6, label=label)
     nodes_m = find_nodes(place_m, level)
@@ -122,17 +153,17 @@ def _draw(
 
 
 def _columns(
-    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[Array, Array]]
+    device: Device, layout: Measurements, rows: list[int], curves: list[tuple[Points, Array]]
 ) -> dict[str, Array]:
     named = {f"{drive_text(device, layout, row)} (m/s^2)": level for row, (_, level) in zip(rows, curves, strict=True)}
-    return {"position (m)": curves[0][0], **named}
+    return style.position_columns(curves[0][0]) | named
 
 
 def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     """A row a reading."""
     names = [actuator.name for actuator in device.actuators]
     return {
-        "position (m)": measured.position_m.real,
+        **style.position_columns(measured.position_m),
         **{f"frequency of {name} (Hz)": measured.frequency_hz[:, i] for i, name in enumerate(names)},
         **{f"amplitude of {n} (fraction of full scale)": abs(measured.amplitude[:, i]) for i, n in enumerate(names)},
         "sensor mass (kg)": measured.sensor_mass_kg,
@@ -141,16 +172,19 @@ def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
     }
 
 
-def _summary_of(device: Device, layout: Measurements, row: int, curve: tuple[Array, Array]) -> dict[str, object]:
-    place_m, level = curve
-    return {
-        "drive": drive_text(device, layout, row),
-        "greatest_m_per_s2": float(level.max()),
-        "nodes_m": find_nodes(place_m, level).tolist(),
-    }
+def _where(device: Device) -> str:
+    return "over the plate" if style.is_plate(device) else "along the bar"
 
 
-def _node_text(drive: dict[str, object]) -> str:
-    nodes_m = drive["nodes_m"]
-    assert isinstance(nodes_m, list)
-    return "no node" if not nodes_m else "nodes at " + ", ".join(f"{1e3 * at:.0f}" for at in nodes_m) + " mm"
+def _summary_of(place_m: Points, level: Array) -> dict[str, object]:
+    """The greatest acceleration, where it is, and the nodes of a bar; those of a plate are lines."""
+    greatest: dict[str, object] = {"greatest_m_per_s2": float(level.max())}
+    greatest |= {"greatest_position_m": json_of(place_m[level.argmax()].item())}
+    return greatest if np.iscomplexobj(place_m) else greatest | {"nodes_m": find_nodes(place_m.real, level).tolist()}
+
+
+def _words_of(place_m: Points, level: Array) -> str:
+    if np.iscomplexobj(place_m):
+        return f"{level.max():.3g} m/s² at {point_text(place_m[level.argmax()].item(), 3)}"
+    nodes_m = find_nodes(place_m.real, level)
+    return "no node" if not len(nodes_m) else "nodes at " + ", ".join(f"{1e3 * at:.0f}" for at in nodes_m) + " mm"

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from base.arrays import Array, Field, Points
 from base.plain import to_plain
+from base.points import parts_of
 from base.points import sides_of as point_sides
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2
@@ -138,6 +139,19 @@ def position_columns(position_m: Points, header: str = "position (m)") -> dict[s
     columns = {header: np.real(position_m)}
     across = header.replace(" (m)", ", across (m)")
     return columns | {across: np.imag(position_m)} if np.iscomplexobj(position_m) else columns
+
+
+def percent_of(device: Device, at_m: complex) -> float | list[float]:
+    """A point in per cent of the sides of the surface: one number on a bar, two on a plate."""
+    pairs = zip(parts_of(at_m), parts_of(device.surface.corner_m), strict=True)
+    shares = [100 * part_m / side_m for part_m, side_m in pairs]
+    return shares if len(shares) > 1 else shares[0]
+
+
+def percents_text(device: Device, position_m: Sequence[complex]) -> str:
+    """Points in words, such as "16, 97.7 %"."""
+    shares = [np.atleast_1d(percent_of(device, at_m)) for at_m in position_m]
+    return ", ".join(" x ".join(f"{share:.3g}" for share in each) for each in shares) + " %"
 
 
 def draw_gravities(axes: "Axes") -> None:

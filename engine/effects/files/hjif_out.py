@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from base.points import point_text
 from engine.effects.files.conversion import CLICK_MS
 from engine.effects.rules import NS_PER_MS, Effect, Segment
 
@@ -21,18 +22,18 @@ _LONGEST_MS = 32_000
 
 
 @dataclass(frozen=True)
-class BarPlace:
-    """Where on which bar the effect is to be felt, and what the bar can do there."""
+class EffectPlace:
+    """Where on which surface the effect is to be felt, and what its actuators can do there."""
 
     device: str
-    at_m: float
+    at_m: complex
     band_hz: tuple[float, float]
     best_hz: float
     """The frequency at which the place is moved most for the threshold."""
 
 
 def encode_hjif(
-    effect: Effect, full_level_db: float, hold_ms: int, date: str, place: BarPlace | None = None
+    effect: Effect, full_level_db: float, hold_ms: int, date: str, place: EffectPlace | None = None
 ) -> dict[str, Any]:
     """The document (to be written as JSON); a held segment lasts `hold_ms`, `date` is of ISO 8601 (2026-01-31)."""
     lower, upper = (0, 1000) if place is None else (round(place.band_hz[0]), round(place.band_hz[1]))
@@ -51,7 +52,7 @@ def encode_hjif(
         for band_type, effects in (("Transient", clicks), ("VectorialWave", waves))
         if effects
     ]
-    where = "a touch bar" if place is None else f"{place.device}, {1e3 * place.at_m:g} mm from the start of the bar"
+    where = "a touch surface" if place is None else f"{place.device}, at {point_text(place.at_m)}"
     channel = {"id": 0, "description": where, "gain": 1.0, "mixing_coefficient": 1.0, "body_part_mask": 0}
     channel |= {"bands": bands} if place is None else {"bands": bands, "reference_device_id": 0}
     devices = [] if place is None else [_reference_device(place)]
@@ -123,7 +124,7 @@ def _amplitude(segment: Segment, full_level_db: float) -> float:
     return 1.0 if math.isinf(segment.level_db) else min(1.0, 10 ** ((segment.level_db - full_level_db) / 20))
 
 
-def _reference_device(place: BarPlace) -> dict[str, Any]:
+def _reference_device(place: EffectPlace) -> dict[str, Any]:
     low_hz, high_hz = place.band_hz
     return {
         "id": 0,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.effects.files.conversion import CLICK_MS, FULL_LEVEL_DB, Converted, Fate, convert
-from engine.effects.files.hjif_out import BarPlace, encode_hjif
+from engine.effects.files.hjif_out import EffectPlace, encode_hjif
 from engine.effects.files.json_part import Part
 from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
@@ -178,9 +178,9 @@ ASKED: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("place", [None, BarPlace("bar", 0.04, (60.2, 299.6), 187.3)])
+@pytest.mark.parametrize("place", [None, EffectPlace("bar", 0.04, (60.2, 299.6), 187.3)])
 @pytest.mark.parametrize("effect", [*named_effects().values(), Effect("long", (Segment(119_000 * MS, 9.0),))])
-def test_what_is_written_has_all_that_the_reference_reader_asks_for(effect: Effect, place: BarPlace | None) -> None:
+def test_what_is_written_has_all_that_the_reference_reader_asks_for(effect: Effect, place: EffectPlace | None) -> None:
     document = encode_hjif(effect, 25.0, 1000, "2026-01-31", place)
 
     def check(part: dict[str, Any], member: str) -> None:
