@@ -2,9 +2,9 @@
 
 A steady drive, and a click that the table holds, are answered at once. A click that it does not hold (three fingers and
 more) is *awaited* where clicks are solved beside the loop, which takes some milliseconds. On a machine that is busy it
-may take longer than the click would last: it is played all the same, but not after LATEST_NS. Where nobody solves it,
-the steady drive for the same fingers is the answer. The drive of fingers that move keeps the frequency that they have,
-where it can.
+may take longer than the click would last: it is played all the same, but not after `patience_ns`. Where nobody solves
+it, the steady drive for the same fingers is the answer. The drive of fingers that move keeps the frequency that they
+have, where it can.
 """
 
 from typing import NamedTuple
@@ -39,6 +39,8 @@ class Answerer:
         self.renderer = renderer
         self.awaits_clicks = False
         """Whether clicks that are not known are solved beside the loop."""
+        self.patience_ns = LATEST_NS
+        """For how long after its touch a click is awaited."""
         self.awaited: Placement | None = None
         """The fingers whose click is waited for; None: no click is."""
         self.wanted_then = NOTHING
@@ -51,7 +53,11 @@ class Answerer:
         """The command for what is wanted; None where its click is awaited from now on."""
         command = self._render(wanted)
         if command is None and self.awaits_clicks and wanted.click_ns is not None:
-            self.awaited, self.wanted_then, self.latest_ns = wanted.placement, wanted, wanted.click_ns + LATEST_NS
+            self.awaited, self.wanted_then, self.latest_ns = (
+                wanted.placement,
+                wanted,
+                wanted.click_ns + self.patience_ns,
+            )
             return None
         return self._fallback(wanted) if command is None else command
 

@@ -43,7 +43,11 @@ class TransientPlant:
 
     def touch(self, fingers: Sequence[tuple[complex, Finger]]) -> None:
         """The fingers on the bar from now on: (position in metres, finger)."""
-        self._model = compute_modal_model(self.basis, fingers)
+        self.take_model(compute_modal_model(self.basis, fingers))
+
+    def take_model(self, model: ModalModel) -> None:
+        """The damped modes from now on: those of the basis under some fingers."""
+        self._model = model
         # Poles come in conjugate pairs: one of each is enough, counted twice.
         self._kept = np.flatnonzero(self._model.pole.imag >= 0)
         weight = np.where(self._model.pole[self._kept].imag > 0, 2.0, 1.0)

@@ -50,9 +50,10 @@ def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
     A table without rows of a sweep, which is one of modes alone or of a bar with one actuator, has no second bar.
     """
     if before is None or before.table.fingerprint != table.fingerprint:
-        bar, paper = LiveBar(table.device), PaperBar(table.device, table.best_rows)
+        bar = LiveBar(table.device)
+        paper = PaperBar(bar, table.best_rows)
     else:
-        bar, paper = before.bar, before.paper or PaperBar(table.device, table.best_rows)
+        bar, paper = before.bar, before.paper or PaperBar(before.bar, table.best_rows)
         paper.rows = table.best_rows
         if before.paper is None:
             paper.begin_at_rest(bar.now_us)
@@ -212,7 +213,7 @@ class DemoBackend(PageBackend):
 
     def tick(self) -> tuple[list[bytes], bool]:
         """Advance the bar to the present, as the firmware drove it."""
-        self._pointers.repeat(time.monotonic_ns())
+        self._pointers.bring_down(time.monotonic_ns())
         view, firmware, reader = self.view, self._firmware, self._reader
         if view is None or firmware is None or reader is None or self._is_between:
             return [], False

@@ -7,17 +7,18 @@ threshold filter is linear, so a level at any place follows from the filtered mo
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 
 from base.arrays import Array, Field
-from engine.device import Device
+from engine.device import Device, Finger
 from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S, Synthesis
 from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis
+from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.page_messages import LOWEST_DB
@@ -36,7 +37,11 @@ POWER_S = 0.1
 LONGEST_STEP_S = KEPT_S
 """After a longer stall the missed time is left out: the past that is kept must hold a whole step."""
 STILL_M = 2e-4
-"""A smaller move of a finger leaves the plant unchanged; a change costs as much as 20 ms of simulation."""
+"""A smaller move of a finger leaves the plant unchanged."""
+MOVED_US = 50_000
+"""A finger that moves loads the plant anew this often: damped modes of a plate cost as much as 50 ms of its time."""
+_SMOOTH = 240
+"""Spectra have a multiple of this length: of a power of two, columns compete for the same lines of the cache."""
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
 
 
@@ -94,18 +99,28 @@ class _ModalPlant(TransientPlant):
         self.position_m, self._shape = np.zeros(modes), np.eye(modes)
 
 
-class LiveBar:
-    """The time-domain plant of a device, on the firmware's time: `take` drive events, then `advance`.
-
-    field, moving: the points of levels, and of what is shown slowed.
-    """
+class _Modes:
+    """The modes of a device, and its damped modes under fingers, of which the last two are kept."""
 
     def __init__(self, device: Device) -> None:
+        self.basis = compute_basis(assemble(device), modes_of(device))
+        self.under = lru_cache(2)(partial(compute_modal_model, self.basis))
+
+
+class LiveBar:
+    """The time-domain plant of a device, on the firmware's time: `take_events`, then `move_until`.
+
+    field, moving: the points of levels, and of what is shown slowed. twin: another bar of the device, with the same
+    fingers: damped modes are computed once for both.
+    """
+
+    def __init__(self, device: Device, twin: "LiveBar | None" = None) -> None:
         self.device = device
         self.now_us = 0.0
         corner_m = device.surface.corner_m
         self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
-        self._basis = compute_basis(assemble(device), modes_of(device))
+        self._modes: _Modes = _Modes(device) if twin is None else twin._modes
+        self._basis = self._modes.basis
         self._grid, self._moving = (self._basis.at(each.position_m) for each in (self.field, self.moving))
         self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
@@ -134,6 +149,8 @@ class LiveBar:
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
         self._plant = _ModalPlant(self._basis, np.zeros(0), RATE_HZ)
+        self._loads: tuple[tuple[complex, Finger], ...] = ()
+        self._loaded_us, self._loaders = self.now_us, list[int]()
         self._place()
 
     def take_events(self, events: Sequence[DriveEvent]) -> None:
@@ -159,7 +176,16 @@ class LiveBar:
             self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
         while len(self._heard) > MOST_TOUCHES:
             del self._heard[next(iter(self._heard))]
-        self._plant.touch([(place_m, self.device.finger) for place_m in places_m] if self._is_loaded else ())
+
+    def _load(self, at_us: float) -> None:
+        """Let the fingers load the plant: at once where there are others, now and then where they only move."""
+        loads = tuple((finger.position_m, self.device.finger) for finger in self._fingers) if self._is_loaded else ()
+        loaders = [finger.contact_id for finger in self._fingers]
+        has_moved = loaders == self._loaders and len(loads) == len(self._loads)
+        if loads == self._loads or (has_moved and at_us < self._loaded_us + MOVED_US):
+            return
+        self._plant.take_model(self._modes.under(loads))
+        self._loads, self._loaders, self._loaded_us = loads, loaders, at_us
 
     def move_until(self, until_us: float) -> Moved | None:
         """Simulate until then; None while nothing moves."""
@@ -175,6 +201,7 @@ class LiveBar:
             self._motion.push(silence)
             self._weighted.push(silence)
             return None
+        self._load(start_us)
         acceleration = self._plant.accelerate(displacement)
         self._motion.push(acceleration)
         self._weighted.push(self._weigh(acceleration))
@@ -203,7 +230,7 @@ class LiveBar:
         """Filter by the detection threshold (time, mode); the past of the filter is carried over."""
         course = np.concatenate([self._unweighted, acceleration])
         self._unweighted = course[-len(self._unweighted) :].copy()
-        count = 1 << (len(course) - 1).bit_length()
+        count = -(-len(course) // _SMOOTH) * _SMOOTH
         spectrum = np.fft.rfft(course, count, axis=0) * np.fft.rfft(self._taps, count)[:, None]
         # The circular convolution wraps around into the past, which is cut off.
         weighted: Array = np.fft.irfft(spectrum, count, axis=0)[len(self._unweighted) : len(course)]

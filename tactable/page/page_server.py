@@ -205,6 +205,7 @@ class PageServer:
         """Tick the backend and offer its messages to all browsers, until cancelled."""
         scene_number, idle, due_s = self.backend.scene_number, 0, time.monotonic()
         while True:
+            began_s = time.monotonic()
             messages, is_busy = self.backend.tick()
             idle = 0 if is_busy else idle + 1
             if idle % IDLE_FRAMES:
@@ -215,9 +216,10 @@ class PageServer:
             for browser in self._browsers.values():
                 for message in messages:
                     browser.offer(message)
-            # A late machine leaves pictures out instead of catching up.
-            due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), time.monotonic() + FRAME_S / 4)
-            await asyncio.sleep(due_s - time.monotonic())
+            # A late machine leaves pictures out instead of catching up, and a tick takes at most half of the time.
+            now_s = time.monotonic()
+            due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), now_s + max(now_s - began_s, FRAME_S / 4))
+            await asyncio.sleep(due_s - now_s)
 
 
 async def _refused(_request: Request, _error: Exception | None) -> Response:

@@ -9,7 +9,6 @@ device.
 import math
 from collections.abc import Sequence
 
-from engine.device import Device
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Touch, ZoneState
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
@@ -25,8 +24,9 @@ STEP_US = 30_000
 class PaperBar:
     """A second moving bar, on the time of the first, which plays these rows of a sweep."""
 
-    def __init__(self, device: Device, rows: BestRows) -> None:
-        self.levels = BarLevels(LiveBar(device))
+    def __init__(self, first: LiveBar, rows: BestRows) -> None:
+        device = first.device
+        self.levels = BarLevels(LiveBar(device, first))
         self.rows = rows
         self._device, self._slew_per_s = device, device.limits.slew_per_s
         self._silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)

@@ -4,20 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from engine.touch import DigitizerError
-from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
+from engine.touch.sources.pointer import SILENT_NS, Phase, PointerEvent, PointerFeed
 
 MOST_FINGERS = 10  # engine.touch.placement.MOST_FINGERS
-REPEAT_NS = 30_000_000
-"""A resting finger is repeated this often, because the engine releases one that is silent for 120 ms."""
 APART_NS = 150_000_000
 """Time between fingers that come down in a run that has just begun: by then a click has rung down."""
-SILENT_NS = 1_000_000_000
-"""A pressed pointer that its browser has not mentioned for this long is released."""
 
 
 @dataclass
 class _Finger:
-    """A pressed pointer: contact number, last event, when the browser sent it, and when the engine got it.
+    """A pressed pointer: contact number, last event, and when its browser sent that.
 
     is_waiting: it is pressed, and the present run does not know it yet.
     """
@@ -25,7 +21,6 @@ class _Finger:
     number: int
     event: PointerEvent
     heard_ns: int
-    sent_ns: int
     is_waiting: bool = False
 
 
@@ -62,16 +57,15 @@ class Pointers:
         for key in [key for key in self._fingers if key[0] == browser]:
             self._release(key)
 
-    def repeat(self, now_ns: int) -> None:
-        """Repeat resting fingers to the engine, and release those that their browser has lost."""
-        waiting = next((finger for finger in self._fingers.values() if finger.is_waiting), None)
-        if waiting is not None and self._feed is not None and now_ns >= self._next_ns:
-            waiting.is_waiting, waiting.sent_ns, self._next_ns = False, now_ns - REPEAT_NS, now_ns + APART_NS
+    def bring_down(self, now_ns: int) -> None:
+        """Let the next finger that waits come down, and forget those that their browser has lost."""
         for key, finger in list(self._fingers.items()):
             if now_ns - finger.heard_ns > SILENT_NS:
                 self._release(key)
-            elif now_ns - finger.sent_ns >= REPEAT_NS:
-                self._send(finger, replace(finger.event, phase=Phase.MOVE), now_ns)
+        waiting = next((finger for finger in self._fingers.values() if finger.is_waiting), None)
+        if waiting is not None and self._feed is not None and now_ns >= self._next_ns:
+            waiting.is_waiting, self._next_ns = False, now_ns + APART_NS
+            self._send(waiting, replace(waiting.event, phase=Phase.MOVE))
 
     def _take(self, key: tuple[int, int], event: PointerEvent, now_ns: int) -> None:
         finger = self._fingers.get(key)
@@ -86,18 +80,17 @@ class Pointers:
             if number is None:
                 self.refused += 1
                 return
-            finger = self._fingers[key] = _Finger(number, event, now_ns, now_ns)
+            finger = self._fingers[key] = _Finger(number, event, now_ns)
         finger.event, finger.heard_ns = event, now_ns
-        self._send(finger, event, now_ns)
+        self._send(finger, event)
 
     def _release(self, key: tuple[int, int]) -> None:
         finger = self._fingers.pop(key)
-        self._send(finger, replace(finger.event, phase=Phase.CANCEL), finger.sent_ns)
+        self._send(finger, replace(finger.event, phase=Phase.CANCEL))
 
-    def _send(self, finger: _Finger, event: PointerEvent, now_ns: int) -> None:
+    def _send(self, finger: _Finger, event: PointerEvent) -> None:
         if finger.is_waiting:
             return
-        finger.sent_ns = now_ns
         comes_down = event.phase is Phase.DOWN
         if not comes_down or any(each.pointer_id == finger.number for each in self._frame):
             self._flush()

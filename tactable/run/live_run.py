@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
+from engine.loop.answerer import LATEST_NS
 from engine.loop.awaited_clicks import ClickSolving
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_path import FastPath, PacketSource
@@ -50,6 +51,8 @@ class LiveOptions:
     """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
     click_ns: int | None = None
     """How long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks."""
+    patience_ns: int = LATEST_NS
+    """For how long after its touch a click is awaited that is solved beside the loop."""
 
 
 def fast_library() -> ctypes.CDLL | None:
@@ -107,6 +110,7 @@ class Live:
         rules = effects, self.renderer, clock.now_ns, click_ns
         pipeline = open_pipeline(source, table.device, *rules, source.report_id)
         self._pipeline = pipeline
+        pipeline.answerer.patience_ns = options.patience_ns
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)
         observer = Observers(self.timing, observer)

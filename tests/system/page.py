@@ -35,13 +35,13 @@ QUIET, FELT = 1, 2
 
 
 class Demo:
-    """`tactable demo` on a small bar whose table is there already; it can be ended and started again.
+    """`tactable demo`, on a small bar whose table is there already; it can be ended and started again.
 
     `more`: further words of its command; `browser`: the command that opens a browser, none by default.
     """
 
-    def __init__(self, folder: Path, *more: str, browser: str | None = None) -> None:
-        self._folder, self._more, self._browser = folder, more, browser
+    def __init__(self, folder: Path, *more: str, browser: str | None = None, device: str = "small.toml") -> None:
+        self._folder, self._device, self._more, self._browser = folder, device, more, browser
         listening, access = listen_at("127.0.0.1", 0, "")
         listening.close()
         self._port = access.port
@@ -53,7 +53,7 @@ class Demo:
         opens = {} if self._browser is None else {"BROWSER": self._browser, "DISPLAY": os.environ.get("DISPLAY", ":0")}
         no_open = [] if opens else ["--no-open"]
         self.process = subprocess.Popen(
-            [TACTABLE, "demo", "small.toml", *no_open, "--page-port", str(self._port), *self._more],
+            [TACTABLE, "demo", self._device, *no_open, "--page-port", str(self._port), *self._more],
             cwd=self._folder,
             env={**os.environ, "XDG_CACHE_HOME": str(self._folder), **opens},
             stderr=subprocess.PIPE,

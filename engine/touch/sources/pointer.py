@@ -4,13 +4,18 @@ import math
 import os
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
-from engine.touch.digitizer import RELEASE_AFTER_NS, Contact, DigitizerError
+from engine.touch.digitizer import Contact, DigitizerError
 from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import CONFIDENT, TIP, Axis, ContactReports
 
 RESOLUTION = 65_535
 """Logical maximum of both axes."""
+REPEAT_NS = 40_000_000
+"""A resting pointer is reported this often: a digitizer whose finger is silent for three times as long has lost it."""
+SILENT_NS = 1_000_000_000
+"""A pressed pointer that the page has not mentioned for this long is released."""
 _MOST_POINTERS = 10  # engine.touch.placement.MOST_FINGERS
 _AXIS = Axis(0, RESOLUTION)
 _REPORTS = ContactReports(_AXIS, _AXIS, contacts=1, maximum_contacts=_MOST_POINTERS)
@@ -38,8 +43,8 @@ class PointerEvent:
 class PointerFeed:
     """The page's end of the pipe; it may live in another process than the source, which has at most ten pointers.
 
-    The page sends a `MOVE` of each pressed pointer at least every 50 ms, moved or not: browsers lose releases, and a
-    pointer that is silent for 120 ms is taken for one.
+    The page mentions each pressed pointer by a `MOVE` now and then, moved or not: browsers lose releases, and a pointer
+    that is not mentioned for a second is released. A page that is late, as on a busy machine, loses none.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -68,6 +73,14 @@ class PointerFeed:
         os.close(self._descriptor)
 
 
+class _Pressed(NamedTuple):
+    """The last report of a pressed pointer, when the engine got it, and when the page mentioned the pointer."""
+
+    report: bytes
+    reported_ns: int
+    mentioned_ns: int
+
+
 class PointerSource(OnClock):
     """The engine's end of the pipe, as a Source: a serial touch screen of ten fingers without a physical size."""
 
@@ -80,28 +93,35 @@ class PointerSource(OnClock):
         """The page is gone and all is released."""
         self._pipe = descriptor
         self._is_open = True
-        self._pressed: dict[bytes, tuple[int, bytes]] = {}  # by contact id: time and report, the longest silent first
+        self._pressed: dict[bytes, _Pressed] = {}  # by contact id, the longest unreported first
 
     def fileno(self) -> int | None:
         """The pipe, until its other end is closed."""
         return self._pipe if self._is_open else None
 
     def next_time_ns(self) -> int | None:
-        """Time at which the pointer that is silent for longest is released."""
+        """Time at which the pointer that is unreported for longest is reported again, or released."""
         if not self._pressed:
             return None
-        return next(iter(self._pressed.values()))[0] + RELEASE_AFTER_NS if self._is_open else 0
+        return next(iter(self._pressed.values())).reported_ns + REPEAT_NS if self._is_open else 0
 
     def read(self, now_ns: int) -> bytes | None:
-        """The next event as a report, else the release of a silent pointer."""
-        report = self._read_pipe() or self._release_silent(now_ns)
-        if report is None:
-            self.ended = not self._is_open
-            return None
+        """The next event as a report, else that of a pointer that rests, or is released because nobody mentions it."""
+        report = self._read_pipe()
+        mentioned_ns = now_ns
+        if not report:
+            resting = next(iter(self._pressed.values()), None)
+            if resting is None or (self._is_open and now_ns < resting.reported_ns + REPEAT_NS):
+                self.ended = not self._is_open
+                return None
+            report, mentioned_ns = resting.report, resting.mentioned_ns
+            if not self._is_open or now_ns - mentioned_ns >= SILENT_NS:
+                report = report[:1] + bytes([CONFIDENT]) + report[2:]
+            report = report[:-1] + b"\1"  # a frame of its own
         contact_id = report[2:6]
         self._pressed.pop(contact_id, None)
         if report[1] & TIP:
-            self._pressed[contact_id] = (now_ns, report)
+            self._pressed[contact_id] = _Pressed(report, now_ns, mentioned_ns)
         self.report_index += 1
         self.report_time_ns = now_ns
         return report
@@ -122,10 +142,3 @@ class PointerSource(OnClock):
             return b""
         self._is_open = bool(report)
         return report
-
-    def _release_silent(self, now_ns: int) -> bytes | None:
-        for last_ns, report in self._pressed.values():
-            if self._is_open and now_ns - last_ns < RELEASE_AFTER_NS:
-                break
-            return report[:1] + bytes([CONFIDENT]) + report[2:-1] + b"\1"
-        return None

@@ -27,7 +27,9 @@ from tactable.run.live_run import Live, LiveOptions
 from tactable.shipped import named_effects
 
 IN_PLACE_NS = 800_000_000
-"""Length of the steady drive that is played where a first table holds no click yet: long enough to become steady."""
+"""Length of the steady drive that is played where a table holds no click yet: long enough to become steady."""
+PATIENCE_NS = 300_000_000
+"""On a busy machine a click takes longer than a finger should wait; a page shows it for seconds all the same."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,8 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
             has_kernels=order.has_kernels,
-            click_ns=IN_PLACE_NS if order.is_first else None,
+            click_ns=IN_PLACE_NS if order.is_first or not order.has_kernels else None,
+            patience_ns=PATIENCE_NS,
         )
         port = SerialPort(order.port)
         reopening = ReopeningPort(lambda: SerialPort(order.port), port)

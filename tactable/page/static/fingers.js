@@ -3,7 +3,7 @@
 import { distanceOf } from "./points.js";
 import { Phase } from "./wire.js";
 
-const REPEAT_MS = 40; // The server releases a finger that is silent for 120 ms.
+const REPEAT_MS = 200; // The server releases a finger that is not mentioned for 1 s.
 const GRAB_PX = 26;
 const STILL_PX = 4;
 const TOLD_S = 0.3; // A click has rung down by then.

@@ -54,6 +54,7 @@ export class SurfaceView {
     this._labels = new Float32Array(3 * SLOTS);
     this._places = null;
     this._last_ms = 0;
+    this._pause_ms = 0; // between two drawings
     this._still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this._dark = matchMedia("(prefers-color-scheme: dark)");
     this._onDark = () => this._readColours();
@@ -106,6 +107,7 @@ export class SurfaceView {
 
   // Draw one frame, unless nothing has changed.
   draw(now_ms) {
+    if (now_ms < this._last_ms + this._pause_ms) return;
     const passed_s = Math.min((now_ms - this._last_ms) / 1000, 0.1);
     this._last_ms = now_ms;
     if (!this._device || !this._width) return;

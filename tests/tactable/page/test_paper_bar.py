@@ -5,6 +5,7 @@ import pytest
 from engine.table import Table
 from engine.table.best_rows import BestRows
 from firmware_link.protocol.messages import ChannelDrive
+from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import LOWEST_DB
 from tactable.page.paper_bar import PaperBar
 from tactable.page.view import View
@@ -15,7 +16,7 @@ from tests.tactable.page.test_view import PAIR, Rig
 
 def played(table: Table, seconds: float, *, is_click: bool, rows: BestRows | None = None) -> View:
     """A view of a command at 50 ms, so many seconds after it; the second bar plays rows, by default the table's."""
-    rig = Rig(table, PaperBar(table.device, table.best_rows if rows is None else rows))
+    rig = Rig(table, PaperBar(LiveBar(table.device), table.best_rows if rows is None else rows))
     rig.go_on(0.05)
     rig.play(seconds, is_click=is_click)
     return rig.view

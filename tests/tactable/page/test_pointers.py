@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from engine.touch import open_digitizer
-from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed, PointerSource
-from tactable.page.pointers import APART_NS, MOST_FINGERS, REPEAT_NS, SILENT_NS, Pointers
+from engine.touch.sources.pointer import REPEAT_NS, SILENT_NS, Phase, PointerEvent, PointerFeed, PointerSource
+from tactable.page.pointers import APART_NS, MOST_FINGERS, Pointers
 from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
 
 
@@ -65,9 +65,9 @@ def test_fingers_that_rest_come_down_one_after_another_in_the_next_run(rig: Rig)
     rig.pointers.take_events(1, rest, 1)  # what a browser says meanwhile makes no second finger come down
     found = list[list[set[int]]]()
     for now_ns in (2, 3, APART_NS + 2):
-        rig.pointers.repeat(now_ns)
+        rig.pointers.bring_down(now_ns)
         found.append(rig.frames())
-    assert found == [[{0}], [], [{0}, {0, 1}]]
+    assert found == [[{0}], [], [{0, 1}]]
 
 
 def test_pointers_of_several_browsers_are_fingers_of_their_own_and_leave_with_them(rig: Rig) -> None:
@@ -104,10 +104,11 @@ def test_a_pointer_that_was_never_down_lifts_nothing_and_one_that_moves_is_press
 def test_a_finger_that_rests_stays_though_its_browser_is_slow_until_that_has_lost_it(rig: Rig) -> None:
     rig.send(1, 1, Phase.DOWN)
     while rig.now_ns < SILENT_NS:
-        rig.now_ns += 2 * REPEAT_NS
-        rig.pointers.repeat(min(rig.now_ns, SILENT_NS))
+        rig.now_ns += REPEAT_NS
+        rig.pointers.bring_down(min(rig.now_ns, SILENT_NS))
         assert rig.fingers() == {0}
-    rig.pointers.repeat(SILENT_NS + 1)
+    rig.now_ns = SILENT_NS + 1
+    rig.pointers.bring_down(rig.now_ns)
     assert rig.fingers() == set()
 
 
@@ -117,7 +118,7 @@ def test_an_engine_that_takes_nothing_breaks_nothing() -> None:
     pointers = Pointers()
     pointers.take_events(1, [PointerEvent(1, 0.5, 0.5, Phase.DOWN)], 0)
     pointers.feed(PointerFeed(writing))
-    pointers.repeat(0)
+    pointers.bring_down(0)
     source = PointerSource(reading)
     for _ in range(10_000):
         pointers.take_events(1, [PointerEvent(1, 0.5, 0.5, Phase.MOVE)], 0)

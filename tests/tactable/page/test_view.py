@@ -165,7 +165,7 @@ def test_the_counted_curve_passes_through_the_levels_of_the_fingers(rig: Rig, is
 def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first_on_both_bars(table: Table) -> None:
     found, papers = [], []
     for step_us in (FRAME_US, 0.9e6):
-        rig = Rig(table, PaperBar(table.device, table.best_rows))
+        rig = Rig(table, PaperBar(LiveBar(table.device), table.best_rows))
         rig.go_on(0.05)
         records = [
             record_of(table, PAIR, rig.next_ns, is_click=True),

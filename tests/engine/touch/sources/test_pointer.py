@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 
 from engine.touch import Contact, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
-from engine.touch.sources.pointer import RESOLUTION, Phase, PointerEvent, PointerFeed, PointerSource
+from engine.touch.sources.pointer import (
+    REPEAT_NS,
+    RESOLUTION,
+    SILENT_NS,
+    Phase,
+    PointerEvent,
+    PointerFeed,
+    PointerSource,
+)
 from tests.engine.touch.sources.pointer_pipe import open_pointer_pipe
 from tests.engine.touch.sources.test_evdev import frames
 
@@ -67,19 +75,21 @@ def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
     assert source.next_time_ns() is None
 
 
-def test_a_pointer_the_page_forgot_is_released_alone(pipe: Pipe) -> None:
+def test_a_pointer_rests_while_the_page_is_late_and_one_that_it_forgot_is_released_alone(pipe: Pipe) -> None:
     source, feed = pipe
     digitizer = open_digitizer(source.descriptor)
-    frame = None
-    for time_ms in range(0, 300, 50):
-        feed.send(PointerEvent(1, 0.1, 0.5, Phase.MOVE))
-        if time_ms < 100:
-            feed.send(PointerEvent(2, 0.9, 0.5, Phase.MOVE))
-        while (report := source.read(time_ms * MS)) is not None:
-            frame = digitizer.decode_report(report, time_ms * MS)
-        assert frame is not None
-        assert ids(frame) == ([1, 2] if time_ms < 200 else [1])
-    assert source.next_time_ns() == (250 + 120) * MS
+    feed.send(PointerEvent(2, 0.9, 0.5, Phase.DOWN))
+    early, late = set[tuple[int, ...]](), set[tuple[int, ...]]()
+    for now_ns in range(0, SILENT_NS + REPEAT_NS, REPEAT_NS):
+        if now_ns % (SILENT_NS // 2) == 0:
+            feed.send(PointerEvent(1, 0.1, 0.5, Phase.MOVE))
+        while (report := source.read(now_ns)) is not None:
+            frame = digitizer.decode_report(report, now_ns)
+            assert frame is not None
+            (early if now_ns < SILENT_NS else late).add(tuple(sorted(ids(frame))))
+        assert source.next_time_ns() == now_ns + REPEAT_NS
+    assert early == {(2,), (1, 2)}
+    assert late == {(1, 2), (1,)}
 
 
 def test_a_page_that_is_gone_releases_everything_and_ends() -> None:
