@@ -61,12 +61,13 @@ def test_of_three_fingers_on_a_plate_one_feels_a_click_as_promised(
 
 
 def clicked_by_three(visit: Visit) -> list[dict[str, float]]:
-    """Two fingers rest, a third one taps and feels a click; again where the machine was too late to solve it."""
+    """Two fingers rest, a third one taps and feels a click; again where the machine was late."""
     for _ in range(20):
         for count, place in enumerate((THIRD, FIRST, SECOND), 1):
             shown = settled(visit, count, partial(visit.touch, **{f"f{count}": place}))
         made: list[dict[str, float]] = shown["made"]
-        if shown["drive"] == CLICK and [finger["role"] for finger in made] == [QUIET, FELT, QUIET]:
+        is_in_time = not visit.ask("tactable.wire.picture.isLate")
+        if is_in_time and shown["drive"] == CLICK and [each["role"] for each in made] == [QUIET, FELT, QUIET]:
             return made
         lift(visit)
     raise AssertionError("no click of three fingers came through")
