@@ -7,6 +7,7 @@ quadrature of the field, peaks from looking at many places.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy.linalg
@@ -48,8 +49,8 @@ class DenseModel:
         self.K, self.M = np.zeros((size, size)), np.zeros((size, size))
         for e, length_m in enumerate(np.diff(self.node_m)):
             part = slice(2 * e, 2 * e + 4)
-            self.K[part, part] += bending * integral(hermite(length_m), length_m, derivative=2)
-            self.M[part, part] += line_mass * integral(hermite(length_m), length_m, derivative=0)
+            self.K[part, part] += bending * element_integral(round(length_m, 15), derivative=2)
+            self.M[part, part] += line_mass * element_integral(round(length_m, 15), derivative=0)
         self.C = bar.mass_damping_per_s * self.M + bar.stiffness_damping_s * self.K
         sigma, eta = (bar.mass_damping_per_s, bar.stiffness_damping_s) if bar.damping_of == "assembly" else (0.0, 0.0)
         self.spring, self.damper = (np.zeros((size, len(device.actuators))) for _ in range(2))
@@ -148,7 +149,8 @@ class DenseModel:
         """Shape (frequency, actuator, actuator): integral over a stretch of conj(v_a) v_b, v the unit velocities."""
         place_m = np.linspace(start_m, stop_m, count)
         velocity = self.unit_acceleration(frequency_hz, place_m) / (2 * np.pi * frequency_hz[:, None, None])
-        weight = simpson(np.eye(count), x=place_m)
+        weight = np.where(np.arange(count) % 2, 4.0, 2.0) * (place_m[1] - place_m[0]) / 3  # Simpson's rule
+        weight[[0, -1]] /= 2
         gram: Complex = np.einsum("fpa,p,fpb->fab", velocity.conj(), weight, velocity, optimize=True)
         return gram
 
@@ -169,6 +171,12 @@ def hermite(length_m: float) -> list[Polynomial]:
     a = length_m
     at_ends = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [1, a, a**2, a**3], [0, 1, 2 * a, 3 * a**2]])
     return [Polynomial(column) for column in np.linalg.inv(at_ends).T]
+
+
+@cache
+def element_integral(length_m: float, derivative: int) -> Array:
+    """Shape (4, 4): integral over an element of the products of its shapes' derivatives. Most lengths come often."""
+    return integral(hermite(length_m), length_m, derivative)
 
 
 def integral(shapes: list[Polynomial], length_m: float, derivative: int) -> Array:

@@ -157,7 +157,7 @@ def test_a_finger_beside_the_new_bar_is_silenced_and_the_run_goes_on() -> None:
     assert [None if each is None else len(each.position_m) for each in placements] == [1, None, 1, None]
 
 
-@pytest.mark.parametrize("seed", first_quick(range(12)))
+@pytest.mark.parametrize("seed", first_quick(range(5)))
 def test_the_compiled_step_follows_changes_of_the_bar(fast_library: ctypes.CDLL, seed: int) -> None:
     class FastRig(Rig):
         library = fast_library

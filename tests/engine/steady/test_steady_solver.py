@@ -28,7 +28,7 @@ any_device = pytest.mark.parametrize(
 )
 
 
-@pytest.mark.parametrize("placements", [pytest.param(12, marks=pytest.mark.long), 3])
+@pytest.mark.parametrize("placements", [pytest.param(8, marks=pytest.mark.long), 3])
 @pytest.mark.parametrize("name", DEVICES)
 def test_half_of_the_drives_meet_their_bound_and_all_keep_what_is_said(name: str, placements: int) -> None:
     """At a level that every drive reaches. That an optimum misses its bound is no fault: a bound may have a gap."""

@@ -47,7 +47,7 @@ def connected(basis: Basis | None = None, **settings: int) -> VirtualRig:
     return rig
 
 
-@settings(unhurried, max_examples=30)
+@settings(unhurried, max_examples=12)
 @given(st.integers(0, 20_000_000), st.sampled_from([0, 3, 7]), st.sampled_from([None, BASIS]))
 def test_the_handshake_ends_ready_whatever_delay_and_loss_with_a_basis_and_without(
     delay_ns: int, drop_every: int, basis: Basis | None

@@ -122,7 +122,7 @@ def test_the_pair_sweep_is_the_dense_models(folder: Path, name: str, diagonal: b
     pairs = list(itertools.combinations(range(len(device.actuators)), 2))
     points = zone_points(device).shape[1]
     with opened(folder, name) as table:
-        for _ in range(25):
+        for _ in range(8):
             p, (f1, f2), (a, b) = int(random.integers(len(pairs))), random.integers(3, 9, 2), random.integers(1, 3, 2)
             f2 = f1 if diagonal else (f2 if f2 != f1 else f2 + 1)
             played = drive(device, pairs[p], (hz[f1], hz[f2]), (amplitude[a], amplitude[b]))
@@ -156,7 +156,7 @@ def test_the_coherent_sweep_is_the_dense_models(folder: Path, name: str) -> None
     with opened(folder, name) as table:
         values = {n: table.values("coherent_sweep", n) for n in ("localized_factor", "peak_acceleration", "dead_spot")}
         first, second, phase = (table.values("coherent_sweep", n) for n in ("amplitude_1", "amplitude_2", "phase"))
-        for _ in range(25):
+        for _ in range(8):
             p, f, r, s = (int(random.integers(n)) for n in (len(pairs), 7, len(first), len(phase)))
             f += 2
             amplitude = (complex(first[r]), complex(second[r] * np.exp(1j * phase[s])))

@@ -46,10 +46,9 @@ def test_slopes_are_the_derivatives_with_a_sensor_on_the_bar() -> None:
         np.testing.assert_allclose(column, apart / 2e-4, rtol=1e-3, atol=2e-5)
 
 
-@pytest.mark.parametrize("left_out", [(), (1,)])
-def test_what_changed_is_found_though_a_mode_is_missing(left_out: tuple[int, ...]) -> None:
-    found = calibrate_modes(DEVICE, modes_of(with_changes(DEVICE, TRUTH), left_out), list(TRUTH), starts=2)
-    assert found.number.tolist() == [n + 1 for n in range(6) if n not in left_out]
+def test_what_changed_is_found_though_a_mode_is_missing() -> None:
+    found = calibrate_modes(DEVICE, modes_of(with_changes(DEVICE, TRUTH), (1,)), list(TRUTH), starts=2)
+    assert found.number.tolist() == [1, 3, 4, 5, 6]
     for estimate in found.estimates:
         truth = TRUTH[estimate.parameter.name]
         assert estimate.value == pytest.approx(truth, rel=1e-3)

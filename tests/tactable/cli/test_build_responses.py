@@ -16,18 +16,17 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(tmp_path: Path) -> Non
     measured = rows(COARSE, np.arange(60.0, 301.0, 5.0), 22)
     (tmp_path / "bar.csv").write_text(write_csv(measured, COARSE, "SIMULATED"), encoding="utf-8")
     words = ("build", "bar.toml", "-o", "bar.nc", "--workers", "1")
-    done = run_here(tmp_path, *words, "--responses", "bar.csv")
-    assert done.returncode == 0, done.stderr
-    for part in ("0 clicks", "measured responses (SIMULATED) in bar.csv", "ESTIMATE", "there are no clicks"):
-        assert part in done.stdout
+    summary = summary_of(tmp_path, *words, "--responses", "bar.csv")
     with Table.open(tmp_path / "bar.nc") as table:
         assert table.attributes["responses_file"] == "bar.csv"
-    summary = summary_of(tmp_path, *words, "--responses", "bar.csv")
     assert summary["source"] == "measured responses (SIMULATED)"
     assert summary["estimates"] == len(COARSE.estimated_values)
     assert summary["model_disagreement"]["left"] < 1e-5
     assert summary_of(tmp_path, *words, "--clicks-up-to", "0")["source"] == "model"
     (tmp_path / "bar.csv").write_text(per_newton(COARSE, np.arange(60.0, 301.0, 5.0), 22), encoding="utf-8")
     scaled = run_here(tmp_path, *words, "--responses", "bar.csv", "--force-of-actuators")
+    assert scaled.returncode == 0, scaled.stderr
+    for part in ("0 clicks", "measured responses in bar.csv", "ESTIMATE", "there are no clicks"):
+        assert part in scaled.stdout
     assert "Levels rest on the full scale of the device file" in scaled.stdout
     assert "--responses" in run_here(tmp_path, *words, "--force-of-actuators").stderr

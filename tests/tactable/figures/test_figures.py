@@ -116,8 +116,16 @@ def test_every_zone_has_a_panel_and_a_share_and_they_add_up_to_the_whole_bar(tab
     assert np.asarray(together) == pytest.approx(np.asarray(shares[0]) + np.asarray(shares[2]), abs=1e-6)
 
 
-def test_the_same_data_are_the_same_file(table: Table, tmp_path: Path) -> None:
-    pictures = [plot_state(drawn(table, "I", "III")) for _ in range(2)]
+def small_picture() -> Picture:
+    figure = Figure(figsize=(2, 2))
+    axes = figure.add_subplot(xlabel="place (mm)", title="a drive")
+    axes.plot([0, 1], [1, 0], label="level")
+    axes.legend()
+    return Picture(figure, {}, {}, "")
+
+
+def test_the_same_data_are_the_same_file(tmp_path: Path) -> None:
+    pictures = [small_picture() for _ in range(2)]
     for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")):
         paths = [tmp_path / f"{k}{ending}" for k in range(2)]
         for picture, path in zip(pictures, paths, strict=True):

@@ -26,6 +26,7 @@ from tests.precompute.devices import tablet
 PLATE = replace(tablet(), surface=replace(tablet().surface, mass_damping_per_s=60.0))
 
 
+@pytest.mark.long
 def test_a_walk_over_points_reads_what_the_model_says_and_goes_on_after_an_interruption(tmp_path: Path) -> None:
     walk = tuple(replace(stop, tones=stop.tones[:1]) for stop in even_walk(PLATE, 4, [118.5])[1:3])
     assert [stop.position_m for stop in walk] == pytest.approx([0.294 + 0.0036j, 0.006 + 0.1764j])
@@ -52,6 +53,7 @@ def test_a_walk_over_points_reads_what_the_model_says_and_goes_on_after_an_inter
         bench.place(0.31 + 0.01j)
 
 
+@pytest.mark.long
 def test_what_is_promised_at_a_point_is_the_loaded_plate_and_the_range_over_others() -> None:
     device = replace(PLATE, sweep=replace(PLATE.sweep, step_hz=4.0))
     asked = AskedDrive((118.0,) * 3, (0.5, 0.0, 0.3), (0.0, 0.0, 1.0))

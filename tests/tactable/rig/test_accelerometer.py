@@ -22,8 +22,8 @@ from tactable.rig.accelerometer import (
     EmulatedAccelerometer,
     SensedSurface,
 )
-from tactable.shipped import find_device
 from tests.engine.loop.rig import DEVICE
+from tests.tactable.page.test_plate_page import plate
 
 SECONDS = 2
 
@@ -31,7 +31,7 @@ SECONDS = 2
 def test_a_point_on_the_surface_is_taken_and_one_beside_it_refused() -> None:
     for device, here, beside in (
         (DEVICE, "at=50mm", ("at=50 x 20 mm", "at=900mm")),
-        (find_device("reference-p"), "at=0 x 180 mm", ("at=50mm", "at=50 x 181 mm")),
+        (plate(), "at=0 x 120 mm", ("at=50mm", "at=50 x 121 mm")),
     ):
         SensedSurface(device, EmulatedAccelerometer.parse(here), 1)
         for text in beside:

@@ -44,7 +44,7 @@ from tests.tools.virtual import VirtualLine
 SHORTEST_S = 0.5
 CHEAP = ClickOptions(pitch_m=56e-3, pool=90, judged=20)
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(DEFAULT_LEVEL_DB, 50)),))
-THREE_FINGERS = make_recording([Stroke(0.1, 0.6, place, place) for place in (0.1, 0.5, 0.9)])
+THREE_FINGERS = make_recording([Stroke(0.1, 0.3, place, place) for place in (0.1, 0.5, 0.9)])
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
 
 
@@ -141,7 +141,7 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
     for effects in (HELD, Effects((quiet_in_the_middle, *HELD.rules))):
         applied |= first_applied(play(table, read_recording(DEMO_RECORDING), 10.0, effects))
     several = {wanted: event for wanted, event in applied.items() if len(wanted.placement.position_m) > 1}
-    reports = [report_of(reporter, *command) for command in [*some_of(applied), *several.items()]]
+    reports = [report_of(reporter, *command) for command in [*some_of(applied, 4), *some_of(several, 6)]]
     assert any(report.placement.quiet for report in reports)
     assert max(len(report.placement.felt) for report in reports) > 1
     assert max(report.disagreement for report in reports) <= AGREEMENT

@@ -105,7 +105,7 @@ def random_run(random: np.random.Generator, device: Device, drives: Drives, rows
 
 
 @devices
-@pytest.mark.parametrize("seed", first_quick(range(4)))
+@pytest.mark.parametrize("seed", first_quick(range(2)))
 def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, seed: int) -> None:
     random = np.random.default_rng(seed)
     runs = [random_run(random, device, Drives.POSITIONS, None) for _ in range(25)]
@@ -120,11 +120,11 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, s
 def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Drives) -> None:
     """Those of a table that plays clicks beside them, and those that take the place of clicks."""
     random, rows = np.random.default_rng(7), rows_of(device, (LEVEL_DB, math.inf), short_of=(1,))
-    runs = [random_run(random, device, drives, rows) for _ in range(40)]
+    runs = [random_run(random, device, drives, rows) for _ in range(16)]
     due = sum(each.report_index is not None and each.fate is Fate.WRITTEN for run in runs for each in run.fast.trace)
     # What is left to the loop: drives after a click, and fingers that move.
-    assert due > 100
-    assert 0.4 * due < sum(run.answered for run in runs)
+    assert due > 40
+    assert 0.25 * due < sum(run.answered for run in runs)
 
 
 def test_in_zones_every_touch_is_answered_by_look_up() -> None:

@@ -55,12 +55,12 @@ def test_a_slower_machine_is_not_a_worse_engine() -> None:
 
 def test_an_interval_holds_the_truth_about_as_often_as_it_says() -> None:
     held = 0
-    for seed in range(20):
+    for seed in range(10):
         random = np.random.default_rng(seed)
         ours, theirs = ([random.exponential(scale, 300) for _ in range(3)] for scale in (1.2, 1.0))
         found = compare(ours, theirs, median, ratio, seed)
         held += found.low <= 1.2 <= found.high
-    assert held >= 16  # of 20: at 95 % fewer come once in 400
+    assert held >= 8  # of 10: at 95 % fewer come once in 87
 
 
 def test_nothing_measured_has_no_figures() -> None:
