@@ -59,7 +59,6 @@ def test_nothing_is_taken_over_under_another_threshold_curve(built: Path) -> Non
 
 
 CHANGES = {
-    "nothing": ("", "", set(AS_BEFORE)),
     "how the digitizer lies": ("flip = false", "flip = true", set(AS_BEFORE)),
     "a word": ("Aluminium bar", "Another bar", set(AS_BEFORE)),
     "the finger": ('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"', set[str]()),

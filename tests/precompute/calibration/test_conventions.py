@@ -70,7 +70,7 @@ def test_one_plug_that_is_turned_is_named(turned: int) -> None:
     assert found is not None and f"plug of {DEVICE.actuators[turned].name}" in str(found["text"])
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4, 5, 6]))
+@pytest.mark.parametrize("seed", first_quick([1, 2]))
 def test_right_readings_have_no_other_convention(seed: int) -> None:
     assert convention_of(responses(0.035, seed)) is None
 

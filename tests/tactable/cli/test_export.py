@@ -45,7 +45,7 @@ def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tm
 
 
 def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path) -> None:
-    for group in ("coherent_sweep", "best_rows", "responses", "modes", "clicks"):
+    for group in ("coherent_sweep", "responses", "modes"):
         assert run_here(tmp_path, "export", str(click_table), group, "-o", f"{group}.csv").returncode == 0
         with xarray.open_dataset(click_table, group=group) as own:
             assert len(pandas.read_csv(tmp_path / f"{group}.csv")) == np.prod([own.sizes[name] for name in ROWS[group]])
