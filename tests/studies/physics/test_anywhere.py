@@ -91,13 +91,13 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
 
 
 def test_a_changed_plate_is_compared_in_brief() -> None:
-    device, wanted = changed(TABLET, "plate.thickness=2 mm", 3), Anywhere(placements=2)
+    device, wanted = changed(TABLET, "plate.thickness=2 mm", 3), Anywhere(placements=1)
     assert device.surface.thickness_m == 2e-3 and len(device.actuators) == 3
     assert [each.position_m for each in device.actuators[::2]] == pytest.approx(
         [0.03 + 0.025j, 0.27 + 0.035j], abs=1e-4
     )
     result = compare_anywhere(device, wanted, 1, replace(CHEAP, pool=70), plants=10, is_brief=True)
-    assert result["by_position"]["placements"] == 2 and not result["by_zone"]["placements"]
+    assert result["by_position"]["placements"] == 1 and not result["by_zone"]["placements"]
     assert result["by_position"]["felt_db"][1] > 10 > result["by_position"]["quiet_db"][1]
     assert len(describe(device, wanted, result)) >= 4
 

@@ -63,7 +63,7 @@ def driving() -> tuple[CardTier, Host]:
     return tier, host
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     drives=st.lists(st.tuples(channel_drives, channel_drives), max_size=4),
     others=st.lists(messages(2), max_size=6),

@@ -66,10 +66,6 @@ def test_a_level_that_full_scale_stands_for_is_null_in_json(folder: Path) -> Non
 
 
 def test_a_sound_is_written_beside_the_picture(folder: Path) -> None:
-    sound, caption, picture = run_here(folder, "plot", *CLICK, "--sound", "click.wav").stdout.splitlines()
-    assert caption.startswith("reference-a: 46.57 mm (I) felt, 232.8 mm (III) quiet")
-    assert picture == "written: click.png"
-    assert sound.startswith("written: click.wav: 46.57 mm (I), 232.8 mm (III) (one after another)")
-    assert (folder / "click.wav").read_bytes().startswith(b"RIFF")
     said = summary_of(folder, "plot", *CLICK, "--sound", "click.wav", "--stereo", "--plain")["sound"]
+    assert (folder / "click.wav").read_bytes().startswith(b"RIFF")
     assert (said["file"], said["channels"], said["is_weighted"]) == ("click.wav", 2, False)

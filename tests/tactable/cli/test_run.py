@@ -108,8 +108,8 @@ def test_the_option_replaces_what_the_file_says(folder: Path) -> None:
 
 
 def test_a_run_ends_after_its_time_in_silence(folder: Path, line: Line) -> None:
-    summary, _ = played(folder, "--for", "1.5", "--effects", "held.toml", touch="resting.hid")
-    assert 1.5 <= summary["duration_s"] < 1.6
+    summary, _ = played(folder, "--for", "0.5", "--effects", "held.toml", touch="resting.hid")
+    assert 0.5 <= summary["duration_s"] < 0.6
     assert sounds(line.log) == [True, False]
 
 
@@ -125,7 +125,7 @@ def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, line: Li
 def test_a_run_that_reconnects_plays_on_when_the_port_is_back(folder: Path, line: Line) -> None:
     line.cable_pulled_ns = line.time_ns + 300 * MS
     line.cable_back_ns = line.cable_pulled_ns + 300 * MS
-    words = ("--reconnect", "--for", "3", "--effects", "held.toml")
+    words = ("--reconnect", "--for", "1.5", "--effects", "held.toml")
     summary, said = played(folder, *words, touch="resting.hid")
     assert (summary["losses_of_the_port"], summary["reconnects"]) == (1, 1)
     assert "is lost, and looked for" in said and "is open again" in said
