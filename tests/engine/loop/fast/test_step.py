@@ -194,11 +194,11 @@ def test_fingers_in_gaps_between_zones_are_fingers() -> None:
 
 @pytest.mark.parametrize("zone", range(5))
 def test_a_finger_on_an_edge_is_in_the_zone_that_starts_there_as_in_the_loop(zone: int) -> None:
-    """Some of the edges are positions of the digitizer to the last bit."""
+    """Some of the edges are positions of the digitizer to the last bit; between two edges a finger is in the zone."""
     one_zone = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({zone})),))
     frames: Frames = []
-    for edge in range(6):
-        frames += [(0.1 + 0.1 * edge, report({1: 0.2 * edge})), (0.15 + 0.1 * edge, report({}, [1]))]
+    for half in range(11):
+        frames += [(0.1 + 0.1 * half, report({1: 0.1 * half})), (0.15 + 0.1 * half, report({}, [1]))]
     assert answered_whole(frames, one_zone)
 
 
