@@ -19,6 +19,7 @@ from engine.table import Table
 from engine.table.netcdf_file import file_checksum
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.table_build import Progress, build_table, no_progress
+from precompute.calibration.doubts import doubts_of
 from precompute.calibration.fitted import REPORT, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.clicks import ClickOptions
@@ -29,8 +30,6 @@ from precompute.measurements.parameters import default_names
 TABLE = "table.nc"
 DEVICE = "device.toml"
 OUTCOME = "outcome.json"
-LARGEST_MISFIT = 0.2
-"""Typical misfit beyond which a calibration is doubtful, as for `tactable calibrate`."""
 
 # Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()
@@ -153,8 +152,4 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str,
         write_new_folder(folder, fitted.files())
     calibrated = Device.read(folder / f"{device.name}.toml")
     report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-    misfit = report["median_misfit"]
-    doubts = [f"typical misfit {100 * misfit:.3g} %"] if misfit > LARGEST_MISFIT else []
-    doubts += [doubt] if (doubt := report.get("adequacy", {}).get("doubt")) else []
-    doubts += [f"{p['name']}: {p['known']}" for p in report["parameters"] if p["known"] != "known"]
-    return calibrated, tuple(doubts)
+    return calibrated, tuple(doubts_of(report))

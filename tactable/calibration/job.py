@@ -15,8 +15,8 @@ from typing import Any
 from base.files import check_new_folder, write_new_folder
 from engine.device import Device
 from engine.render.board_fit import card_text, flash_text
-from precompute.calibration.conventions import implausible_changes
 from precompute.calibration.device_text import calibrated_device
+from precompute.calibration.doubts import doubts_of
 from precompute.calibration.fitted import REPORT, Fitted, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds
@@ -80,22 +80,7 @@ class CalibrationJob:
 
     def doubts_of(self, report: Mapping[str, Any]) -> list[str]:
         """Reasons not to use the result without a look."""
-        adequacy = report.get("adequacy", {})
-        if adequacy.get("convention"):
-            return [adequacy["doubt"]]
-        doubts, misfit = [], report["median_misfit"]
-        if misfit > self.accepted_misfit:
-            doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * self.accepted_misfit:g} %")
-        if doubt := adequacy.get("doubt"):
-            doubts.append(doubt)
-        doubts += implausible_changes(report["parameters"])
-        dampings = [each["value"] for each in report["parameters"] if each["name"].endswith("damping")]
-        if dampings and not any(dampings):
-            doubts.append("every damping is fitted as 0: phases of the wrong sign do that, as of exp(-j w t)")
-        if self.is_strict:
-            unsure = [p["name"] for p in report["parameters"] if p["known"] != "known"]
-            doubts += [f"{name} is not known within a factor of 2" for name in unsure]
-        return doubts
+        return doubts_of(report, self.accepted_misfit, is_strict=self.is_strict)
 
     def kept_report(self) -> dict[str, Any] | None:
         """Report of an earlier run of the same job; None where the folder holds none, or that of another job."""

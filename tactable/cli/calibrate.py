@@ -80,7 +80,7 @@ def calibrate(
     ] = "",
     starts: Annotated[int, typer.Option(min=1, max=64, help="Points that the search starts from.")] = 5,
     seed: Annotated[int, typer.Option(min=0, help="Seed of these points.")] = 0,
-    accept: Annotated[str, typer.Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "10 %",
+    accept: Annotated[str, typer.Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "5 %",
     strict: Annotated[
         bool, typer.Option("--strict", help="A parameter not known within a factor of 2 is doubtful too.")
     ] = False,
