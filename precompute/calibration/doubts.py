@@ -40,7 +40,7 @@ def doubts_of(
 def _is_at_bound(parameter: Mapping[str, Any]) -> bool:
     """Whether a value lies at an end of its bounds; a damping may be 0."""
     value, (low, high) = parameter["value"], parameter["bounds"]
-    return value >= (1 - _AT_BOUND) * high or 0 < value <= (1 + _AT_BOUND) * low
+    return bool(value >= (1 - _AT_BOUND) * high or 0 < value <= (1 + _AT_BOUND) * low)
 
 
 def _at_bound_text(parameter: Mapping[str, Any]) -> str:
