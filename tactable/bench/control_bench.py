@@ -180,7 +180,9 @@ def print_control_bench(out: Console, result: dict[str, Any]) -> None:
         times = [each.get(name) for each in (touch, message) for name in ("p50_us", "p99_us")]
         ratios = [row["ratio_p50"], row["ratio_p99"]]
         grid.add_row(
-            "the compiled step" if row["compiled_step"] else "the Python loop",
+            f"the compiled step, {row['answered_by_compiled_step']} times"
+            if row["compiled_step"]
+            else "the Python loop",
             *map(us, times),
             *("-" if ratio is None else f"{ratio:.1f}" for ratio in ratios),
             us(answer.get("p50_us")),

@@ -64,8 +64,8 @@ class _Memory(OnClock):
         """From each report in hand until the loop asks for more."""
         self.write_ns: list[int] = []
         """From each report in hand until something was written, perhaps a renewal; 0 where nothing was."""
-        self.fast = 0
-        """Number of commands that the compiled step answered."""
+        self.is_fast: list[bool] = []
+        """Of each report: whether the compiled step answered it."""
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock
         self._device = LightDevice(configuration, clock.now_ns())
@@ -98,9 +98,10 @@ class _Memory(OnClock):
         self._in_hand_ns = time.monotonic_ns()
         return report
 
-    def note(self, answer_ns: int, write_ns: int) -> None:
+    def note(self, answer_ns: int, write_ns: int, *, is_fast: bool = False) -> None:
         self.answer_ns.append(answer_ns)
         self.write_ns.append(write_ns)
+        self.is_fast.append(is_fast)
         self._is_asked_again = True
 
     def write(self, data: bytes) -> int:
@@ -146,8 +147,7 @@ class _MemoryFastPath(FastPath):
         duration_ns = time.monotonic_ns() - before_ns
         library.fast_set_time(NONE)
         if is_answered:
-            source.fast += 1
-            source.note(duration_ns, duration_ns)
+            source.note(duration_ns, duration_ns, is_fast=True)
             fast.written = source.write(bytes(fast.frame[: fast.frame_size]))
 
 
@@ -161,14 +161,16 @@ class _MemoryPort:
 
 @dataclass(frozen=True)
 class InProcess:
-    """All reports of a stream (report,): ns until the answer, whether a command came, and the number of fingers."""
+    """All reports of a stream (report,): ns until the answer, whether a command came, and the number of fingers.
+
+    is_fast (report,): whether the compiled step answered.
+    """
 
     stream: str
     simulated: bool
     answer_ns: Times
     has_command: Mask
-    by_fast_path: int
-    """Number of the commands that the compiled step answered."""
+    is_fast: Mask
     fingers: Integers
 
     def figures_json(self) -> dict[str, Any]:
@@ -181,7 +183,7 @@ class InProcess:
         }
         figures = {name: figures_of(self.answer_ns[where]) for name, where in chosen.items()}
         about = {"stream": self.stream, "simulated": self.simulated, "reports": len(self.answer_ns)}
-        return about | {"by_fast_path": self.by_fast_path} | figures
+        return about | {"by_fast_path": int(self.is_fast.sum())} | figures
 
 
 def together(parts: Sequence[InProcess]) -> InProcess:
@@ -191,7 +193,7 @@ def together(parts: Sequence[InProcess]) -> InProcess:
         any(part.simulated for part in parts),
         np.concatenate([part.answer_ns for part in parts]),
         np.concatenate([part.has_command for part in parts]),
-        sum(part.by_fast_path for part in parts),
+        np.concatenate([part.is_fast for part in parts]),
         np.concatenate([part.fingers for part in parts]),
     )
 
@@ -216,7 +218,7 @@ def measure_in_process(
         stream.simulated,
         np.where(has_command, write_ns, np.array(memory.answer_ns, np.float64)),
         has_command,
-        memory.fast,
+        np.array(memory.is_fast, np.bool_),
         np.array(_fingers(stream, count), np.int64),
     )
 

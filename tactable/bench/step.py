@@ -1,12 +1,13 @@
 """Times the stages of the engine's step, from a report in hand to the bytes of its command, in one process.
 
 Every report of a recording passes all stages once a round. The sets of rules take turns within a round, so that all of
-them meet the same machine; each figure stands beside the compiled step and beside the plainest rules of the same run.
+them meet the same machine; each figure stands beside that of the plainest rules of the same run. The compiled step
+looks up and never solves, so it is compared over the reports that it answers under the same rules.
 """
 
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,7 +29,7 @@ from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from tactable.bench.in_process import measure_in_process
+from tactable.bench.in_process import InProcess, measure_in_process
 from tactable.bench.inputs import HELD, replayed
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.environment import reading_ns
@@ -68,22 +69,15 @@ def run_step_bench(
             for _ in range(rounds):
                 for name, step in steps.items():
                     stamps[name].append(step.run())
-        compiled: dict[Drives, dict[str, float | None] | None] = dict.fromkeys(Drives)
-        for drives in {effects.drives for effects in rules.values()} if library is not None else ():
-            if recording.reports:
-                effects = IN_ZONES if drives is Drives.ZONES else DEFAULT_EFFECTS
-                measured = measure_in_process(table, replayed(recording), len(recording.reports), library, effects)
-                compiled[drives] = figures_of(measured.answer_ns[measured.has_command])
-        rows.append(
-            {
-                "recording": recording_name,
-                "reports": len(recording.reports),
-                "compiled_step": compiled[Drives.POSITIONS],
-                "compiled_step_of_zones": compiled[Drives.ZONES],
-                "rules": [_figures(name, step, np.concatenate(stamps[name]), clock_ns) for name, step in steps.items()],
-            }
-        )
-        _add_ratios(rows[-1], rules)
+        found = [_figures(name, step, np.concatenate(stamps[name]), clock_ns) for name, step in steps.items()]
+        for figures, name in zip(found, steps, strict=True):
+            compiled = None
+            if library is not None and recording.reports:
+                stream = replayed(recording)
+                compiled = measure_in_process(table, stream, len(recording.reports), library, rules[name])
+            figures |= _compared(np.concatenate(stamps[name]), compiled, clock_ns)
+        rows.append({"recording": recording_name, "reports": len(recording.reports), "rules": found})
+        _add_ratios(found)
     machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_ns}
     return {"machine": machine, "device": table.device.name, "recordings": rows}
 
@@ -101,18 +95,32 @@ def _figures(rules: str, step: "Step", stamps: Stamps, clock_ns: float) -> dict[
     }
 
 
-def _add_ratios(row: dict[str, Any], rules: Mapping[str, Effects]) -> None:
-    """Medians of the whole against the plainest rules, and against the compiled step; None where one is missing.
+def _compared(stamps: Stamps, compiled: InProcess | None, clock_ns: float) -> dict[str, Any]:
+    """Figures of the compiled step, and of this one over the same reports: those whose command both brought.
 
-    The mean on a shared machine would be that of its pauses.
+    None without the compiled step, and where it answers none. answered: its share of the commands of one round.
     """
-    plainest = row["rules"][0]["report_to_bytes"]
-    for found in row["rules"]:
-        in_zones = rules[found["rules"]].drives is Drives.ZONES
-        compiled = row["compiled_step_of_zones" if in_zones else "compiled_step"]
-        for name, other in (("ratio_to_plainest", plainest), ("ratio_to_compiled", compiled)):
-            whole = found["report_to_bytes"]
-            found[name] = whole["p50_us"] / other["p50_us"] if whole and other else None
+    if compiled is None:
+        return {"compiled_step": None, "same_reports": None, "answered": None, "ratio_to_compiled": None}
+    both = compiled.has_command & compiled.is_fast
+    whole_ns = (stamps[:, -1] - clock_ns * len(STAGES)).reshape(-1, len(both))[:, both].ravel()
+    fast, same = figures_of(compiled.answer_ns[both]), figures_of(whole_ns[np.isfinite(whole_ns)])
+    return {
+        "compiled_step": fast,
+        "same_reports": same,
+        "answered": float(both.sum() / max(compiled.has_command.sum(), 1)),
+        "ratio_to_compiled": _ratio(same, fast),
+    }
+
+
+def _add_ratios(found: Sequence[dict[str, Any]]) -> None:
+    for figures in found:
+        figures["ratio_to_plainest"] = _ratio(figures["report_to_bytes"], found[0]["report_to_bytes"])
+
+
+def _ratio(one: Mapping[str, Any] | None, other: Mapping[str, Any] | None) -> float | None:
+    """Of the medians: the mean on a shared machine would be that of its pauses. None where one is missing."""
+    return one["p50_us"] / other["p50_us"] if one and other else None
 
 
 class Step:
@@ -192,20 +200,26 @@ def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link,
 
 def print_step_bench(out: Console, result: dict[str, Any]) -> None:
     """Print medians in us: of the stages of a report that brings a command, and of the decoding of any report."""
-    head = ("report to bytes", "p99", "ratio", "to the compiled step", "decode, every report")
+    head = ("report to bytes", "p99", "ratio", "compiled step", "of commands", "its ratio", "decode, every report")
     grid = Grid("recording", "rules", *STAGES, *head)
     for row in result["recordings"]:
         for found in row["rules"]:
             figures = [found["stages"][name] or {} for name in STAGES]
             whole = found["report_to_bytes"] or {}
-            ratios = [found[name] for name in ("ratio_to_plainest", "ratio_to_compiled")]
+            plainest, compiled = (
+                "-" if found[name] is None else f"{found[name]:.2f}"
+                for name in ("ratio_to_plainest", "ratio_to_compiled")
+            )
             grid.add_row(
                 row["recording"],
                 found["rules"],
                 *(us(figure.get("p50_us")) for figure in figures),
                 us(whole.get("p50_us")),
                 us(whole.get("p99_us")),
-                *("-" if ratio is None else f"{ratio:.2f}" for ratio in ratios),
+                plainest,
+                us((found["compiled_step"] or {}).get("p50_us")),
+                "-" if found["answered"] is None else f"{100 * found['answered']:.0f} %",
+                compiled,
                 us((found["decode_every_report"] or {}).get("p50_us")),
             )
     out.print(grid)
