@@ -11,6 +11,7 @@ import tomlkit
 import typer
 
 from base.files import replace_file
+from base.points import point_words
 from engine.device import Device, DeviceError
 from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
@@ -161,6 +162,9 @@ def _checked(option: str, text: str, unit: str) -> str:
 
 
 def _position(text: str) -> str:
+    if len(point_words(text)) > 1:
+        copied = "for a plate copy tables/devices/reference-p.toml and change its values (docs/devices.md)"
+        raise OptionError(f"--actuators {text!r}: is a point of a plate, and this command writes bars: {copied}")
     if not text.endswith("%"):
         return _checked("--actuators", text, "m")
     try:

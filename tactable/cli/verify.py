@@ -47,7 +47,7 @@ def verify(
     port_name: PortName,
     sensor_path: SensorPath,
     places: Annotated[
-        int, typer.Option(min=1, max=100, help="Even points of the sensor; on a plate at most so many.")
+        int, typer.Option(min=1, max=100, help="Even points of the sensor; on a plate at most this many.")
     ] = 4,
     placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",
@@ -63,7 +63,8 @@ def verify(
     """Play drives and clicks of a table, and compare a sensor with the promise.
 
     Steady drives and clicks of random placements, or with --drives zones the rows of the sweep for their zones, are
-    played on the untouched surface, and read point by point. The promise is an interval over the surfaces that the
+    played on the untouched surface, and read point by point. Of a table that has clicks of one finger alone, as of a
+    plate, these are played. The promise is an interval over the surfaces that the
     table holds for possible, and only a reading that could have shown it broken keeps it. Exit status 3: more than a
     tenth of the points are beyond it, or more than a tenth of the readings stayed spoiled or are too noisy to show it.
     It has never been run on hardware.

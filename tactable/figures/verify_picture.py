@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from base.points import point_of_json
 from tactable.figures.picture_file import Picture
-from tactable.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from tactable.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, position_columns
 
 _COLOURS = {"kept": BLACK, "broken": VERMILLION, "not shown": ORANGE, "spoiled": GREY}
 _SIZES = ("promised", "low", "high", "read", "error")
@@ -35,4 +36,5 @@ def plot_verification(title: str, points: Sequence[Mapping[str, Any]]) -> Pictur
         panel.legend(fontsize="x-small")
     figure.suptitle(title, fontsize="medium")
     sizes = {f"{k} (m/s^2)": values for k, values in zip(_SIZES, (promised, low, high, read, error), strict=True)}
-    return Picture(figure, {"kind": kind, **sizes, "outcome": outcome}, {}, title)
+    at_m = np.array([point_of_json(point["position_m"]) for point in points])
+    return Picture(figure, {"kind": kind, **position_columns(at_m), **sizes, "outcome": outcome}, {}, title)

@@ -162,7 +162,7 @@ class Judgement:
 def plan_played(
     table: Table, placements: Sequence[Placement], level_db: float, drives: Drives = Drives.POSITIONS
 ) -> tuple[Played, ...]:
-    """The steady drive of each placement at a level, and its click where the table has one.
+    """The steady drive of each placement at a level, and its click; where the table has none, its first felt finger's.
 
     In zones it is the row of the sweep, and there are no clicks. Raises TableError for zones without a row.
     """
@@ -171,10 +171,10 @@ def plan_played(
         drive = _drive_of(table, placement, level_db, drives)
         asked = AskedDrive(drive.frequencies_hz, drive.amplitudes, drive.phases_rad)
         found.append(Played(placement, asked, None))
-        has_clicks = bool(table.clicks) and drives is Drives.POSITIONS
-        click = table.click_at(placement, level_db) if has_clicks else None
-        if click is not None:
-            found.append(Played(placement, None, click))
+        if table.clicks and drives is Drives.POSITIONS:
+            alone = Placement((placement.position_m[placement.felt[0]],), (True,))
+            clicks = ((each, table.click_at(each, level_db)) for each in (placement, alone))
+            found += [Played(each, None, click) for each, click in clicks if click is not None][:1]
     return tuple(found)
 
 

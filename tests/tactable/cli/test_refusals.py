@@ -36,6 +36,7 @@ REFUSED = [
     (f"{NEW} --actuators ,", "--actuators names no position"),
     (f"{NEW} --actuators 400mm", "off the bar", "300 mm"),
     (f"{NEW} --actuators some%", "--actuators 'some%'", "a length or a percentage"),
+    (f"{NEW} --actuators 30x25mm", "'30x25mm': is a point of a plate", "reference-p.toml"),
     (f"{NEW} --band 60Hz", "--band '60Hz'", "two frequencies"),
     (f"{NEW} --band 300Hz,60Hz", "--band '300Hz,60Hz'", "lower frequency first"),
     (f"{NEW} -o new.nc", "a device file is TOML", "new.toml"),

@@ -1,12 +1,27 @@
-"""Laws of what readings say of a promise."""
+"""Laws of what readings say of a promise, and of what is played."""
+
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from engine.table import Table
 from engine.touch import Placement
 from tactable.measure.faults import SPOILING, Fault
-from tactable.measure.verification import LEAST_M_PER_S2, MOST_BLUR, Judgement, Outcome, Played, Point, Verdict
+from tactable.measure.verification import (
+    LEAST_M_PER_S2,
+    MOST_BLUR,
+    Judgement,
+    Outcome,
+    Played,
+    Point,
+    Verdict,
+    plan_played,
+)
+from tests.engine.made_clicks import click_of, in_zones
+from tests.engine.made_table import write_table
+from tests.precompute.devices import shipped
 
 PLAYED = Played(Placement((0.05,), (True,)), None, None)
 sizes = st.floats(0, 100)
@@ -61,3 +76,16 @@ def test_a_promise_that_was_tested_in_part_only_is_not_called_kept(
 ) -> None:
     points = [point_of(1.0, **how)] * untested + [point_of(2.0)] * broken  # type: ignore[arg-type]  # its words
     assert Judgement.of(points + [point_of(1.0)] * (10 - len(points))).verdict is verdict
+
+
+def test_where_a_table_has_no_click_of_two_fingers_that_of_the_felt_one_is_played(tmp_path: Path) -> None:
+    device = shipped("reference-a")
+    one, other, both = in_zones(device, [0]), in_zones(device, [3]), in_zones(device, [0], [3])
+    played = {}
+    for name, made in (("alone", [one, other]), ("both", [one, other, both]), ("none", [other])):
+        path = write_table(tmp_path / f"{name}.nc", device, [click_of(device, each) for each in made])
+        with Table.open(path, verify=False) as table:
+            found = plan_played(table, [both], 20.0)
+        assert [each.kind for each in found][:1] == ["drive"]
+        played[name] = [each.placement for each in found[1:]]
+    assert played == {"alone": [one], "both": [both], "none": []}
