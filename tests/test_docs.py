@@ -24,8 +24,8 @@ from tests.documents import (
 from tests.small_device import small_text
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
-DEAR = ("calibration.md", "figures.md", "first-hour.md", "tables.md")
-"""Pages that take half a minute or need clicks: they are run with the long tests."""
+DEAR = ("calibration.md", "figures.md", "first-hour.md", "fleet.md", "tables.md")
+"""Pages that take long or need clicks: they are run with the long tests."""
 LIVE = ("audio.md", "first-hour.md", "safety.md")
 """Pages with commands that play a device in a process of its own."""
 

@@ -27,6 +27,7 @@ TRUTH |= {"plate.mass_damping": 2.0, "plate.stiffness_damping": 6e-5}
 DRIVES_HZ = [[hz if i == j else NAN for j in range(3)] for hz in (66.0, 114.0, 162.0, 210.0, 281.0) for i in range(3)]
 
 
+@pytest.mark.long
 def test_values_are_found_within_their_intervals_and_the_device_file_says_them() -> None:
     device = shipped("reference-p")
     read = read_bar(device, TRUTH, [[*d, NAN] for d in DRIVES_HZ], Flaws(noise=0.02), points=8, kind=Kind.RESPONSE)

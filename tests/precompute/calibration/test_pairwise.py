@@ -19,6 +19,7 @@ def test_without_noise_every_drive_gives_the_same() -> None:
     assert pairwise.typical < 1e-6
 
 
+@pytest.mark.long
 def test_with_noise_the_average_explains_less_than_the_one_fit() -> None:
     pairwise = fit_pairwise(DEVICE, noisy_calibration())
     assert pairwise is not None

@@ -207,6 +207,7 @@ def test_sweeps_of_both_tables_agree(tables: tuple[Path, Path]) -> None:
     assert np.nanmax(abs(peaks[1] - peaks[0])) < 2e-3 * np.nanmax(peaks[0])
 
 
+@pytest.mark.long
 def test_the_same_responses_are_taken_over_and_others_are_not(tables: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "table.nc"
     path.write_bytes(tables[1].read_bytes())

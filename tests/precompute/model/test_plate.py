@@ -217,12 +217,10 @@ def _played_by_argyris(device: Device, waveform: Array, fingers_m: Sequence[comp
     return decibels(abs(scipy.signal.fftconvolve(course, taps[:, None], axes=0)[: len(course)]).max(axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "felt, quiet",
-    [
-        (["30 x 100 mm"], ["150 x 90 mm", "270 x 20 mm"]),
-        pytest.param(["150 x 90 mm", "90 x 170 mm"], ["240 x 60 mm"], marks=pytest.mark.long),
-    ],
+    [(["30 x 100 mm"], ["150 x 90 mm", "270 x 20 mm"]), (["150 x 90 mm", "90 x 170 mm"], ["240 x 60 mm"])],
 )
 def test_an_independent_plate_in_time_gives_what_a_click_promises(felt: list[str], quiet: list[str]) -> None:
     """Quiet fingers are 32 dB below felt ones, so that 0.2 dB of theirs is 0.5 per mille of what is felt."""

@@ -90,6 +90,7 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
     assert len(draw(DEVICE, [0.025, 0.03], [result, result]).axes) == 2
 
 
+@pytest.mark.long
 def test_a_changed_plate_is_compared_in_brief() -> None:
     device, wanted = changed(TABLET, "plate.thickness=2 mm", 3), Anywhere(placements=1)
     assert device.surface.thickness_m == 2e-3 and len(device.actuators) == 3

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tactable.shipped import device_folder
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here, summary_of
 
-MEASURED = device_folder().parent / "measurements" / "reference-a-drifted.csv"
 CLICK = ("click", "bar.nc", "--felt", "I", "--quiet", "III")
 PICTURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
@@ -17,7 +15,6 @@ PICTURES = {
     "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.5"),
     "click": CLICK,
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),
-    "measured": ("response", "reference-a", "--measured", str(MEASURED)),
     "zones": ("zones", "reference-a", "--drives", "60,90", "--change", "bar.mass_damping=0 1/s"),
     "optimum": ("optimum", "bar.toml", "--zones", "I,III"),
     "reach": ("reach", "bar.toml"),

@@ -35,6 +35,7 @@ def test_one_glide_reads_every_frequency_whatever_latency_and_clock_are() -> Non
     assert all(event.channels[1].amplitude == 0 for event in bench.firmware.drive_log)
 
 
+@pytest.mark.long
 def test_the_level_rises_where_noise_demands_it_and_never_above_the_greatest() -> None:
     bench = bench_of("noise=0.1m/s^2")
     readings = read(bench, SteppedSineOptions(most=0.12))
