@@ -87,7 +87,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "click": Entry("plot:click", "Draw one click: its waveform and what each finger feels."),
         },
         "Pictures of a device": {
-            "response": Entry("plot:response", "Draw the acceleration along the bar of one or more drives."),
+            "response": Entry("plot:response", "Draw the acceleration over the surface of one or more drives."),
             "zones": Entry("plot:zones", "Draw localized factor and acceleration by zone of up to four drives."),
             "optimum": Entry("plot:optimum", "Draw the drives of greatest localized factor of some zones."),
             "reach": Entry("plot:reach", "Draw the greatest acceleration and level of each place of the bar."),
