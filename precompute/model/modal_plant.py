@@ -79,7 +79,7 @@ class ModalPlant(Plant):
     @property
     def actuators(self) -> Sampler:
         """The deflection that each actuator's spring and damper act on; relative to its moving mass, if it has one."""
-        rows = self._at_actuators
+        rows = self._at_actuators.copy()
         rows[[actuator.is_inertial for actuator in self.device.actuators]] -= self.moved
         return _of_modes(rows)
 
@@ -88,7 +88,7 @@ class ModalPlant(Plant):
         """The deflection of each mass of `moved_masses`."""
         return _of_modes(np.concatenate([self._at_actuators, self.moved]))
 
-    @property
+    @cached_property
     def _at_actuators(self) -> Array:
         return self.sampler(np.array([actuator.position_m for actuator in self.device.actuators])).weight
 

@@ -158,7 +158,8 @@ class FreePlate(FreeSurface):
 
 def _between(one: Complex, matrix: Array, other: Complex) -> Complex:
     """one^T matrix other (row,)."""
-    product: Complex = (one * (other @ matrix)).sum(axis=1)
+    # Two real products take half the time of the complex one that other @ matrix would be.
+    product: Complex = (one * (other.real @ matrix + 1j * (other.imag @ matrix))).sum(axis=1)
     return product
 
 

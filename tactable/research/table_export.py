@@ -50,12 +50,22 @@ def write_matlab(found: "xarray.Dataset", group: str, path: Path) -> list[str]:
 
 def write_csv(found: "xarray.Dataset", group: str, path: Path) -> list[str]:
     """Write a line for each element of `ROWS`, its labels first; returns the names of the arrays that are in it."""
-    rows = ROWS[group]
+    rows, found = ROWS[group], _with_points(found) if group == "clicks" else found
     kept = found[[name for name in _names(found) if _is_by_row(set(found[name].dims), set(rows))]]
     with path.open("w", newline="", encoding="utf-8") as file:
         for number, part in enumerate(_parts(kept, rows[:-2])):  # a part at a time: a sweep does not fill the memory
             _frame(part, rows).to_csv(file, header=number == 0, index=False)
     return _names(kept)
+
+
+def _with_points(clicks: "xarray.Dataset") -> "xarray.Dataset":
+    """Clicks with the points of their fingers, m, which a table has by the index of a place; NaN behind the last."""
+    index = clicks["finger_place"]
+    for name in ("place", "place_across"):
+        if name in clicks.variables:
+            at_m = np.append(clicks[name].values, np.nan)[index.values]  # NO_FINGER is -1
+            clicks = clicks.assign({name.replace("place", "finger_position"): (index.dims, at_m)})
+    return clicks
 
 
 def _names(found: "xarray.Dataset") -> list[str]:

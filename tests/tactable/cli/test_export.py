@@ -11,7 +11,7 @@ from scipy.io import loadmat
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.table_build import build_table
-from tactable.research.table_export import ROWS
+from tactable.research.table_export import ROWS, write_csv
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
 
@@ -52,6 +52,18 @@ def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path
     with xarray.open_dataset(click_table, group="coherent_sweep") as own:
         first = pandas.read_csv(tmp_path / "coherent_sweep.csv").drop_duplicates("ratio").amplitude_1
         np.testing.assert_allclose(first, own.amplitude_1)
+
+
+def test_lines_of_clicks_have_the_points_of_their_fingers(tmp_path: Path) -> None:
+    """Two columns a finger on a plate; none where a click has fewer fingers."""
+    axes = {"place": [0.0, 0.1, 0.1], "place_across": ("place", [0.0, 0.0, 0.05])}
+    places = np.array([[0, 2], [1, -1]], np.int32)
+    clicks = xarray.Dataset({"finger_place": (("click", "finger"), places), **axes})
+    write_csv(clicks, "clicks", tmp_path / "clicks.csv")
+    rows = pandas.read_csv(tmp_path / "clicks.csv")
+    assert rows["finger_position 0"].tolist() == [0.0, 0.1] and rows["finger_position_across 0"].tolist() == [0.0, 0.0]
+    other = rows[["finger_position 1", "finger_position_across 1"]].to_numpy()
+    assert other[0].tolist() == [0.1, 0.05] and np.isnan(other[1]).all()
 
 
 def test_a_table_without_its_sweep_plays_its_rows_and_says_what_it_lacks(click_table: Path, tmp_path: Path) -> None:
