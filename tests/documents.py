@@ -8,7 +8,7 @@
 | `toml` | read as TOML |
 | `toml FILE`, `csv FILE` | written to that file, for what comes after |
 | `sh hardware`, `console hardware` | needs a device: the commands and options must exist |
-| `sh slow`, `console slow` | takes long, and a test of its own runs the command: the same |
+| `sh slow`, `console slow` | takes long, or a test of its own runs the same: likewise |
 """
 
 import contextlib
