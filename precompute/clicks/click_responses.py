@@ -8,7 +8,7 @@ import numpy as np
 from base.arrays import Array, Complex32, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, Tones
-from precompute.model.damped_lines import SIGMA_PER_S, DampedLines
+from precompute.model.damped_lines import DampedLines
 
 _AT_ONCE = 64
 """Time courses transformed at once, so that they stay in the processor's cache."""
@@ -42,10 +42,6 @@ class Responses:
         """Weighted acceleration (scenario, finger, time) at EVALUATION_RATE_HZ under displacements (actuator, time)."""
         return self.lines.course(self.spectrum(waveform), EVALUATIONS_PER_SAMPLE)
 
-    def play_samples(self, waveform: Array) -> Single:
-        """Weighted acceleration at SAMPLE_RATE_HZ, at the samples of the waveform only."""
-        return self.lines.course(self.spectrum(waveform))
-
     def peaks(self, waveform: Array, fingers: Sequence[int]) -> Array:
         """Greatest magnitudes (scenario, finger) of a waveform under some fingers, between samples too."""
         return self.under(fingers).played(waveform)[1]
@@ -77,18 +73,6 @@ class Responses:
                 0, 2, 1
             )
         return out
-
-    def impulses(self, before: int) -> Single:
-        """Responses (scenario, finger, actuator, time) to one sample at SAMPLE_RATE_HZ, `before` samples early.
-
-        Before the sample there is only the ringing of the band limit.
-        """
-        lines = self.lines
-        period = lines.period(self.transfer)
-        ahead = np.exp(-SIGMA_PER_S * np.arange(before, 0, -1) / lines.rate_hz).astype(np.float32)
-        return np.concatenate(
-            [period[..., -before:] * ahead, period[..., : lines.steps] * lines.growth[: lines.steps]], axis=-1
-        )
 
     def spectrum(self, waveform: Array) -> Complex32:
         """Lines (scenario, finger, line) of the weighted acceleration under displacements (actuator, time)."""

@@ -9,8 +9,6 @@ from precompute.model.plant import Plant
 
 BEAT_HZ = 10.0
 """Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): no drive has two such."""
-FREQUENCY_STEP_HZ = 0.01
-"""Resolution of frequency on the wire."""
 _PARTS = 4
 """Parts of a step of the sweep in `fine_frequencies`."""
 _NARROW = 3.0

@@ -113,7 +113,7 @@ def test_a_click_is_felt_as_the_sum_of_its_tones_and_its_peaks_are_those_of_its_
     weight = np.random.default_rng(4).normal(size=len(tones.wave))
     whole = responses.play(tones.waveform(weight))
     assert responses.play_each(tones) @ weight == pytest.approx(whole, abs=1e-4 * float(abs(whole).max()))
-    assert responses.play_samples(tones.waveform(weight)) == pytest.approx(
+    assert responses.lines.course(responses.spectrum(tones.waveform(weight))) == pytest.approx(
         whole[..., ::EVALUATIONS_PER_SAMPLE], abs=1e-4 * float(abs(whole).max())
     )
     peaks = responses.peaks(tones.waveform(weight), (0, 1)) / abs(whole).max(axis=2)

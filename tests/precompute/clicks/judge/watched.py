@@ -9,6 +9,7 @@ from base.arrays import Array, Integers, Single
 from base.compiled import njit
 from precompute.clicks.click_basis import Tones
 from precompute.clicks.click_responses import Responses
+from precompute.model.damped_lines import SIGMA_PER_S
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class WatchedCourses:
 
     def play(self, weight: Array) -> Single:
         """Magnitudes (course, sample) for weights (tone,)."""
-        course: Single = np.abs(self.responses.play_samples(self.tones.waveform(weight))).reshape(self.shape)
-        return course
+        course = self.responses.lines.course(self.responses.spectrum(self.tones.waveform(weight)))
+        return np.abs(course).reshape(self.shape)
 
     def rows(self, numbers: Integers) -> Array:
         """Rows (row, tone) at instants given as course * samples + sample."""
@@ -53,7 +54,13 @@ class WatchedCourses:
     @cached_property
     def _impulse(self) -> Single:
         """Response (course, actuator, time) to one sample of each actuator, from `_taps` samples before it."""
-        impulse = self.responses.impulses(self._taps)
+        lines, before = self.responses.lines, self._taps
+        period = lines.period(self.responses.transfer)
+        # Before the sample there is only the ringing of the band limit.
+        ahead = np.exp(-SIGMA_PER_S * np.arange(before, 0, -1) / lines.rate_hz).astype(np.float32)
+        impulse = np.concatenate(
+            [period[..., -before:] * ahead, period[..., : lines.steps] * lines.growth[: lines.steps]], axis=-1
+        )
         return impulse.reshape(-1, *impulse.shape[2:])
 
 
