@@ -37,21 +37,14 @@ class ClickFinger:
 
 
 @dataclass(frozen=True, eq=False)
-class ClickEntry:
-    """Weights (function,) of a set of a basis, played at `amplitude` (fraction of full scale), and their figures.
+class ClickFigures:
+    """Levels and times of a waveform under the fingers of a placement.
 
-    A weight is in steps of 2^-fraction_bits. placement: the positions of the places that the click is made for; each
-    finger lies within `tolerance_m` of its place in the sampled plants.
+    The spreads are over sampled plants; all other figures are of the nominal plant.
     exceeds_s: for each level, rising, the time at which every felt finger has passed its threshold when the click is
     played at that level; None: one of them never does.
     """
 
-    placement: Placement
-    tolerance_m: float
-    basis: Basis
-    basis_set: int
-    weights: NDArray[np.int16]
-    fraction_bits: int
     felt: LevelSpread
     """The weakest felt finger."""
     quiet: LevelSpread | None
@@ -64,6 +57,22 @@ class ClickEntry:
     residual_from_s: float
     residual_db: float
     """The strongest felt finger from residual_from_s on."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClickEntry(ClickFigures):
+    """Weights (function,) of a set of a basis, played at `amplitude` (fraction of full scale), and their figures.
+
+    A weight is in steps of 2^-fraction_bits. placement: the positions of the places that the click is made for; each
+    finger lies within `tolerance_m` of its place in the sampled plants.
+    """
+
+    placement: Placement
+    tolerance_m: float
+    basis: Basis
+    basis_set: int
+    weights: NDArray[np.int16]
+    fraction_bits: int
     amplitude: float = 1.0
     wanted_level_db: float = math.inf
     """The level that is asked for; infinite: as strong as solved."""

@@ -20,7 +20,7 @@ words that travel (quantise.py), the waveform that the device makes of them is e
 """
 
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -29,13 +29,14 @@ from threadpoolctl import ThreadpoolController
 from base.arrays import Array
 from engine.device import Device
 from engine.table import ClickEntry
+from engine.table.click_entry import ClickFigures
 from engine.touch import Placement
 from precompute.clicks.click_basis import click_basis, drive_rows, lines_for, tones_of
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
 from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm
-from precompute.clicks.evaluation import Evaluation, evaluate_waveform
+from precompute.clicks.evaluation import evaluate_waveform
 from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
 from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.sampling.plants import sample_deviations, sample_scenarios
@@ -57,7 +58,7 @@ class Click:
     length_s: float
     waveform: Array
     weights: QuantisedWeights | None
-    evaluation: Evaluation
+    evaluation: ClickFigures
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,6 @@ class ClickSolver:
         """The click of one placement as a table holds it."""
         click, tolerance_m = self.solve(placement), self.options.tolerance_m
         assert click.weights is not None  # only baselines have none
-        figures = {each.name: getattr(click.evaluation, each.name) for each in fields(click.evaluation)}
         return ClickEntry(
             placement=placement,
             tolerance_m=self.device.spread.finger_position_m if tolerance_m is None else tolerance_m,
@@ -113,7 +113,7 @@ class ClickSolver:
             basis_set=0,
             weights=click.weights.words,
             fraction_bits=click.weights.fraction_bits,
-            **figures,
+            **vars(click.evaluation),
         )
 
     def evaluate(self, placement: Placement, waveform: Array) -> Click:

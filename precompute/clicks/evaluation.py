@@ -1,12 +1,11 @@
 """Evaluation of a waveform on sampled plants: levels under the fingers, their spread, and when they come."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from base.arrays import Array, Complex
-from engine.table.click_entry import ClickFinger, LevelSpread
+from engine.table.click_entry import ClickFigures, ClickFinger, LevelSpread
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
 from precompute.clicks.click_responses import Responses
@@ -14,24 +13,6 @@ from precompute.clicks.percentiles import ManyPlants, percentiles
 
 PERCENTS = (5, 50, 95)
 _SILENT = 1e-15
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Levels and times of a waveform. felt: the weakest felt finger; quiet: the strongest quiet one, None without any.
-
-    Of the nominal plant: fingers, in the order of the placement; exceeds_s, for each level that the waveform may be
-    played at, when every felt finger has exceeded its threshold (None: one never does); peak_s, when the last of them
-    peaks; residual_db, the strongest felt finger from `residual_from_s` on.
-    """
-
-    felt: LevelSpread
-    quiet: LevelSpread | None
-    fingers: tuple[ClickFinger, ...]
-    exceeds_s: Mapping[float, float | None]
-    peak_s: float
-    residual_from_s: float
-    residual_db: float
 
 
 def evaluate_waveform(
@@ -42,7 +23,7 @@ def evaluate_waveform(
     levels_db: Sequence[float],
     residual_from_s: float,
     many: ManyPlants,
-) -> Evaluation:
+) -> ClickFigures:
     """Evaluate base displacements (actuator, time) under the fingers of a placement; the first scenario is nominal.
 
     weighting (line,): factor from acceleration to weighted acceleration. levels_db: for `exceeds_s`, rising. many:
@@ -58,7 +39,7 @@ def evaluate_waveform(
         quiet_db = LevelSpread(nominal_db, low_db, middle_db, high_db, worst_db)
     acceleration, weighted = nominal_courses(responses.first(1), waveform, weighting)
     above = weighted[felt]
-    return Evaluation(
+    return ClickFigures(
         felt=felt_db,
         quiet=quiet_db,
         fingers=fingers_of(acceleration, weighted),

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from base.arrays import Array
+from engine.table.click_entry import ClickFigures
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
 from precompute.clicks.click_plants import SampledPlants, weighting
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.evaluation import Evaluation, decibels, evaluate_waveform
+from precompute.clicks.evaluation import decibels, evaluate_waveform
 from precompute.clicks.percentiles import ManyPlants
 from precompute.sampling.plants import sample_scenarios
 from tests.precompute.devices import shipped
@@ -33,7 +34,7 @@ def waveform() -> Array:
 
 def evaluate(
     waveform: Array, responses: Responses, is_felt: tuple[bool, ...], levels_db: Sequence[float]
-) -> Evaluation:
+) -> ClickFigures:
     """Of fewer fingers the first ones; percentiles are the plain ones."""
     under, device = responses.under(range(len(is_felt))), shipped("reference-a")
     none = np.zeros((len(under.transfer) - 1, len(under.transfer)))  # so many parameters that nothing is fitted

@@ -23,11 +23,11 @@ from base.plain import to_plain
 from base.points import point_at
 from engine.device import Device
 from engine.table import Clicks, Table
+from engine.table.click_entry import ClickFigures
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import zone_finder
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.clicks.click_solver import FULL_SCALE
-from precompute.clicks.evaluation import Evaluation
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements
@@ -148,7 +148,7 @@ def _begin_others(
     return compare
 
 
-def evaluate_as_it_is(solver: ClickSolver, placement: Placement, waveform: Array) -> Evaluation:
+def evaluate_as_it_is(solver: ClickSolver, placement: Placement, waveform: Array) -> ClickFigures:
     """Evaluate displacements (actuator, time) as the solver does its own clicks; `evaluate` would scale them."""
     return solver._evaluated(placement, waveform, None).evaluation
 
@@ -163,7 +163,7 @@ def _steady(designer: SteadyDesigner, placement: Placement) -> dict[str, Any]:
     }
 
 
-def _levels(evaluation: Evaluation) -> dict[str, Any]:
+def _levels(evaluation: ClickFigures) -> dict[str, Any]:
     return {"felt_db": to_plain(evaluation.felt), "quiet_db": to_plain(evaluation.quiet)}
 
 
