@@ -87,7 +87,6 @@ def fleet(
 
 
 def _summary_paths(output: Path) -> tuple[Path, Path]:
-    """Paths of the summary as CSV and as JSON."""
     return output / f"{SUMMARY}.csv", output / f"{SUMMARY}.json"
 
 

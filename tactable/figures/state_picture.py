@@ -152,7 +152,6 @@ def _set_axes(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
 
 
 def _drive_text(played: PlayedDrive) -> str:
-    """Drive of each actuator in words."""
     drive = played.drive
     parts = [
         f"{actuator.name} {100 * amplitude:.3g} %, {phase:+z.2f} rad" if amplitude else f"{actuator.name} still"

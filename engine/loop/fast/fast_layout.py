@@ -131,7 +131,6 @@ def c_header() -> str:
 
 
 def _structures() -> dict[str, Any]:
-    """The structures of the layout as ctypes structures."""
     kinds: dict[str, Any] = {"int64_t": ctypes.c_int64, "double": ctypes.c_double, "uint8_t": ctypes.c_uint8}
     for structure, fields in STRUCTURES.items():
         members = []
