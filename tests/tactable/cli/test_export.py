@@ -16,7 +16,7 @@ from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
 
 
-@pytest.mark.parametrize("group", ["best_rows", "clicks"])
+@pytest.mark.parametrize("group", ["coherent_sweep", "best_rows", "clicks"])
 def test_matlab_and_netcdf_hold_every_array_of_a_part(click_table: Path, tmp_path: Path, group: str) -> None:
     for ending in ("mat", "nc"):
         done = run_here(tmp_path, "export", str(click_table), group, "-o", f"part.{ending}")

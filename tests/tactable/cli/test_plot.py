@@ -12,6 +12,7 @@ CLICK = ("click", "bar.nc", "--felt", "I", "--quiet", "III")
 PICTURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
     "rise": ("state", "bar.nc", "--felt", "I", "--quiet", "III", "--over-time"),
+    "rise-at-positions": ("state", "bar.nc", "--felt", "35 mm", "--over-time"),
     "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.5"),
     "click": CLICK,
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),
