@@ -62,6 +62,13 @@ def point_words(text: str) -> list[str]:
     return [along if along.endswith(tuple("%mnµμ")) else f"{along} {unit}", across]
 
 
+def rows_of_squares(count: int, corner_m: complex) -> int:
+    """In how many rows `count` equal parts of a plate that ends at `corner_m` are most nearly square."""
+    over_square = corner_m.real / corner_m.imag / count  # times the square of the rows: length of a part by its width
+    rows = [n for n in range(1, count + 1) if count % n == 0]
+    return min(rows, key=lambda n: abs(math.log(over_square * n**2)))
+
+
 def sides_of(point: complex) -> tuple[float, float]:
     """X and y for a fixed layout of two numbers, y NaN on a bar; `point_of` reads them."""
     return (point.real, point.imag) if isinstance(point, complex) else (point, math.nan)

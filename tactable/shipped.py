@@ -36,9 +36,9 @@ def named_effects() -> "dict[str, Effect]":
     return read_vocabulary(shipped(_HERE, "vocabulary.toml"))
 
 
-def new_bar_text() -> str:
-    """Text of the device file that `tactable new` begins with."""
-    return shipped(_HERE, "new-bar.toml").read_text(encoding="utf-8")
+def new_text(surface: str) -> str:
+    """Text of the device file that `tactable new` begins with; surface: "bar" or "plate"."""
+    return shipped(_HERE, f"new-{surface}.toml").read_text(encoding="utf-8")
 
 
 def find_device(name_or_path: str) -> "Device":

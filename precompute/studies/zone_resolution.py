@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from base.arrays import Array
-from base.points import order_of
+from base.points import order_of, rows_of_squares
 from engine.device import Device
 from engine.device.surface_description import equal_zones
 from precompute.model.assembly import assemble
@@ -33,16 +33,10 @@ class Resolved:
 
 
 def with_equal_zones(device: Device, count: int) -> Device:
-    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals.
-
-    Those of a plate lie in as many rows as make them most nearly square.
-    """
-    rows, corner_m = [1], device.surface.corner_m
-    if isinstance(corner_m, complex):
-        over_square = corner_m.real / corner_m.imag / count  # times the square of the rows: length of a zone by width
-        rows = [n for n in range(1, count + 1) if count % n == 0]
-        rows.sort(key=lambda n: abs(math.log(over_square * n**2)))
-    return replace(device, zones=equal_zones(device.surface, count // rows[0], rows[0]))
+    """The device with `count` equal zones, at most 16 as in a device file, named by Roman numerals."""
+    corner_m = device.surface.corner_m
+    rows = rows_of_squares(count, corner_m) if isinstance(corner_m, complex) else 1
+    return replace(device, zones=equal_zones(device.surface, count // rows, rows))
 
 
 def study_resolution(

@@ -1,6 +1,6 @@
-"""Command `new`: a device file for a bar of one's own, in which whatever was not given is marked as an estimate.
+"""Command `new`: a device file for a bar or plate of one's own, in which whatever was not given is an estimate.
 
-The file begins as `tables/new-bar.toml`, all of whose values are estimates; what is given takes their places.
+The file begins as `tables/new-bar.toml` or `tables/new-plate.toml`; what is given takes the places of estimates.
 """
 
 import copy
@@ -11,61 +11,68 @@ import tomlkit
 import typer
 
 from base.files import replace_file
-from base.points import point_words
+from base.points import point_words, rows_of_squares
 from engine.device import Device, DeviceError
 from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
 from tactable.cli.console import say
 from tactable.cli.options import OptionError, names_in, read_option
-from tactable.shipped import new_bar_text
+from tactable.shipped import new_text
 
-# Young's modulus and density: handbook values at room temperature; alloys and batches differ by some per cent.
+# Young's modulus, density and Poisson's ratio: handbook values at room temperature; alloys and batches differ by some
+# per cent, plastics more.
 MATERIALS = {
-    "aluminium": ("70 GPa", "2700 kg/m^3"),
-    "steel": ("200 GPa", "7850 kg/m^3"),
-    "stainless-steel": ("193 GPa", "8000 kg/m^3"),
-    "titanium": ("110 GPa", "4500 kg/m^3"),
-    "brass": ("105 GPa", "8500 kg/m^3"),
-    "glass": ("72 GPa", "2500 kg/m^3"),
-    "acrylic": ("3.2 GPa", "1190 kg/m^3"),
-    "polycarbonate": ("2.35 GPa", "1200 kg/m^3"),
-    "fr4": ("22 GPa", "1850 kg/m^3"),
+    "aluminium": ("70 GPa", "2700 kg/m^3", "33 %"),
+    "steel": ("200 GPa", "7850 kg/m^3", "29 %"),
+    "stainless-steel": ("193 GPa", "8000 kg/m^3", "29 %"),
+    "titanium": ("110 GPa", "4500 kg/m^3", "34 %"),
+    "brass": ("105 GPa", "8500 kg/m^3", "34 %"),
+    "glass": ("72 GPa", "2500 kg/m^3", "23 %"),
+    "acrylic": ("3.2 GPa", "1190 kg/m^3", "37 %"),
+    "polycarbonate": ("2.35 GPa", "1200 kg/m^3", "37 %"),
+    "fr4": ("22 GPa", "1850 kg/m^3", "14 %"),
 }
+_SURFACE = {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"}
 _UNITS = {
-    "bar": {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"},
+    "bar": _SURFACE,
+    "plate": {**_SURFACE, "poissons_ratio": ""},
     "actuator": {"moving_mass": "kg", "stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"},
 }
+Values = tuple[str | None, str | None, str | None]
 _LONGEST_NAME = 64  # it is in titles, names of files and errors
 
 
 def new(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the bar, and of its file NAME.toml.")],
-    length: Annotated[str, typer.Option(help="Length of the bar, such as 300mm.")],
-    thickness: Annotated[str, typer.Option(help="Thickness of the bar, such as 1mm.")],
-    actuators: Annotated[str, typer.Option(help="Positions of the actuators, from the bar's start: 40mm,260mm or %.")],
-    width: Annotated[str | None, typer.Option(help="Width of the bar; estimate: 12.7 mm.")] = None,
-    material: Annotated[
-        str | None, typer.Option(help=f"Of the bar: {', '.join(MATERIALS)}; estimate: aluminium.")
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the device, and of its file NAME.toml.")],
+    length: Annotated[str, typer.Option(help="Length of the bar or plate, such as 300mm.")],
+    thickness: Annotated[str, typer.Option(help="Its thickness, such as 1mm.")],
+    actuators: Annotated[str, typer.Option(help='Their positions: 40mm,260mm or %; on a plate "30x25 mm,270x35 mm".')],
+    width: Annotated[
+        str | None, typer.Option(help="Width; needed for a plate, of a bar the estimate is 12.7 mm.")
     ] = None,
+    material: Annotated[str | None, typer.Option(help=f"{', '.join(MATERIALS)}; estimate: aluminium.")] = None,
     youngs_modulus: Annotated[str | None, typer.Option(help="In place of the material's, such as 69GPa.")] = None,
     density: Annotated[str | None, typer.Option(help="In place of the material's, such as 2710kg/m^3.")] = None,
+    poissons_ratio: Annotated[str | None, typer.Option(help="Of a plate, in place of the material's: 0.3.")] = None,
     stiffness: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 18.9 kN/m.")] = None,
     damping: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 0.045 N*s/m.")] = None,
-    mass: Annotated[str | None, typer.Option(help="Of each actuator on the bar; estimate: 9.5 g.")] = None,
+    mass: Annotated[str | None, typer.Option(help="Of each actuator on the surface; estimate: 9.5 g.")] = None,
     moving_mass: Annotated[
         str | None, typer.Option(help="Of each actuator, if it is inertial: on its spring, such as 2g.")
     ] = None,
     full_scale: Annotated[
-        str | None, typer.Option(help="Base displacement, or force, at full scale; estimate: 0.52 um.")
+        str | None, typer.Option(help="Displacement or force at full scale; estimate: 0.52 um, on a plate 4.16 um.")
     ] = None,
     band: Annotated[str | None, typer.Option(help="In which actuators may be driven; estimate: 60Hz,300Hz.")] = None,
-    zones: Annotated[int | None, typer.Option(min=1, max=16, help="Number of equal zones; estimate: 5.")] = None,
+    zones: Annotated[
+        int | None, typer.Option(min=1, max=16, help="Number of equal zones; estimate: 5, on a plate 6.")
+    ] = None,
     threshold: Annotated[
         str, typer.Option("--threshold", metavar="CURVE", help="Shipped threshold curve that levels are above.")
     ] = DEFAULT_THRESHOLD,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The file; default NAME.toml here.")] = None,
 ) -> None:
-    """Write a device file for your bar; what you do not give is marked as an estimate.
+    """Write a device file for your bar or plate; what you do not give is marked as an estimate.
 
     `tactable check` then says what follows from it, and `tactable calibrate` what measurements make of the estimates.
     """
@@ -76,11 +83,17 @@ def new(
         raise OptionError(f"{path}: exists already and is not overwritten; choose another name, or edit the file")
     if not 0 < len(name) <= _LONGEST_NAME or not name.replace("-", "").replace("_", "").isalnum():
         raise OptionError(f"NAME {name!r}: expected letters, digits, - and _, such as my-bar")
-    document: Any = tomlkit.parse(new_bar_text())
+    surface = "plate" if len(point_words(actuators.split(",")[0])) > 1 else "bar"
+    document: Any = tomlkit.parse(new_text(surface))
     document["name"], document["threshold"] = name, threshold
+    of_material = youngs_modulus, density, poissons_ratio
     if material is not None:
-        youngs_modulus, density = _of_material(material, youngs_modulus, density)
-    _give(document, "bar", (length, width, thickness, youngs_modulus, density))
+        of_material = _of_material(material, of_material)
+    if surface == "plate" and width is None:
+        raise OptionError(f"--width: {actuators} are points of a plate; give its width, such as --width 180mm")
+    if surface == "bar" and poissons_ratio is not None:
+        raise OptionError("--poissons-ratio: is a plate's, whose actuators are points, such as --actuators '30x25 mm'")
+    _give(document, surface, (length, width, thickness, *of_material))
     _give(document, "actuator", (moving_mass, stiffness, damping, mass, full_scale))
     if moving_mass is not None:
         document["actuator"][0]["kind"] = "inertial"
@@ -89,13 +102,13 @@ def new(
         _set(document["actuator"][0], "band", edges)
         document["sweep"]["start"], document["sweep"]["stop"] = edges
     if zones is not None:
-        _set(document["zones"], "count", zones)
+        _divide(document, surface, zones)
     _place(document, actuators)
     text = tomlkit.dumps(document)
     try:
         device = Device.parse(text, str(path))
     except DeviceError as error:
-        raise OptionError(f"these values are no bar: {error}") from error
+        raise OptionError(f"these values are no {surface}: {error}") from error
     with replace_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
     say(f"{path}: {len(device.actuators)} actuators, {len(device.zones)} zones")
@@ -104,18 +117,18 @@ def new(
     say(f"next: tactable check {path}")
 
 
-def _of_material(name: str, youngs_modulus: str | None, density: str | None) -> tuple[str, str]:
-    """Young's modulus and density: those that are given, else the material's."""
+def _of_material(name: str, given: Values) -> Values:
+    """Young's modulus, density and Poisson's ratio: those that are given, else the material's."""
     if name not in MATERIALS:
         raise OptionError(f"--material {name!r}: expected one of {', '.join(MATERIALS)}; or give modulus and density")
-    known = MATERIALS[name]
-    return youngs_modulus or known[0], density or known[1]
+    modulus, density, ratio = (text or known for text, known in zip(given, MATERIALS[name], strict=True))
+    return modulus, density, ratio
 
 
 def _give(document: Any, part: str, texts: tuple[str | None, ...]) -> None:
-    """Set the quantities of a part, in the order of its units, where they are given."""
+    """Set the quantities of a part, in the order of its units, where they are given and it has them."""
     table = document[part][0] if part == "actuator" else document[part]
-    for (key, unit), text in zip(_UNITS[part].items(), texts, strict=True):
+    for (key, unit), text in zip(_UNITS[part].items(), texts, strict=False):
         if text is not None:
             as_force = key == "full_scale" and text.rstrip().endswith("N")
             _set(table, key, _checked("--" + key.replace("_", "-"), text, "N" if as_force else unit))
@@ -128,6 +141,17 @@ def _set(table: Any, key: str, value: Any) -> None:
         table["inferred"].remove(key)
     if not table["inferred"]:
         del table["inferred"]
+
+
+def _divide(document: Any, surface: str, zones: int) -> None:
+    """Divide the surface into equal zones, those of a plate as square as they can be."""
+    if surface == "bar":
+        _set(document["zones"], "count", zones)
+        return
+    length_m, width_m = (read_quantity(document["plate"][key], "m") for key in ("length", "width"))
+    rows = rows_of_squares(zones, complex(length_m, width_m))
+    _set(document["zones"], "rows", rows)
+    _set(document["zones"], "columns", zones // rows)
 
 
 def _edges(band: str) -> list[str]:
@@ -161,10 +185,13 @@ def _checked(option: str, text: str, unit: str) -> str:
     return f"{number[:end].rstrip()} {number[end:]}".strip()
 
 
-def _position(text: str) -> str:
-    if len(point_words(text)) > 1:
-        copied = "for a plate copy tables/devices/reference-p.toml and change its values (docs/devices.md)"
-        raise OptionError(f"--actuators {text!r}: is a point of a plate, and this command writes bars: {copied}")
+def _position(text: str) -> str | list[str]:
+    """A position of an actuator: a length or a percentage; of a plate two of them."""
+    words = point_words(text)
+    return _length(text) if len(words) == 1 else [_length(word) for word in words]
+
+
+def _length(text: str) -> str:
     if not text.endswith("%"):
         return _checked("--actuators", text, "m")
     try:

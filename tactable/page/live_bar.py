@@ -40,7 +40,7 @@ STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged."""
 MOVED_US = 50_000
 """A finger that moves loads the plant anew this often: damped modes of a plate cost as much as 50 ms of its time."""
-_SMOOTH = 240
+_SMOOTH = 160
 """Spectra have a multiple of this length: of a power of two, columns compete for the same lines of the cache."""
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
 

@@ -27,7 +27,7 @@ from tactable.run.live_run import Live, LiveOptions
 from tactable.shipped import named_effects
 
 IN_PLACE_NS = 800_000_000
-"""Length of the steady drive that is played where a table holds no click yet: long enough to become steady."""
+"""Length of the steady drive that is played in place of a click until clicks are solved: it becomes steady."""
 PATIENCE_NS = 300_000_000
 """On a busy machine a click takes longer than a finger should wait; a page shows it for seconds all the same."""
 
@@ -122,13 +122,14 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
             effects = replace(effects, drives=Drives.POSITIONS)
         if programs.are_wanted:
             effects = replace(effects, others=tuple(named_effects().values()))
+        has_several = table.clicks.finger_place.shape[1] > 1  # else all of several fingers are solved
         options = LiveOptions(
             effects,
             WhenNotAchieved.GO_ON,
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
             has_kernels=order.has_kernels,
-            click_ns=IN_PLACE_NS if order.is_first or not order.has_kernels else None,
+            click_ns=IN_PLACE_NS if order.is_first or not has_several else None,
             patience_ns=PATIENCE_NS,
         )
         port = SerialPort(order.port)

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from engine.device import Device
+from engine.device.parts import Plate
 from tactable.cli.main import app
 from tactable.cli.new import MATERIALS
 
@@ -40,6 +41,23 @@ def test_what_is_given_is_in_the_file_and_the_rest_is_an_estimate(tmp_path: Path
     ]
     assert (device.bar.youngs_modulus_pa, device.bar.density_kg_per_m3) == (190e9, 7850.0)
     assert device.actuators[0].band_hz == (50.0, 400.0) and len(device.zones) == 4
+
+
+def test_points_of_actuators_make_a_plate_whose_zones_are_as_square_as_they_can_be(tmp_path: Path) -> None:
+    words = (
+        "--length 250mm --width 120mm --thickness 1.1mm --material glass --actuators '30x25 mm,90% x 80 %' --zones 8"
+    )
+    done = run(tmp_path / "plate.toml", *shlex.split(words))
+    assert done.exit_code == 0, done.output
+    device = Device.read(tmp_path / "plate.toml")
+    assert device.surface.corner_m == 0.25 + 0.12j and isinstance(device.surface, Plate)
+    assert [actuator.position_m for actuator in device.actuators] == pytest.approx([0.03 + 0.025j, 0.225 + 0.096j])
+    assert device.surface.poissons_ratio == 0.23
+    assert [zone.stop_m - zone.start_m for zone in device.zones] == [pytest.approx(0.0625 + 0.06j)] * 8
+    assert {name for name in device.estimated_values if name.startswith("plate")} == {
+        "plate.mass_damping",
+        "plate.stiffness_damping",
+    }
 
 
 @pytest.mark.parametrize("material", MATERIALS)
