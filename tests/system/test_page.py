@@ -17,6 +17,8 @@ from playwright.sync_api import Browser, expect
 
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.emulator_process import run_emulator
+from tactable.rig.ready import cached_table
+from tactable.shipped import find_device
 from tests.system.page import (
     CLICK,
     DESKTOP,
@@ -335,7 +337,7 @@ def all_of_it_is_seen_and_kept(visit: Visit, path: Path) -> None:
 
 
 def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browser) -> None:
-    (table,) = (path for path in (demo_folder / "tactable").glob("*.nc") if "-early" not in path.name)
+    table = cached_table(find_device(str(demo_folder / "small.toml")), demo_folder / "tactable")
     write_recording(make_recording([Stroke(0.0, 200.0, FIRST, FIRST)]), demo_folder / "rest.hid")
     with run_emulator() as emulator:
         words = ["--touch", "rest.hid", "--port", emulator.port, "--no-watch", "--no-solve", "--page"]
