@@ -42,7 +42,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "replay": Entry("touch:replay", "Decode a recording as the engine does, all at once."),
         },
         "Describe": {
-            "new": Entry("new:new", "Write a device file for your bar; what you do not give is marked as an estimate."),
+            "new": Entry("new:new", "Write a device file for your bar or plate; what is not given is an estimate."),
             "check": Entry("device:check", "Validate a device file, and say what follows from it."),
             "modes": Entry("device:modes", "List the modes of a bar or a plate, untouched and under a finger."),
             "effects": Entry("", "Read effect files of other makers, and write them."),

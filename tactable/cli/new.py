@@ -72,7 +72,7 @@ def new(
     ] = DEFAULT_THRESHOLD,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The file; default NAME.toml here.")] = None,
 ) -> None:
-    """Write a device file for your bar or plate; what you do not give is marked as an estimate.
+    """Write a device file for your bar or plate; what is not given is an estimate.
 
     `tactable check` then says what follows from it, and `tactable calibrate` what measurements make of the estimates.
     """
