@@ -235,7 +235,7 @@ def _print_listing(listing: dict[str, list[Any]]) -> None:
 
 
 def map_json(learnt: LearntAxis, before: "TouchAxis | None") -> dict[str, Any]:
-    """The learnt axis for JSON. A length is None where neither the device file nor the digitizer says it."""
+    """Return the learnt axis for JSON; a length that neither the device file nor the digitizer states is null."""
     across = None if learnt.across is None else _axis_json(learnt.across)
     return {**_axis_json(learnt), "across": across, "table": digitizer_table(learnt, before)}
 

@@ -119,7 +119,7 @@ _OWN = (
 
 
 def click_json(table: Table, explained: Explained) -> dict[str, Any]:
-    """The click as plain values for JSON; infinite levels are None."""
+    """Return the click as plain values for JSON; an infinite level is written as null."""
     click, device = explained.click, table.device
     zones = words.zone_lists(device, explained.placement)
     values: dict[str, Any] = to_plain(

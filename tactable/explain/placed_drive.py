@@ -33,7 +33,7 @@ def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
 
 
 def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Threshold) -> dict[str, Any]:
-    """The drive as plain values for JSON, levels above `threshold`; an infinite level is None."""
+    """Return the drive as plain values for JSON: levels in dB above `threshold`, an infinite one as null."""
     drive, device, spread = figures.drive, table.device, figures.spread
     placement = Placement(figures.positions_m, drive.felt)
     spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}

@@ -120,8 +120,8 @@ class LiveBar:
         corner_m = device.surface.corner_m
         self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
         self._modes: _Modes = _Modes(device) if twin is None else twin._modes
-        self._basis = self._modes.basis
-        self._grid, self._moving = (self._basis.at(each.position_m) for each in (self.field, self.moving))
+        basis = self._modes.basis
+        self._grid, self._moving = (basis.at(each.position_m) for each in (self.field, self.moving))
         self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
@@ -148,7 +148,7 @@ class LiveBar:
         self._motion, self._weighted = _RollingBuffer(kept, modes), _RollingBuffer(kept, modes)
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
-        self._plant = _ModalPlant(self._basis, np.zeros(0), RATE_HZ)
+        self._plant = _ModalPlant(self._modes.basis, np.zeros(0), RATE_HZ)
         self._loads: tuple[tuple[complex, Finger], ...] = ()
         self._loaded_us, self._loaders = self.now_us, list[int]()
         self._place()
@@ -170,7 +170,7 @@ class LiveBar:
 
     def _place(self) -> None:
         places_m = [finger.position_m for finger in self._fingers]
-        self._rows = np.concatenate([self._grid, self._basis.at(np.array(places_m))])
+        self._rows = np.concatenate([self._grid, self._modes.basis.at(np.array(places_m))])
         for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
             before = self._heard.pop(finger.contact_id, None)
             self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
@@ -251,7 +251,7 @@ class LiveBar:
         passed, count = _sample_at(self.now_us) - _sample_at(since_us), round(duration_s * RATE_HZ)
         if not count <= passed <= self._motion.kept:
             return None
-        rows = np.concatenate([self._moving, self._basis.at(np.array(finger_m))])
+        rows = np.concatenate([self._moving, self._modes.basis.at(np.array(finger_m))])
         acceleration: Array = self._motion.last(passed)[:count:every] @ rows.T
         return acceleration
 

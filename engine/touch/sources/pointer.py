@@ -13,7 +13,7 @@ from engine.touch.sources.own_reports import CONFIDENT, TIP, Axis, ContactReport
 RESOLUTION = 65_535
 """Logical maximum of both axes."""
 REPEAT_NS = 40_000_000
-"""A resting pointer is reported this often: a digitizer whose finger is silent for three times as long has lost it."""
+"""Interval at which a resting pointer is reported again; the digitizer releases a contact after 120 ms of silence."""
 SILENT_NS = 1_000_000_000
 """A pressed pointer that the page has not mentioned for this long is released."""
 _MOST_POINTERS = 10  # engine.touch.placement.MOST_FINGERS
@@ -106,7 +106,11 @@ class PointerSource(OnClock):
         return next(iter(self._pressed.values())).reported_ns + REPEAT_NS if self._is_open else 0
 
     def read(self, now_ns: int) -> bytes | None:
-        """The next event as a report, else that of a pointer that rests, or is released because nobody mentions it."""
+        """Return the next report, or None if nothing is due.
+
+        An event in the pipe comes first. Otherwise the pointer whose last report is oldest is reported again once it is
+        due: pressed, or released if the page has not mentioned it for SILENT_NS or has closed the pipe.
+        """
         report = self._read_pipe()
         mentioned_ns = now_ns
         if not report:
