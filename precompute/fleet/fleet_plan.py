@@ -18,7 +18,7 @@ from engine.device.toml_table import TomlTable, read_text
 from precompute.fleet.units import FleetError, Unit, checked_units
 from precompute.sampling.plants import latin_hypercube
 
-_MEASURED = (".csv", ".nc", ".nc4", ".uff", ".unv", ".uf")
+_MEASURED = (".csv", ".uff", ".unv", ".uf")
 _COLUMNS = ("name", "device", "measurements")
 _MOST_UNITS = 100_000  # a slip in a count or a product of values, not a fleet
 _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?) ?(\D.*)?")

@@ -1,4 +1,4 @@
-"""Measurements from named columns with units, as CSV and NetCDF files hold them (tables/MEASUREMENTS.md)."""
+"""Measurements from named columns with units, as tables hold them (tables/MEASUREMENTS.md)."""
 
 from collections.abc import Callable, Mapping
 
@@ -28,7 +28,7 @@ _ACROSS = " across"
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
 """Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
 SIMULATED = "SIMULATED"
-"""The word in a comment or an attribute that marks simulated readings."""
+"""The word in a comment that marks simulated readings."""
 
 
 def column_names(device: Device) -> dict[str, str]:

@@ -4,9 +4,7 @@ A name has `_` for spaces and its unit as the last words: `frequency_Hz`, `left_
 for each place in the variable `position_mm`.
 """
 
-import math
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +13,14 @@ from numpy.typing import NDArray
 
 from base.points import parts_of
 from engine.device import Device
-from precompute.measurements.columns import SIMULATED, column_names
+from precompute.measurements.columns import column_names
 from precompute.measurements.csv import measurements_of
-from precompute.measurements.netcdf_content import Content, Variable, read_content
-from precompute.measurements.sheet import MOST_ROWS, Sheet, split_title
+from precompute.measurements.mat_content import Content, read_content
+from precompute.measurements.sheet import Sheet, split_title
 from precompute.measurements.types import MeasurementError, Measurements
 from precompute.measurements.wide import FREQUENCY, PLACE
 
 _UNIT = re.compile(r"_((?:[mcku]?m|k?g|k?Hz|deg|rad|percent)(?:(?:_per)?_(?:s2|s|N))*)$")
-_NUMBERS = "double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
-_MOST_NUMBERS = 10 * MOST_ROWS
 
 
 def read_mat(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
@@ -37,7 +33,7 @@ def read_mat(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
 
 def arrays_to_measurements(content: Content, path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     """The measurements in the arrays of a file. Raises MeasurementError."""
-    arrays = {variable.name: variable.values for variable in content.variables}
+    arrays = content.arrays
     titles = {name: _title(name) for name in arrays}
     axes = [name for name, title in titles.items() if FREQUENCY.fullmatch(split_title(title)[0])]
     position = next((name for name, title in titles.items() if split_title(title)[0] == "position"), None)
@@ -82,32 +78,3 @@ def _title(name: str) -> str:
     match = _UNIT.search(name)
     words = re.sub(r"(\d)p(\d)", r"\1.\2", name[: match.start()] if match else name).replace("_", " ")
     return f"{words} ({match[1].replace('_per', '').replace('_', '/').replace('percent', '%')})" if match else words
-
-
-def load_arrays(path: Path) -> Content:
-    """The numeric arrays of a file, and whether any text of it says SIMULATED. Raises MeasurementError."""
-    import scipy.io
-
-    with path.open("rb") as file:
-        if file.read(10) == b"MATLAB 7.3":
-            raise MeasurementError(
-                f"{path}: is a MAT file of version 7.3, which is HDF5; save it with save(..., '-v7')"
-            )
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # such as for a duplicate name
-            kinds = scipy.io.whosmat(str(path), appendmat=False)
-            wrong = [f"{name} is a {kind}" for name, _, kind in kinds if kind not in (*_NUMBERS, "char")]
-            if not wrong and sum(math.prod(shape) for _, shape, _ in kinds) <= _MOST_NUMBERS:
-                content = scipy.io.loadmat(str(path), appendmat=False)
-            else:
-                what = wrong[0] if wrong else f"has more than {_MOST_NUMBERS} numbers"
-                raise MeasurementError(f"{path}: {what}; save the responses alone, as arrays")
-    except MeasurementError:
-        raise
-    except Exception as error:  # scipy raises many of Python's on malformed files
-        remedy = "save it with save(..., '-v7')"
-        raise MeasurementError(f"{path}: cannot be read as a MAT file of version 5 ({error}); {remedy}") from error
-    texts = [str(content[name]) for name, _, kind in kinds if kind == "char"]
-    arrays = [Variable(name, (), None, np.atleast_2d(content[name])) for name, _, kind in kinds if kind != "char"]
-    return Content(arrays, None, any(SIMULATED in text for text in texts))

@@ -74,8 +74,6 @@ def read_modes(path: Path, device: Device, sensor_mass_kg: float = 0.0) -> Modes
     check_file(path)
     if path.suffix.lower() == ".csv":
         return parse_modes(read_table_text(path), device, sensor_mass_kg, str(path))
-    if path.suffix.lower() in (".nc", ".nc4"):
-        raise MeasurementError(f"{path}: modes are read from .csv or a universal file; write one of these")
     return _read_universal(path, device, sensor_mass_kg)
 
 

@@ -11,7 +11,7 @@ from precompute.measurements.lvm import parse_lvm
 from precompute.measurements.types import MeasurementError, Measurements
 
 MOST_BYTES = 100_000_000  # a million rows of CSV, where a fit takes 10 000 readings at most
-_NETCDF, _UNIVERSAL = (".nc", ".nc4"), (".uff", ".unv", ".uf")
+_UNIVERSAL = (".uff", ".unv", ".uf")
 _TEXT, _READ_ONLY = (".csv", ".tsv", ".txt"), (".tsv", ".txt", ".lvm", ".mat")
 
 
@@ -31,10 +31,6 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
         from precompute.measurements.mat import read_mat
 
         return read_mat(path, device, sensor_mass_kg)
-    if ending in _NETCDF:
-        from precompute.measurements.netcdf import read_netcdf
-
-        return read_netcdf(path, device, sensor_mass_kg)
     from precompute.measurements.uff import read_uff
 
     return read_uff(path, device, sensor_mass_kg)
@@ -64,10 +60,6 @@ def write_measurements(path: Path, measurements: Measurements, device: Device, c
     with replace_file(path) as partial:
         if ending == ".csv":
             partial.write_text(write_csv(measurements, device, comment), encoding="utf-8")
-        elif ending in _NETCDF:
-            from precompute.measurements.netcdf import write_netcdf
-
-            write_netcdf(partial, measurements, device, comment)
         else:
             from precompute.measurements.uff import write_uff
 
@@ -93,7 +85,7 @@ def check_file(path: Path) -> None:
 def check_ending(path: Path, *, to_read: bool = False) -> str:
     """The ending of a file of measurements, to be written unless `to_read`; raises MeasurementError for another one."""
     ending = path.suffix.lower()
-    known = (".csv", *_NETCDF, *_UNIVERSAL, *(_READ_ONLY if to_read else ()))
+    known = (".csv", *_UNIVERSAL, *(_READ_ONLY if to_read else ()))
     if ending not in known:
         raise MeasurementError(f"{path}: measurements end in {', '.join(known)}; choose one of them")
     return ending

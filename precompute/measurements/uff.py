@@ -105,9 +105,9 @@ def write_uff(path: Path, measurements: Measurements, device: Device, comment: s
     """
     moving = abs(measurements.amplitude) > 0
     if measurements.kind is not Kind.RESPONSE or (moving.sum(axis=1) > 1).any():
-        raise MeasurementError(f"{path}: a universal file holds complex responses of one actuator each; write .nc")
+        raise MeasurementError(f"{path}: a universal file holds complex responses of one actuator each; write .csv")
     if (~np.isnan(measurements.finger_m)).any():
-        raise MeasurementError(f"{path}: a universal file has no finger on the bar; write .nc or .csv")
+        raise MeasurementError(f"{path}: a universal file has no finger on the bar; write .csv")
     rows, which = np.arange(len(measurements)), moving.argmax(axis=1)
     hz = measurements.frequency_hz[rows, which]
     unit = measurements.acceleration / measurements.amplitude[rows, which]
@@ -126,7 +126,7 @@ def write_uff(path: Path, measurements: Measurements, device: Device, comment: s
             chosen = np.flatnonzero((which == actuator) & (measurements.position_m == place_m[place]))
             chosen = chosen[np.argsort(hz[chosen])]
             if len(chosen) == 1:
-                raise MeasurementError(f"{path}: a response of one frequency is none for this form; write .nc or .csv")
+                raise MeasurementError(f"{path}: a response of one frequency is none for this form; write .csv")
             if len(chosen):
                 nodes_of = (place + 1, len(place_m) + actuator + 1)
                 sets.append(_response_set(hz[chosen], unit[chosen], *nodes_of, text))

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from tactable.measure.apparatus import ApparatusOptions
     from tactable.measure.circle import Circle
 
-_MEASUREMENTS = "CSV, NetCDF or universal file (tables/MEASUREMENTS.md)"
+_MEASUREMENTS = "CSV or universal file (tables/MEASUREMENTS.md)"
 AppliedTable = Annotated[
     Path | None,
     typer.Option(

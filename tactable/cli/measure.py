@@ -64,13 +64,11 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor.")]
 def measure(
     device_name: DeviceArgument,
     output: Annotated[
-        list[Path], typer.Option("-o", "--output", help="Complex responses: .nc, .csv or .uff. Repeat for more.")
+        list[Path], typer.Option("-o", "--output", help="Complex responses: .csv or .uff. Repeat for more.")
     ],
     port_name: PortName,
     sensor_path: SensorPath,
-    peaks: Annotated[
-        Path | None, typer.Option("--peaks", help="Also write the magnitudes, as peaks: .csv or .nc.")
-    ] = None,
+    peaks: Annotated[Path | None, typer.Option("--peaks", help="Also write the magnitudes, as peaks: .csv.")] = None,
     transfer: Annotated[
         Path | None,
         typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),

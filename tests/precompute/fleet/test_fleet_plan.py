@@ -22,7 +22,7 @@ def test_a_subfolder_is_a_unit(tmp_path: Path) -> None:
         "b/device.toml",
         "b/other.toml",
         "a/bar.toml",
-        "a/measurements.nc",
+        "a/measurements.uff",
         "a/notes.csv",
         ".hidden/device.toml",
     ):
@@ -30,7 +30,7 @@ def test_a_subfolder_is_a_unit(tmp_path: Path) -> None:
     written(tmp_path / "loose.toml", "")
     (tmp_path / "empty").mkdir()
     assert plan_fleet(tmp_path) == [
-        Unit("a", tmp_path / "a/bar.toml", tmp_path / "a/measurements.nc"),
+        Unit("a", tmp_path / "a/bar.toml", tmp_path / "a/measurements.uff"),
         Unit("b", tmp_path / "b/device.toml"),
         Unit("empty", tmp_path / "empty/device.toml"),
     ]

@@ -19,7 +19,6 @@ DEVICE = shipped("reference-a")
 
 
 def test_every_ending_has_its_reader(tmp_path: Path) -> None:
-    """The reader of .nc starts a process: test_netcdf.py has it."""
     read = read_bar(DEVICE, {}, points=3)
     csv = tmp_path / "x.CSV"
     csv.write_text(write_csv(read, DEVICE, "a test"), encoding="utf-8")
@@ -28,10 +27,9 @@ def test_every_ending_has_its_reader(tmp_path: Path) -> None:
     assert read_measurements(universal, DEVICE, 2e-3).kind is Kind.RESPONSE
 
 
-@pytest.mark.parametrize("ending", [".csv", ".nc", ".uff"])
+@pytest.mark.parametrize("ending", [".csv", ".uff"])
 @pytest.mark.parametrize("room", first_quick([0, 8192, 4096, 12_288], 2))
 def test_a_full_disk_is_one_error_and_leaves_nothing(ending: str, room: int, tmp_path: Path) -> None:
-    """HDF5 ends the process by a segmentation fault where it closes a file that the disk did not take."""
     read = read_bar(DEVICE, {}, ((150, NAN), (160, NAN), (NAN, 130), (NAN, 140)), points=100, kind=Kind.RESPONSE)
     path = tmp_path / f"bar{ending}"
     with full_disk(room), pytest.raises(WriteError, match=rf"bar\{ending}: cannot be written there: File too large"):
@@ -50,10 +48,10 @@ def test_what_is_no_file_of_measurements_is_refused_by_name(tmp_path: Path) -> N
     os.mkfifo(tmp_path / "pipe.csv")
     with (tmp_path / "large.csv").open("wb") as file:
         file.truncate(MOST_BYTES + 1)
-    for name, says in (("x.xlsx", ".csv, .nc"), ("pipe.csv", "plain file"), ("large.csv", "at most 100 MB")):
+    for name, says in (("x.xlsx", ".csv, .uff"), ("pipe.csv", "plain file"), ("large.csv", "at most 100 MB")):
         with pytest.raises(MeasurementError) as caught:
             read_measurements(tmp_path / name, DEVICE)
         assert name in str(caught.value) and says in str(caught.value)
-    for name in ("x.csv", "x.nc", "x.uff"):
+    for name in ("x.csv", "x.uff"):
         with pytest.raises(OSError, match=name):
             read_measurements(tmp_path / name, DEVICE)

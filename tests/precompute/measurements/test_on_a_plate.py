@@ -10,7 +10,8 @@ import scipy.io
 
 from engine.device import Finger
 from precompute.measurements.csv import parse_csv
-from precompute.measurements.mat import arrays_to_measurements, load_arrays
+from precompute.measurements.mat import arrays_to_measurements
+from precompute.measurements.mat_content import load_content
 from precompute.measurements.measurement_file import read_measurements, write_measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters
@@ -22,7 +23,6 @@ from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tests.precompute.devices import tablet
 from tests.precompute.measured import NAN, read_bar
-from tests.precompute.measurements.test_netcdf import read_here
 
 PLATE = tablet()
 DRIVES_HZ = ((70.0, NAN, NAN), (NAN, 82.5, NAN), (150.0, NAN, NAN), (NAN, 230.0, NAN))
@@ -39,13 +39,13 @@ def touched(kind: Kind) -> Measurements:
     return replace(read, finger_m=np.where(np.arange(len(read)) % 2 == 0, 0.11 + 0.07j, NAN))
 
 
-@pytest.mark.parametrize("ending", [".csv", ".nc", ".uff"])
+@pytest.mark.parametrize("ending", [".csv", ".uff"])
 def test_files_keep_both_coordinates(tmp_path: Path, ending: str) -> None:
     written, path = touched(Kind.RESPONSE), tmp_path / f"plate{ending}"
     if ending == ".uff":
         written = replace(written, finger_m=np.full(len(written), NAN))
     write_measurements(path, written, PLATE, "by hand")
-    read = read_here(path, PLATE) if ending == ".nc" else read_measurements(path, PLATE, 2e-3)
+    read = read_measurements(path, PLATE, 2e-3)
     columns = "position_m", "finger_m", "frequency_hz", "acceleration"
     before, after = (m.part(np.lexsort((m.acceleration.real, np.round(m.position_m, 6)))) for m in (written, read))
     for column in columns:
@@ -58,7 +58,7 @@ def test_headings_of_other_programs_name_points(tmp_path: Path) -> None:
     path = tmp_path / "plate.mat"
     scipy.io.savemat(path, {"frequency_Hz": [90.0, 120.0], "position_mm": places_mm, "a_acceleration_m_s2": value.T})
     of_csv = parse_csv(text, PLATE, 0.0, "x.csv")
-    of_mat = arrays_to_measurements(load_arrays(path), path, PLATE, 0.0)
+    of_mat = arrays_to_measurements(load_content(path), path, PLATE, 0.0)
     assert set(of_csv.position_m) == {0.035 + 0.06j}
     assert of_mat.position_m == pytest.approx(np.repeat([0.035 + 0.06j, 0.2 + 0.02j], 2))
     assert of_mat.acceleration == pytest.approx(value.ravel())

@@ -11,7 +11,8 @@ import pytest
 import scipy.io
 
 from precompute.measurements.csv import parse_csv
-from precompute.measurements.mat import arrays_to_measurements, load_arrays
+from precompute.measurements.mat import arrays_to_measurements
+from precompute.measurements.mat_content import load_content
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import MeasurementError, Measurements
 from tests.precompute.devices import shipped
@@ -105,7 +106,7 @@ def test_files_of_other_programs_are_the_same_table(tmp_path: Path) -> None:
 def read_here(path: Path) -> Measurements:
     """As `read_measurements`, which reads a MAT file in a process of its own."""
     if path.suffix == ".mat":
-        return arrays_to_measurements(load_arrays(path), path, DEVICE, 0.0)
+        return arrays_to_measurements(load_content(path), path, DEVICE, 0.0)
     return read_measurements(path, DEVICE)
 
 

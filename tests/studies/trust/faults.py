@@ -33,7 +33,7 @@ WRITERS = {
     "simulate": "simulate-measurements {inputs}/device.toml -o {out}/measured.csv",
     "calibrate": "calibrate {inputs}/device.toml {inputs}/measurements.csv -o {out}/fitted --starts 1",
     "plot": "plot reach {inputs}/device.toml -o {out}/reach.png",
-    "measure": "measure {inputs}/device.toml -o {out}/bar.nc --peaks {out}/peaks.nc --port simulated "
+    "measure": "measure {inputs}/device.toml -o {out}/bar.csv --peaks {out}/peaks.csv --port simulated "
     "--sensor simulated --places 2 --frequencies 100",
     "verify": "verify {inputs}/table.nc --port simulated --sensor simulated --placements 1 --places 2 "
     "-o {out}/verified.png -o {out}/verified.csv",
@@ -41,7 +41,7 @@ WRITERS = {
     "record": "record simulated -o {out}/touches.hid --seconds 0.2",
     "fleet": "fleet {inputs}/bars -o {out}/fleet --clicks-up-to 0",
 }
-CONTINUED = {"fleet": "./fleet", "measure": "./bar.nc.raw"}
+CONTINUED = {"fleet": "./fleet", "measure": "./bar.csv.raw"}
 """These keep what is complete, and go on from it when they run again."""
 FREE_KIB = (0, 4, 64, 256)
 """Bytes left on the full disk."""

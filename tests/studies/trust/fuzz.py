@@ -2,7 +2,7 @@
 
     python -m tests.studies.trust.fuzz table --seed 1 --seconds 180
 
-WHAT is one of table, device, rules, measurements, netcdf, uff, page. Each case is a whole input with one to six edits.
+WHAT is one of table, device, rules, measurements, uff, page. Each case is a whole input with one to six edits.
 It must be taken or refused by its own family of errors, within PATIENCE_S of processor time. Anything else is a fault,
 told with seed and number, and `--first NUMBER --count 1` repeats it. Cases run in child processes, so a crash is a
 fault, too.
@@ -22,9 +22,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.queues import SimpleQueue
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import h5py
 import numpy as np
 import pyuff
 
@@ -41,7 +40,6 @@ from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
-from tests.precompute.measurements.test_netcdf import READ, dataset
 from tests.precompute.measurements.test_uff import nodes, response
 from tests.tactable.page.browser import encode_choice, encode_listen, encode_touches
 
@@ -69,13 +67,6 @@ TELLING = (
     ),
 )
 _NUMBERS = ("0", "-1", "99999", "58", "164", "1e300", "nan", "-inf", "9" * 40, "x")
-# What an array or a label of a NetCDF file may be that none of ours is.
-_ODD: tuple[Any, ...] = (
-    *(0, -1.0, 1e300, math.nan, math.inf, "", "mm", "\x1b[2J", b"\xff\xfe", True),
-    *(np.zeros(0), np.full(6, np.nan), np.full(6, 1e300), np.arange(6), np.arange(7.0), np.zeros((6, 2))),
-    *(np.zeros((6, 3)), np.full(6, "a", "S1"), np.zeros(6, "c16"), np.zeros(6, [("a", "f8"), ("b", "i2")])),
-    h5py.Empty("f8"),
-)
 _BYTES = (0, 1, 0x7F, 0x80, 0xFF, 0x0A, 0x22, 0x2C, 0x5B, 0x5D)
 
 
@@ -186,51 +177,6 @@ def _read_edited(path: Path) -> None:
     assert not np.isinf(read.frequency_hz).any()
 
 
-def _play_netcdf(rng: random.Random, folder: Path) -> None:
-    """Bits of the file flipped, or an array, a label or a link that no such file has."""
-    whole = folder / "whole.nc"
-    if not whole.exists():
-        dataset(READ).to_netcdf(whole, engine="h5netcdf")
-    path, content = folder / "case.nc", bytearray(whole.read_bytes())
-    if rng.random() < 0.5:
-        for _ in range(rng.choice((1, 1, 2, 4, 8))):
-            at = rng.randrange(len(content))
-            content[at] = content[at] ^ 1 << rng.randrange(8) if rng.random() < 0.7 else rng.choice(_BYTES)
-        path.write_bytes(content[: rng.randrange(len(content))] if rng.random() < 0.02 else content)
-    else:
-        path.write_bytes(content)
-        with h5py.File(path, "a") as file:
-            for _ in range(rng.choice((1, 1, 2))):
-                _edit_group(rng, file)
-    _read_edited(path)
-
-
-def _edit_group(rng: random.Random, file: h5py.File) -> None:
-    """Put something odd in the place of one array, or of one of its labels."""
-    name = rng.choice([*file, "measurement", "new one"])
-    odd: object = rng.choice(_ODD)
-    edit = rng.randrange(6)
-    if edit == 0 and isinstance(file.get(name, getlink=True), h5py.HardLink):
-        file[name].attrs[rng.choice(("units", "_FillValue", "scale_factor", "add_offset", "dtype", "calendar"))] = odd
-        return
-    if edit == 1:
-        file.attrs[rng.choice(("source", "Conventions", "\u202e"))] = odd
-        return
-    if name in [*file]:  # a link that leads nowhere is no member to `in`
-        del file[name]
-    if edit == 2:
-        file[name] = rng.choice((h5py.ExternalLink("other.nc", "/position"), h5py.SoftLink("/nowhere"), odd))
-    elif edit == 3:
-        file.create_group(name)
-    elif edit == 4:
-        rows = rng.choice((0, 1, 6, 10**5, 10**15))
-        file.create_dataset(name, (rows,), rng.choice(("f8", "i2", "S3", "c16")), maxshape=(None,), compression="gzip")
-    else:
-        file[name] = odd
-    if rng.random() < 0.7 and isinstance(file.get(name, getlink=True), h5py.HardLink):
-        file[name].attrs["units"] = rng.choice(("mm", "Hz", "1", "m s-2", "s-2 s-2 s99", "rad", ""))
-
-
 def _play_universal(rng: random.Random, folder: Path) -> None:
     """Edits of lines and bytes, in a file of text or of binary responses."""
     is_binary = rng.randrange(2)
@@ -269,7 +215,6 @@ FUZZED = {
     "device": Fuzzed(_play_device, (DeviceError,)),
     "rules": Fuzzed(_play_rules, (EffectError,)),
     "measurements": Fuzzed(_play_measurements, (CalibrationError,)),
-    "netcdf": Fuzzed(_play_netcdf, (CalibrationError,)),
     "uff": Fuzzed(_play_universal, (CalibrationError,)),
     "page": Fuzzed(_play_page, (PageMessageError, ChoiceError)),
 }

@@ -36,8 +36,7 @@ def _fail(rng: random.Random, _folder: Path) -> None:
 
 @pytest.mark.machine(stall_s=None)
 def test_wrong_errors_crashes_and_hangs_are_faults(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A NetCDF file is read in a process of its own, which takes half a second to start.
-    outcomes, faults = fuzz("netcdf", seed=1, first=2, count=3)
+    outcomes, faults = fuzz("uff", seed=1, first=2, count=3)
     assert not faults and outcomes["refused"] > 0 and outcomes.total() == 3
     monkeypatch.setitem(FUZZED, "device", Fuzzed(_fail, (DeviceError,)))
     monkeypatch.setattr("tests.studies.trust.fuzz.PATIENCE_S", 0.05)

@@ -16,7 +16,6 @@ from engine.table.history import previous_of
 from precompute.builder.table_build import build_table
 from precompute.calibration.misfit import Loss
 from precompute.clicks.click_options import ClickOptions
-from precompute.measurements.netcdf_content import load_content
 from precompute.measurements.parameters import paper_names
 from tactable.calibration.apply import apply_fit
 from tactable.calibration.job import CalibrationJob
@@ -96,11 +95,8 @@ def test_the_table_is_built_for_the_new_bar_as_it_was_built_before(folder: Path)
     assert "actuator[1].stiffness_n_per_m" in {change["key"] for change in said["diff"]["device"]}
 
 
-def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("precompute.measurements.netcdf.read_content", load_content)  # in this process
-    table, measured = folder / "bar.nc", folder / "bar-measured.nc"
+def test_a_bar_that_changed_is_measured_fitted_built_for_verified_and_the_table_put_in_place(folder: Path) -> None:
+    table, measured = folder / "bar.nc", folder / "bar-measured.csv"
     before = table.read_bytes()
     bench = ("--measure", "--port", "simulated", "--sensor", "simulated", "--method", "sweep", "--places", "2")
     changed = ("--change", "actuator[1].stiffness=20.5 kN/m", "--flaws", "drift=30", "--no-clicks")

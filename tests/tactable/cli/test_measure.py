@@ -14,7 +14,6 @@ import pytest
 from engine.device import Device
 from firmware_link.emulator.emulator_process import run_emulator
 from precompute.measurements.measurement_file import read_measurements
-from precompute.measurements.netcdf_content import load_content
 from precompute.measurements.types import Kind
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import SensorForm
@@ -29,10 +28,9 @@ RESPONSE = 3.0 - 4.0j
 LEAST = 0.05
 
 
-def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("precompute.measurements.netcdf.read_content", load_content)
+def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path) -> None:
     words = ("--places", "1", "--frequencies", "170,209", "--peaks", "peaks.csv", "--gravity", "--json")
-    outputs = ("-o", "bar.nc", "-o", "bar.csv", "-o", "bar.uff")
+    outputs = ("-o", "bar.csv", "-o", "bar.uff")
     done = run_here(tmp_path, "measure", "reference-a", *outputs, *SIMULATED, *words, "--flaws", "gain=2%,drift=60")
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
@@ -40,7 +38,7 @@ def test_a_simulated_bar_is_measured_into_every_form(tmp_path: Path, monkeypatch
     assert summary["drift_ppm"] == pytest.approx(60, abs=1)
     assert summary["gravity"]["gain"] == pytest.approx(0.02, abs=1e-3)
     assert "gravity does not read as 9.81" in done.stderr
-    found = [read_measurements(tmp_path / f"bar.{ending}", DEVICE, 2e-3) for ending in ("nc", "csv", "uff")]
+    found = [read_measurements(tmp_path / f"bar.{ending}", DEVICE, 2e-3) for ending in ("csv", "uff")]
     assert all(each.is_simulated and each.kind is Kind.RESPONSE and len(each) == 4 for each in found)
     peaks = read_measurements(tmp_path / "peaks.csv", DEVICE)
     np.testing.assert_allclose(peaks.acceleration, abs(found[0].acceleration), rtol=1e-5)
@@ -94,11 +92,11 @@ def test_a_board_on_a_terminal_and_samples_in_a_pipe_are_measured(
     words = ("--places", "1", "--frequencies", str(HZ), "--least", "5 %")
     with run_emulator() as emulator, converter(pipe):
         where = ("--port", emulator.port, "--sensor", str(pipe))
-        done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *where, *words)
+        done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.csv", *where, *words)
         events = emulator.stop().events
     assert done.returncode == 0, done.stderr + done.stdout
     assert "sensor to 5.6 mm, then Enter" in done.stderr
-    found = read_measurements(tmp_path / "bar.nc", DEVICE)
+    found = read_measurements(tmp_path / "bar.csv", DEVICE)
     np.testing.assert_allclose(found.acceleration, LEAST * RESPONSE, rtol=1e-3)
     assert not found.is_simulated
     assert max(channel.amplitude for event in events for channel in event.channels) == pytest.approx(LEAST, abs=1e-4)

@@ -38,11 +38,11 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
         port = ("--port", running.line()["port"], "--sensor", f"board:{AT_MM}mm", "--bit-rate", "1000000")
         # At full drive the noise of the part is no cause to repeat a reading.
         words = ("--frequencies", f"{HZ:g}", "--least", "100 %")
-        (tmp_path / "bar.nc").unlink(missing_ok=True)
-        summary = summary_of(tmp_path, "measure", "reference-a", "-o", "bar.nc", *port, *words)
+        (tmp_path / "bar.csv").unlink(missing_ok=True)
+        summary = summary_of(tmp_path, "measure", "reference-a", "-o", "bar.csv", *port, *words)
     assert (summary["places"], summary["readings"], summary["spoiled"]) == (1, 2, 0)
     assert summary["drift_ppm"] == pytest.approx(9_000, abs=5)
-    errors = errors_of(tmp_path / "bar.nc")
+    errors = errors_of(tmp_path / "bar.csv")
     assert len(errors) == 2
     assert max(abs(db) for db, _ in errors) < 0.2
     assert max(abs(degrees) for _, degrees in errors) < 1.5
@@ -51,7 +51,7 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
 def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer_whose_gain_gravity_shows(tmp_path: Path) -> None:
     words = ("--places", "1", "--frequencies", "205,209,213", "--method", "sweep", "--least", "100 %", "--json")
     flaws = ("--gravity", "--flaws", "drift=-15000,gain=4%")
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.nc", *SIMULATED, *words, *flaws)
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.csv", *SIMULATED, *words, *flaws)
     assert done.returncode in (0, 3), done.stderr
     summary = json.loads(done.stdout)
     assert summary["drift_ppm"] == pytest.approx(-15_000, abs=5)

@@ -13,19 +13,19 @@ from tests.tactable.cli.in_process import run_here
 
 NEW = "new my-bar --length 300mm --thickness '1 mm' --actuators '40mm,87 %' -o new.toml"
 BENCH = "--port simulated --sensor simulated"
-MEASURE = f"measure reference-a -o new.nc {BENCH}"
-BY_BOARD = "measure reference-a -o new.nc --port simulated --sensor board"
-BY_CARD = "measure reference-a -o new.nc --port 'audio:simulated,full_scale=0.6 um,most=90 %' --sensor"
+MEASURE = f"measure reference-a -o new.csv {BENCH}"
+BY_BOARD = "measure reference-a -o new.csv --port simulated --sensor board"
+BY_CARD = "measure reference-a -o new.csv --port 'audio:simulated,full_scale=0.6 um,most=90 %' --sensor"
 FIT = "calibrate reference-a m.csv -o new"
-APPLY = "calibrate bar.toml new.nc -o new --starts 1 --measure --apply bar.nc"
+APPLY = "calibrate bar.toml new.csv -o new --starts 1 --measure --apply bar.nc"
 SIMULATE = "simulate-measurements reference-a -o new.csv"
 PLAY = "play reference-a --port nowhere --frequency 150 --amplitude '20 %'"
 REFUSED = [
     ("build no-such-bar", "no-such-bar", "reference-a"),
     ("build bar.toml -o nowhere/bar.nc", "nowhere", "no such folder"),
     ("build bar.toml --pitch '0.5 mm'", "--pitch"),
-    ("build bar.toml -o new.nc --responses no.csv", "no.csv"),
-    ("build bar.toml -o new.nc --responses bar.toml", ".csv"),
+    ("build bar.toml -o new.csv --responses no.csv", "no.csv"),
+    ("build bar.toml -o new.csv --responses bar.toml", ".csv"),
     ("modes reference-a --up-to '1 kg'", "'1 kg' is a mass"),
     ("modes reference-a --up-to '3 Hz'", "--up-to", "no mode", "higher frequency"),
     ("modes reference-a -o modes.txt", "a picture ends in"),
@@ -40,7 +40,7 @@ REFUSED = [
     (f"{NEW} --actuators 30mm --poissons-ratio 0.3", "--poissons-ratio", "30x25 mm"),
     (f"{NEW} --band 60Hz", "--band '60Hz'", "two frequencies"),
     (f"{NEW} --band 300Hz,60Hz", "--band '300Hz,60Hz'", "lower frequency first"),
-    (f"{NEW} -o new.nc", "a device file is TOML", "new.toml"),
+    (f"{NEW} -o new.csv", "a device file is TOML", "new.toml"),
     (f"{NEW} -o no/new.toml", "cannot be written there"),
     (f"{NEW} -o bar.toml", "exists already and is not overwritten"),
     (NEW.replace("my-bar", "a/b"), "expected letters, digits"),
@@ -111,13 +111,13 @@ REFUSED = [
     (f"{PLAY} --frequency 150,130,90", "one for each of left,right"),
     (f"{PLAY} --frequency=-,-", "no actuator moves"),
     (f"{PLAY} --phase 90", "such as 90deg"),
-    ("measure reference-a -o new.nc --port simulated --sensor pipe", "simulate both or neither"),
+    ("measure reference-a -o new.csv --port simulated --sensor pipe", "simulate both or neither"),
     (f"{BY_BOARD}:9m", "off the surface"),
     (f"{BY_BOARD}:", "expected a length"),
     (f"{BY_BOARD}:x", "'x'", "expected a length"),
-    ("measure reference-a -o new.nc --port simulated --sensor board --flaws hum=1m/s^2", "is of a converter"),
+    ("measure reference-a -o new.csv --port simulated --sensor board --flaws hum=1m/s^2", "is of a converter"),
     (
-        "measure reference-a -o new.nc --port 'audio:Card,full_scale=0.6 um,most=50 %' --sensor board",
+        "measure reference-a -o new.csv --port 'audio:Card,full_scale=0.6 um,most=50 %' --sensor board",
         "a sound card has no accelerometer",
     ),
     (f"{MEASURE} --most '120 %'", "at most 100 %"),
