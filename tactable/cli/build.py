@@ -15,7 +15,6 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
 from tactable.cli.console import print_error, print_json, remark, say, show, shown_progress
-from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
     AsJson,
     ClicksUpTo,
@@ -30,6 +29,7 @@ from tactable.cli.options import (
     read_pitch,
     with_threshold,
 )
+from tactable.kernel_cache import compile_steady_solver
 from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:

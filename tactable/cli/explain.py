@@ -1,4 +1,4 @@
-"""Commands `explain` and `diff`: what some fingers get and why, and what changed between two tables."""
+"""Commands `explain`, `diff` and `export`: what a table gives some fingers and why, what changed, and its arrays."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,13 +7,14 @@ import typer
 from threadpoolctl import threadpool_limits
 
 from base.errors import TactableError
+from base.files import replace_file
 from engine.device import Device
 from engine.effects.rules import Drives
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.table_diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.touch import Placement
-from tactable.cli.console import print_error, show, shown_work
+from tactable.cli.console import print_error, say, show, shown_work
 from tactable.cli.options import (
     AsJson,
     DrivesOf,
@@ -34,6 +35,7 @@ from tactable.explain.diff_words import diff_json, print_diff
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
+_PARTS = (".nc", ".csv", ".mat")  # endings of a part of a table
 
 
 def explain(
@@ -126,3 +128,27 @@ def diff(
     show(diff_json(found), as_json, lambda out, _: print_diff(out, found))
     if found.differs:
         raise typer.Exit(EXIT_DIFFERS)
+
+
+def export(
+    table_path: TableArgument,
+    group: Annotated[
+        str,
+        typer.Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
+    ],
+    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
+) -> None:
+    """Write a part of a table as NetCDF, CSV or MATLAB.
+
+    NetCDF and MATLAB files hold every array of the part. CSV has a line for each row: of the sweep its two frequencies
+    and amplitudes with the figures of every zone, of the clicks one click.
+    """
+    from tactable.research.notebook_table import Table as NotebookTable
+    from tactable.research.table_export import write_csv, write_matlab, write_netcdf
+
+    if path.suffix.lower() not in _PARTS:
+        raise OptionError(f"--output {path}: expected a name that ends in {', '.join(_PARTS)}")
+    write = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}[path.suffix.lower()]
+    with NotebookTable.open(table_path) as table, table.to_xarray(group) as found, replace_file(path) as made:
+        names = write(found, group, made)
+    say(f"{path}: {group} of {table.device.name}: {', '.join(names)}")

@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from base.errors import TactableError
-from tactable.cli.kernel_cache import provide_kernel_cache, refuse_open_caches
+from tactable.kernel_cache import provide_kernel_cache, refuse_open_caches
 
 EXIT_INTERRUPTED = 130
 """The exit status is 128 plus the number of SIGINT, by convention."""
@@ -61,7 +61,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Understand": {
             "explain": Entry("explain:explain", "Explain what is played for some fingers, and why others lost."),
             "diff": Entry("explain:diff", "Compare two tables, as a whole, row by row and click by click."),
-            "export": Entry("export:export", "Write a part of a table as NetCDF, CSV or MATLAB."),
+            "export": Entry("explain:export", "Write a part of a table as NetCDF, CSV or MATLAB."),
             "plot": Entry("", "Draw what a table or a bar does: PNG, SVG or PDF, and the data as CSV."),
             "study": Entry("", "Search and compare bars that are not built yet: pictures and data."),
         },
@@ -102,8 +102,8 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     },
     "study": {
         "Studies": {
-            "placement": Entry("study:placement", "Search where actuators give the best worst contrast."),
-            "resolution": Entry("study:resolution", "Study how narrow zones can be with a number of actuators."),
+            "placement": Entry("plot:placement", "Search where actuators give the best worst contrast."),
+            "resolution": Entry("plot:resolution", "Study how narrow zones can be with a number of actuators."),
         },
     },
     "bench": {
@@ -111,7 +111,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
-            "latency": Entry("latency:latency", "Measure the latency from report to command."),
+            "latency": Entry("bench:latency", "Measure the latency from report to command."),
         },
     },
 }

@@ -31,7 +31,6 @@ from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
 from tactable.cli.console import ERRORS, OUT, note, remark, show
-from tactable.cli.kernel_cache import compile_steady_solver
 from tactable.cli.options import (
     AsJson,
     BitRate,
@@ -50,6 +49,7 @@ from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.digitizers.record import open_live, opened, recording_named, stop_at_signal
 from tactable.doctor.touch_check import Machine
+from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions
 from tactable.run.ring_recorder import recorder_of, ring_for

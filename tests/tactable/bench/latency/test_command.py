@@ -14,7 +14,7 @@ from engine.loop.realtime import Step
 from tactable.bench.inputs import MOST_COMMANDS_HZ
 from tactable.bench.latency.latency_report import LatencyReportError
 from tactable.bench.latency.stages import STAGES
-from tactable.cli.latency import EXIT_WORSE
+from tactable.cli.bench import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click

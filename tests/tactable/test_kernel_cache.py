@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from engine.steady.drive_search import find_drive
-from tactable.cli.kernel_cache import compile_steady_solver, provide_kernel_cache, refuse_open_caches
+from tactable.kernel_cache import compile_steady_solver, provide_kernel_cache, refuse_open_caches
 
 NOWHERE = Path("/proc/no-such-folder")
 """A place where nobody can make a folder, not even root."""
@@ -59,7 +59,7 @@ def test_without_a_place_kernels_go_into_a_folder_of_the_process_or_it_is_said(m
 
 
 def test_compiling_the_solver_is_said_where_no_cache_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactable.cli.kernel_cache.import_module", lambda _: None)
+    monkeypatch.setattr("tactable.kernel_cache.import_module", lambda _: None)
     os.environ["NUMBA_CACHE_DIR"] = str(tmp_path)
     lines: list[str] = []
     compile_steady_solver(lines.append)

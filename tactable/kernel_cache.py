@@ -19,7 +19,7 @@ from base.trust import REMEDY, open_to_others
 from base.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
-_PACKAGE = Path(__file__).parents[2] / "precompute"
+_PACKAGE = Path(__file__).parents[1] / "precompute"
 _SOLVER = _PACKAGE.parent / "engine" / "steady"
 
 
