@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,12 +75,13 @@ def build(
     solves the others.
     """
     need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
-    wanted = WantedTable(
+    build_one = partial(
+        _build,
         output=output,
         clicks_up_to=clicks_up_to,
         pitch_m=read_pitch(pitch),
         workers=workers,
-        reuses=reuse,
+        reuse=reuse,
         responses=responses,
         scales_forces=force_of_actuators,
         sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
@@ -88,63 +89,60 @@ def build(
         as_json=as_json,
     )
     if not watch:
-        wanted.build(with_threshold(find_device(device_name), threshold))
+        build_one(with_threshold(find_device(device_name), threshold))
         return
     with suppress(KeyboardInterrupt):
-        watch_device(find_device_file(device_name), lambda device: wanted.build(with_threshold(device, threshold)))
+        watch_device(find_device_file(device_name), lambda device: build_one(with_threshold(device, threshold)))
 
 
-@dataclass(frozen=True)
-class WantedTable:
-    """The table that the command line asks for, of any device; None: not given."""
+def _build(
+    device: Device,
+    *,
+    output: Path | None,
+    clicks_up_to: int | None,
+    pitch_m: float | None,
+    workers: int | None,
+    reuse: bool,
+    responses: Path | None,
+    scales_forces: bool,
+    sensor_mass_kg: float,
+    memory_mib: int,
+    as_json: bool,
+) -> None:
+    """Build the table of a device and print what it holds; None: not given."""
+    from precompute.builder.table_build import EARLY_IN_PLACE, build_table
+    from precompute.clicks import ClickOptions
+    from precompute.measurements.response_table import read_responses
+    from precompute.parallel.pool import available_cores
 
-    output: Path | None
-    clicks_up_to: int | None
-    pitch_m: float | None
-    workers: int | None
-    reuses: bool
-    responses: Path | None
-    scales_forces: bool
-    sensor_mass_kg: float
-    memory_mib: int
-    as_json: bool
+    path = output or Path(f"{device.name}.nc")
+    measured = None
+    if responses is not None:
+        measured = read_responses(responses, device, sensor_mass_kg, scales_forces=scales_forces)
+    # Clicks are computed by the model in time: with measured responses only where they are asked for.
+    fingers = 0 if measured else None
+    with shown_progress(as_json) as show:
 
-    def build(self, device: Device) -> None:
-        """Build the table of a device and print what it holds."""
-        from precompute.builder.table_build import EARLY_IN_PLACE, build_table
-        from precompute.clicks import ClickOptions
-        from precompute.measurements.response_table import read_responses
-        from precompute.parallel.pool import available_cores
+        def progress(step: str, fraction: float) -> None:
+            show(step, fraction)
+            if step == EARLY_IN_PLACE and not as_json:
+                remark(f"{path}: usable, with the clicks of one finger; those of two follow")
 
-        path = self.output or Path(f"{device.name}.nc")
-        responses = None
-        if self.responses is not None:
-            scales = self.scales_forces
-            responses = read_responses(self.responses, device, self.sensor_mass_kg, scales_forces=scales)
-        # Clicks are computed by the model in time: with measured responses only where they are asked for.
-        fingers = 0 if responses else None
-        with shown_progress(self.as_json) as show:
-
-            def progress(step: str, fraction: float) -> None:
-                show(step, fraction)
-                if step == EARLY_IN_PLACE and not self.as_json:
-                    remark(f"{path}: usable, with the clicks of one finger; those of two follow")
-
-            cost = build_table(
-                device,
-                path,
-                created=datetime.now(UTC).isoformat(timespec="seconds"),
-                clicks_up_to=fingers if self.clicks_up_to is None else self.clicks_up_to,
-                click_options=ClickOptions(pitch_m=self.pitch_m),
-                early=True,
-                workers=self.workers or available_cores(),
-                reuse=self.reuses,
-                responses=responses,
-                memory_budget_bytes=self.memory_mib << 20,
-                progress=progress,
-            )
-        compile_steady_solver(remark)  # for the run that follows
-        _print_built(path, device, self.responses, cost, self.as_json)
+        cost = build_table(
+            device,
+            path,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            clicks_up_to=fingers if clicks_up_to is None else clicks_up_to,
+            click_options=ClickOptions(pitch_m=pitch_m),
+            early=True,
+            workers=workers or available_cores(),
+            reuse=reuse,
+            responses=measured,
+            memory_budget_bytes=memory_mib << 20,
+            progress=progress,
+        )
+    compile_steady_solver(remark)  # for the run that follows
+    _print_built(path, device, responses, cost, as_json)
 
 
 def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
