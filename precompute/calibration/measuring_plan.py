@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -24,13 +23,6 @@ _FREQUENCIES = 49  # 97 leave errors 10 to 25 % smaller after 20 readings in 4 t
 _POINTS = 23  # 12 mm apart on 280 mm; 12 or 45 leave errors within a sixth of these after 20 readings
 _NOTHING = 1e-12  # m/s^2
 _LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
-
-
-class Criterion(Enum):
-    """What a reading is to minimise: the volume of the confidence region (D), or the sum of the variances (A)."""
-
-    VOLUME = "D"
-    VARIANCE = "A"
 
 
 @dataclass(frozen=True)
@@ -108,22 +100,21 @@ def plan_first(
     sensor_mass_kg: float,
     accuracy: Accuracy,
     count: int,
-    criterion: Criterion,
 ) -> Plan:
     """Plan before any measurement, from the description and the bounds alone."""
     parameters = find_parameters(device, names, bounds, sensor_mass_kg)
     coordinate = np.array([parameter.coordinate(parameter.start) for parameter in parameters])
     candidates = propose_candidates(device, parameters, coordinate, sensor_mass_kg, accuracy)
-    steps = plan_readings(candidates, prior_information(parameters), count, criterion)
+    steps = plan_readings(candidates, prior_information(parameters), count)
     return Plan(parameters, coordinate, tuple(steps))
 
 
-def plan_after(calibration: Calibration, accuracy: Accuracy, count: int, criterion: Criterion) -> Plan:
+def plan_after(calibration: Calibration, accuracy: Accuracy, count: int) -> Plan:
     """Plan after a calibration, with the noise of its measurements."""
     parameters, mass_kg = calibration.parameters, float(np.median(calibration.measurements.sensor_mass_kg))
     noisy = replace(accuracy, relative=max(calibration.noise, LEAST_NOISE))
     candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, mass_kg, noisy)
-    steps = plan_readings(candidates, calibration.information + prior_information(parameters), count, criterion)
+    steps = plan_readings(candidates, calibration.information + prior_information(parameters), count)
     return Plan(parameters, calibration.coordinate, tuple(steps))
 
 
@@ -180,7 +171,7 @@ def _single_responses(
     return size.reshape(shape), rate.reshape(*shape, len(parameters))
 
 
-def plan_readings(candidates: Candidates, information: Array, count: int, criterion: Criterion) -> list[Step]:
+def plan_readings(candidates: Candidates, information: Array, count: int) -> list[Step]:
     """`count` readings, each the best after the ones before it; no reading is proposed twice.
 
     `information` (parameter, parameter) is that of the readings already taken.
@@ -193,10 +184,8 @@ def plan_readings(candidates: Candidates, information: Array, count: int, criter
     for _ in range(min(count, len(slope))):
         moved = slope @ covariance
         variance = np.einsum("cp,cp->c", moved, slope)
-        # A reading divides the determinant of the covariance by 1 + variance, and takes |moved|^2 / (1 + variance) from
-        # its trace (Sherman and Morrison).
-        gain = variance if criterion is Criterion.VOLUME else np.einsum("cp,cp->c", moved, moved) / (1 + variance)
-        best = int(np.argmax(np.where(left, gain, -1.0)))
+        # A reading divides the determinant of the covariance by 1 + variance (Sherman and Morrison): D-optimal.
+        best = int(np.argmax(np.where(left, variance, -1.0)))
         left[best] = False
         before = np.sqrt(np.diag(covariance))
         covariance = covariance - np.outer(moved[best], moved[best]) / (1 + variance[best])

@@ -185,4 +185,4 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
             say(f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}")
     for name in got_worse(document.get("comparison", {})):
         OUT.print(f"WORSE than the baseline: {name}", style="red", soft_wrap=True)
-    say(f"{folder / 'report.html'}: the page; report.md, report.json and the samples beside it")
+    say(f"{folder / 'report.md'}: the page; pictures, report.json and the samples beside it")

@@ -62,7 +62,6 @@ def build(
         ),
     ] = False,
     sensor_mass: SensorMass = "0 g",
-    memory_mib: Annotated[int, typer.Option(min=1, help="Memory for the buffers of the sweep, in MiB.")] = 64,
     watch: Annotated[
         bool, typer.Option("--watch", help="Build again whenever the device file changes, until Ctrl-C.")
     ] = False,
@@ -85,7 +84,6 @@ def build(
         responses=responses,
         scales_forces=force_of_actuators,
         sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
-        memory_mib=memory_mib,
         as_json=as_json,
     )
     if not watch:
@@ -106,7 +104,6 @@ def _build(
     responses: Path | None,
     scales_forces: bool,
     sensor_mass_kg: float,
-    memory_mib: int,
     as_json: bool,
 ) -> None:
     """Build the table of a device and print what it holds; None: not given."""
@@ -138,7 +135,6 @@ def _build(
             workers=workers or available_cores(),
             reuse=reuse,
             responses=measured,
-            memory_budget_bytes=memory_mib << 20,
             progress=progress,
         )
     compile_steady_solver(remark)  # for the run that follows

@@ -285,9 +285,6 @@ def plan_measurements(
         Path | None, typer.Argument(metavar="[MEASUREMENTS]", help=f"Measurements so far: {_MEASUREMENTS}.")
     ] = None,
     count: Annotated[int, typer.Option(min=1, max=1000, help="Readings to propose.")] = 10,
-    criterion: Annotated[
-        str, typer.Option(help="D: least volume of the confidence region; A: least sum of the variances.")
-    ] = "D",
     fit: Fit = None,
     also: Also = None,
     sensor_mass: SensorMass = "0 g",
@@ -305,7 +302,7 @@ def plan_measurements(
 
     from precompute.calibration.calibrate import calibrate as fit_device
     from precompute.calibration.calibrate import names_told
-    from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after, plan_first
+    from precompute.calibration.measuring_plan import Accuracy, plan_after, plan_first
     from precompute.measurements.measurement_file import read_measurements
     from tactable.calibration.calibration_page import print_plan
 
@@ -315,15 +312,15 @@ def plan_measurements(
         floor_m_per_s2=read_option("--floor", floor, "m/s^2"),
         place_m=read_option("--place", place, "m"),
     )
-    chosen, mass_kg = read_choice("--criterion", criterion, Criterion), read_option("--sensor-mass", sensor_mass, "kg")
+    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
     names, bounds = read_parameters(device, fit, also)
     with threadpool_limits(1, "blas"):
         if measurements_path is None:
-            plan = plan_first(device, names, bounds, mass_kg, accuracy, count, chosen)
+            plan = plan_first(device, names, bounds, mass_kg, accuracy, count)
         else:
             measurements = read_measurements(measurements_path, device, mass_kg)
             told = names_told(device, measurements, names)
-            plan = plan_after(fit_device(device, measurements, told, bounds=bounds), accuracy, count, chosen)
+            plan = plan_after(fit_device(device, measurements, told, bounds=bounds), accuracy, count)
     show(plan.summary(), as_json, print_plan)
 
 

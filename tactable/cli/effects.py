@@ -15,7 +15,7 @@ from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
 from engine.effects.files.read import FORMATS, read_effect_file
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
-from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level, read_option
+from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level
 from tactable.shipped import find_device, named_effects
 
 _ENDINGS = ", ".join(f".{each}" for each in FORMATS)
@@ -24,6 +24,7 @@ FullLevel = Annotated[
     str, typer.Option("--level", help="Level of the file's greatest intensity, 1, in dB above threshold.")
 ]
 _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
+_HOLD_MS = 1000  # of a segment without a length, which such a file cannot have
 
 
 def show(
@@ -57,14 +58,13 @@ def export(
     device_name: Annotated[str | None, typer.Option("--device", help="The device that it is for.")] = None,
     at: Annotated[str | None, typer.Option("--at", help="The place on it: 40mm, or 40x60mm.")] = None,
     level: FullLevel = _DEFAULT_LEVEL,
-    hold: Annotated[str, typer.Option(help="Length of a segment that lasts while the finger rests.")] = "1 s",
 ) -> None:
     """Write an effect as an MPEG haptic file (.hjif).
 
-    With --device and --at its place and the frequency that moves this place most are in it.
+    With --device and --at its place and the frequency that moves this place most are in it. A segment that lasts while
+    the finger rests is written with a length of 1 s.
     """
     from engine.effects.files.hjif_out import encode_hjif
-    from engine.effects.files.json_part import LONGEST_S
 
     if path.suffix.lower() != ".hjif":
         raise OptionError(f"--output {path}: expected a name that ends in .hjif; no other format is written")
@@ -75,10 +75,7 @@ def export(
     if math.isfinite(highest_db):
         full_level_db = max(full_level_db, highest_db)
     place = None if device_name is None or at is None else _place(device_name, at)
-    hold_s = read_option("--hold", hold, "s")
-    if hold_s > LONGEST_S:
-        raise OptionError(f"--hold {hold!r}: expected at most {LONGEST_S:g} s")
-    document = encode_hjif(effect, full_level_db, round(1e3 * hold_s), date.today().isoformat(), place)
+    document = encode_hjif(effect, full_level_db, _HOLD_MS, date.today().isoformat(), place)
     with replace_file(path) as made:
         made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     say(f"{path}: {effect.name}; amplitude 1 stands for {full_level_db:g} dB")

@@ -21,13 +21,11 @@ from tactable.cli.options import (
     FeltFingers,
     Level,
     OptionError,
-    PositionTolerance,
     QuietFingers,
     TableArgument,
     ThresholdCurve,
     read_drives_of,
     read_level,
-    read_option,
     read_placement,
     with_threshold,
 )
@@ -43,7 +41,6 @@ def explain(
     felt: FeltFingers,
     quiet: QuietFingers = "",
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
-    tolerance: PositionTolerance = "1 mm",
     threshold: ThresholdCurve = None,
     alternatives: Annotated[bool, typer.Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
@@ -56,7 +53,7 @@ def explain(
     means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person of
     that curve; clicks and rows need a table that is built for it.
     """
-    level_db, tolerance_m = read_level(level), read_option("--tolerance", tolerance, "m")
+    level_db = read_level(level)
     by_zones = drives is not None and read_drives_of(drives) is Drives.ZONES
     if threshold is not None and (click or by_zones):
         raise OptionError(
@@ -66,12 +63,12 @@ def explain(
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         placement = read_placement(table.device, felt, quiet)
         if click:
-            _explain_click(table, placement, level_db, tolerance_m, alternatives, as_json)
+            _explain_click(table, placement, level_db, alternatives, as_json)
         elif by_zones:
             _explain_row(table, placement, level_db, as_json)
         else:
             device = with_threshold(table.device, threshold)
-            _explain_drive(table, device, placement, level_db, tolerance_m, as_json)
+            _explain_drive(table, device, placement, level_db, as_json)
 
 
 def _explain_row(table: Table, placement: Placement, level_db: float, as_json: bool) -> None:
@@ -81,25 +78,18 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
     show(best_row_json(explained), as_json, lambda out, _: print_best_row(out, explained))
 
 
-def _explain_click(
-    table: Table, placement: Placement, level_db: float, tolerance_m: float, alternatives: bool, as_json: bool
-) -> None:
+def _explain_click(table: Table, placement: Placement, level_db: float, alternatives: bool, as_json: bool) -> None:
     from tactable.explain.click_source import ClickSource
     from tactable.explain.explained_click import click_json, explain_click, print_click
 
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
-        explained = explain_click(ClickSource(table, tolerance_m), placement, level_db, rivals=alternatives)
+        explained = explain_click(ClickSource(table), placement, level_db, rivals=alternatives)
     show(click_json(table, explained), as_json, lambda out, _: print_click(out, table, explained))
 
 
-def _explain_drive(
-    table: Table, device: Device, placement: Placement, level_db: float, tolerance_m: float, as_json: bool
-) -> None:
-    from engine.steady.cases import TOLERANCE_M
+def _explain_drive(table: Table, device: Device, placement: Placement, level_db: float, as_json: bool) -> None:
     from tactable.explain.placed_drive import designer_of, placed_drive_json, print_placed_drive
 
-    if tolerance_m != TOLERANCE_M:
-        raise OptionError(f"--tolerance: a steady drive is solved for {1e3 * TOLERANCE_M:g} mm; leave the option out")
     with shown_work("solving the drive for these positions", as_json):
         figures = designer_of(table, device).solve(placement.position_m, placement.is_felt, level_db)
     found = placed_drive_json(table, figures, device.threshold)

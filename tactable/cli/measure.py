@@ -87,9 +87,6 @@ def measure(
     most: Most = "100 %",
     sensor_mass: SensorMass = "2 g",
     gravity: Annotated[bool, typer.Option("--gravity", help="First check the sensor by turning it over.")] = False,
-    keep_spoiled: Annotated[
-        bool, typer.Option("--keep-spoiled", help="Also write readings that stayed spoiled.")
-    ] = False,
     flaws: FlawsText = "",
     change: Change = None,
     seed: Seed = 0,
@@ -141,7 +138,7 @@ def measure(
             device, walk, apparatus, how, raw, lambda *at: None if as_json else tell_reading(device, *at)
         )
         losses = apparatus.losses
-    write_records(device, form, records, mass_kg, output, peaks, keep_spoiled)
+    write_records(device, form, records, mass_kg, output, peaks)
     summary = summary_of(device, records) | {"output": [str(path) for path in output], "raw": str(raw.path)}
     if transfer is not None:
         summary["transfer"] = write_transfers(transfer, device, form, records, mass_kg)
@@ -204,7 +201,6 @@ def write_records(
     mass_kg: float,
     output: list[Path],
     peaks: Path | None,
-    keep_spoiled: bool,
 ) -> None:
     """Write the responses, or without their phases the peaks, to every output."""
     from precompute.measurements.measurement_file import write_measurements
@@ -217,8 +213,8 @@ def write_records(
     kinds = [(path, Kind.RESPONSE if has_phase else Kind.PEAK) for path in output]
     comment = f"{'SIMULATED ' if form.is_simulated else ''}tactable measure {device.name}"
     for path, kind in [*kinds, *([(peaks, Kind.PEAK)] if peaks else [])]:
-        how = {"is_simulated": form.is_simulated, "keeps_spoiled": keep_spoiled}
-        write_measurements(path, measurements_of(records, device, mass_kg, kind, **how), device, comment)
+        found = measurements_of(records, device, mass_kg, kind, is_simulated=form.is_simulated)
+        write_measurements(path, found, device, comment)
 
 
 def _check_transfer_path(path: Path) -> None:

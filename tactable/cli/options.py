@@ -29,7 +29,6 @@ FeltFingers = Annotated[
     str, typer.Option("--felt", help="Fingers that feel it: positions, or zones for their middles, as 35mm,III.")
 ]
 QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: positions or zones.")]
-PositionTolerance = Annotated[str, typer.Option("--tolerance", help="Position tolerance of the fingers.")]
 Level = Annotated[str, typer.Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
 ThresholdCurve = Annotated[
     str | None,

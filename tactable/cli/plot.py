@@ -160,40 +160,21 @@ def click(
     felt: FeltFingers,
     quiet: QuietFingers = "",
     level: Level = "full",
-    sound_path: Annotated[
-        Path | None, typer.Option("--sound", help="Also write what each finger feels, one after another, as .wav.")
-    ] = None,
-    stereo: Annotated[bool, typer.Option("--stereo", help="The felt finger left, the quiet one right.")] = False,
-    plain: Annotated[bool, typer.Option("--plain", help="The acceleration itself, not weighted by threshold.")] = False,
-    as_json: AsJson = False,
 ) -> Picture:
     """Draw one click: its waveform and what each finger feels.
 
     It is the table's click of the nearest places, or is solved where the table has none. The figure shows the
     acceleration under each finger at its position, and its spread over sampled plants that the click was not optimised
-    over. With --sound it can be heard.
+    over.
     """
     from engine.table.click_entry import played_at
-    from tactable.explain.click_sound import check_sound_path, make_sound, sound_json, write_sound
 
-    if sound_path is not None:
-        check_sound_path(sound_path)
-    elif stereo or plain:
-        raise OptionError("--stereo and --plain belong to a sound; name its file, such as --sound click.wav")
     with _opened_table(table_path) as table:
         from tactable.explain.click_source import ClickSource
         from tactable.figures.click_picture import plot_click
 
         source, placement = ClickSource(table), read_placement(table.device, felt, quiet)
-        played = played_at(source.click_of(placement), read_level(level))
-        picture = plot_click(source, played, placement)
-    if sound_path is None:
-        return picture
-    sound = make_sound(source.table.device, played, placement, is_weighted=not plain, is_stereo=stereo)
-    write_sound(sound, sound_path)
-    if not as_json:
-        say(f"written: {sound_path}: {sound.words}")
-    return replace(picture, summary={"sound": {"file": str(sound_path), **sound_json(sound)}, **picture.summary})
+        return plot_click(source, played_at(source.click_of(placement), read_level(level)), placement)
 
 
 # ---- pictures of a device ----------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from base.arrays import Array
 from base.files import replace_file
 from base.points import json_of, order_of, parts_of, point_of_json
 from engine.device import Device
-from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_first
+from precompute.calibration.measuring_plan import Accuracy, plan_first
 from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, MeasurementError, Measurements
@@ -93,7 +93,7 @@ def default_frequencies(device: Device) -> list[float]:
 
 def planned_walk(device: Device, readings: int, sensor_mass_kg: float) -> tuple[Stop, ...]:
     """The readings that `plan-measurements` proposes before any measurement, each actuator of a drive alone."""
-    plan = plan_first(device, default_names(device), {}, sensor_mass_kg, Accuracy(), readings, Criterion.VOLUME)
+    plan = plan_first(device, default_names(device), {}, sensor_mass_kg, Accuracy(), readings)
     tones: dict[complex, dict[tuple[int, float], None]] = {}
     for step in plan.steps:
         at = tones.setdefault(step.position_m, {})
@@ -219,14 +219,13 @@ def measurements_of(
     kind: Kind,
     *,
     is_simulated: bool,
-    keeps_spoiled: bool = False,
 ) -> Measurements:
     """The readings as `calibrate` takes them: responses, or their magnitudes as peaks. Raises MeasurementError."""
     rows = [
         (record.position_m, reading)
         for record in records
         for reading in record.readings
-        if (keeps_spoiled or not reading.is_spoiled) and reading.acceleration != 0
+        if not reading.is_spoiled and reading.acceleration != 0
     ]
     if not rows:
         raise MeasurementError("no reading is usable: every one is spoiled; see to the faults that were named")

@@ -1,8 +1,5 @@
-"""Turns the document of a report into one HTML page that needs nothing else, and into a summary in Markdown."""
+"""Turns the document of a report into a page in Markdown and its pictures."""
 
-import base64
-import html
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,29 +11,18 @@ from tactable.figures.style import CURVES
 
 _BINS = 80  # even in the logarithm: over three decades a bin is 9 % wide
 _MOST_CURVES = 4
-_CSS = (
-    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}"
-    "table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}"
-    "td:first-child,th:first-child{text-align:left}.note{color:#a40}img{max-width:100%}pre{background:#f4f4f4;padding:1em}"
-)
 
 
-def page_html(document: Mapping[str, Any], ways_us: Mapping[str, Values]) -> str:
-    """The page, pictures included; `ways_us` has the samples from due to written of each condition, us."""
+def page_pictures(document: Mapping[str, Any], ways_us: Mapping[str, Values]) -> dict[str, Figure]:
+    """The pictures of a report by the names of their files; `ways_us`: from due to written by condition, us."""
     drawn = {name: values[np.isfinite(values)] for name, values in ways_us.items() if np.isfinite(values).any()}
-    parts = ["<!doctype html><html lang=en><meta charset=utf-8><title>tactable: latency</title>"]
-    parts.append(f"<style>{_CSS}</style><h1>From report to command</h1>")
-    parts += [_html_of(block) for block in markdown_lines(document)]
+    pictures = {}
     for load in dict.fromkeys(condition["load"] for condition in document["conditions"]):
         names = [c["name"] for c in document["conditions"] if c["load"] == load and c["name"] in drawn]
-        for first in range(0, len(names), _MOST_CURVES):
-            picture = draw_ways({name: drawn[name] for name in names[first : first + _MOST_CURVES]})
-            file = io.BytesIO()
-            picture.savefig(file, format="png", dpi=110)
-            data = base64.b64encode(file.getvalue()).decode()
-            text = f"distribution of the latency beside {load}"
-            parts.append(f'<h2>{html.escape(load)}</h2><img alt="{text}" src="data:image/png;base64,{data}">')
-    return "\n".join(parts) + "\n</html>\n"
+        for number, first in enumerate(range(0, len(names), _MOST_CURVES), 1):
+            series = {name: drawn[name] for name in names[first : first + _MOST_CURVES]}
+            pictures[f"{load}-{number}.png"] = draw_ways(series)
+    return pictures
 
 
 def draw_ways(series: Mapping[str, Values]) -> Figure:
@@ -60,24 +46,10 @@ def draw_ways(series: Mapping[str, Values]) -> Figure:
     return figure
 
 
-def _html_of(block: str) -> str:
-    """HTML of a block of our own Markdown: a heading, a table, a command or a paragraph."""
-    if block.startswith("## "):
-        return f"<h2>{html.escape(block[3:])}</h2>"
-    if block.startswith("    "):
-        return f"<pre>{html.escape(block.strip())}</pre>"
-    if not block.startswith("| "):
-        kind = " class=note" if "SIMULATED" in block else ""
-        return f"<p{kind}>{html.escape(block)}</p>"
-    head, _, *rows = ([html.escape(cell.strip()) for cell in row.strip("|").split("|")] for row in block.splitlines())
-    lines = ["<tr>" + "".join(f"<th>{cell}" for cell in head)]
-    lines += ["<tr>" + "".join(f"<td>{cell}" for cell in row) for row in rows]
-    return "<table>" + "\n".join(lines) + "</table>"
-
-
-def page_markdown(document: Mapping[str, Any]) -> str:
-    """The summary in Markdown."""
-    return "\n\n".join(["# From report to command", *markdown_lines(document)]) + "\n"
+def page_markdown(document: Mapping[str, Any], pictures: Sequence[str]) -> str:
+    """The page in Markdown, with the names of its pictures."""
+    shown = [f"![distribution of the latency]({name})" for name in pictures]
+    return "\n\n".join(["# From report to command", *markdown_lines(document), *shown]) + "\n"
 
 
 def markdown_lines(document: Mapping[str, Any]) -> list[str]:

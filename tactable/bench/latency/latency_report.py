@@ -25,7 +25,7 @@ from tactable.bench.latency.background_load import background_load
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
 from tactable.bench.latency.conditions import Condition, Plan, Transport
 from tactable.bench.latency.environment import environment_json
-from tactable.bench.latency.latency_page import page_html, page_markdown
+from tactable.bench.latency.latency_page import page_markdown, page_pictures
 from tactable.bench.latency.load_generator import Stall
 from tactable.bench.latency.segments import Bench, Measured
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
@@ -259,12 +259,15 @@ def compare_with(run: Run, baseline: Mapping[str, Sequence[Stamps]]) -> dict[str
 
 
 def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
-    """Write report.html, report.md, report.json and samples.npz."""
+    """Write report.md with its pictures, report.json and samples.npz."""
     folder.mkdir(parents=True, exist_ok=True)
+    pictures = page_pictures(document, run.ways_us())
+    for name, picture in pictures.items():
+        with replace_file(folder / name) as partial:
+            picture.savefig(partial, format="png", dpi=110)
     texts = {
         "report.json": json.dumps(to_plain(document), indent=2),
-        "report.html": page_html(document, run.ways_us()),
-        "report.md": page_markdown(document),
+        "report.md": page_markdown(document, list(pictures)),
     }
     for name, text in texts.items():
         with replace_file(folder / name) as partial:

@@ -8,7 +8,7 @@ import pytest
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.device_text import calibrated_device
-from precompute.calibration.measuring_plan import Accuracy, Criterion, plan_after
+from precompute.calibration.measuring_plan import Accuracy, plan_after
 from precompute.calibration.modal_fit import calibrate_modes
 from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.parameters import with_changes
@@ -43,7 +43,7 @@ def test_values_are_found_within_their_intervals_and_the_device_file_says_them()
     assert surfaces is not None
     powers = surfaces.powers((0, 4), np.full(4, 150.0), np.array([1.0, 0.5j, 0.0, 0.0]))
     assert powers.shape == (SAMPLES, 2) and (powers.std(axis=0) > 0).all()
-    step = plan_after(found, Accuracy(), 1, Criterion.VOLUME).summary()["readings"][0]
+    step = plan_after(found, Accuracy(), 1).summary()["readings"][0]
     assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0
 
 

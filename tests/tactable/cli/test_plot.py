@@ -61,9 +61,3 @@ def test_a_level_that_full_scale_stands_for_is_null_in_json(folder: Path) -> Non
     assert math.isfinite(summary["level_db"])
     assert summary["quiet"] == []
     assert [finger["zone"] for finger in summary["fingers"]] == ["I"]
-
-
-def test_a_sound_is_written_beside_the_picture(folder: Path) -> None:
-    said = summary_of(folder, "plot", *CLICK, "--sound", "click.wav", "--stereo", "--plain")["sound"]
-    assert (folder / "click.wav").read_bytes().startswith(b"RIFF")
-    assert (said["file"], said["channels"], said["is_weighted"]) == ("click.wav", 2, False)

@@ -137,12 +137,10 @@ def test_a_stop_without_one_of_its_columns_or_of_another_measurement_is_refused_
         other.read(WALK[1])
 
 
-def test_spoiled_readings_are_left_out_unless_they_are_wanted(tmp_path: Path) -> None:
+def test_spoiled_readings_are_left_out(tmp_path: Path) -> None:
     records = walked(tmp_path / "raw", even_walk(DEVICE, 1, [150.0, 209.0]), "hum=1m/s^2")
     usable = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
     assert np.unique(usable.frequency_hz[~np.isnan(usable.frequency_hz)]).tolist() == [209.0]
-    every = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True, keeps_spoiled=True)
-    assert len(every) == 4
 
 
 def test_a_planned_walk_reads_what_the_plan_proposes_from_one_end_to_the_other() -> None:

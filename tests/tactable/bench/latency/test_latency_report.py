@@ -1,8 +1,6 @@
 """The report: samples come back as they were, the page needs nothing but itself, and what is simulated says so."""
 
-import base64
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import pytest
 from engine.loop.realtime import ALL_STEPS
 from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
-from tactable.bench.latency.latency_page import page_html, page_markdown
+from tactable.bench.latency.latency_page import page_markdown
 from tactable.bench.latency.latency_report import (
     LatencyReportError,
     Run,
@@ -65,7 +63,7 @@ def test_samples_come_back_as_they_were_and_a_file_without_any_is_refused_by_nam
 
 def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the_layer_and_what_came_late() -> None:
     document = document_of(made_run())
-    text = page_markdown(document)
+    text = page_markdown(document, [])
     assert "the slowest hundredth lost its time in host (wake-up, 100 %)" in text
     assert f"| {OURS.name} | 40 | 0 | 0 | 0 | 0 |" in text
     assert "    tactable bench latency <&>" in text
@@ -75,18 +73,14 @@ def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the
     assert (document["format"], document["revision"]) == ("tactable latency", 2)
 
 
-def test_the_page_needs_nothing_but_itself_and_shows_every_condition(tmp_path: Path) -> None:
+def test_the_page_shows_every_condition_and_its_picture(tmp_path: Path) -> None:
     run = made_run()
-    page = page_html(document_of(run), run.ways_us())
-    assert not re.search(r"href\s*=|@import|<script|https?://", page)
-    (picture,) = re.findall(r'<img alt="[^"]*" src="data:image/png;base64,([^"]+)">', page)
-    assert page.count("src=") == 1
-    assert base64.b64decode(picture).startswith(b"\x89PNG")
-    assert "SIMULATED: the touches, the firmware" in page
-    assert "&lt;&amp;&gt;" in page
     write_report(document_of(run), run, tmp_path / "new")
     names = sorted(path.name for path in (tmp_path / "new").iterdir())
-    assert names == ["report.html", "report.json", "report.md", "samples.npz"]
+    assert names == ["idle-1.png", "report.json", "report.md", "samples.npz"]
+    page = (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
+    assert "SIMULATED: the touches, the firmware" in page and "](idle-1.png)" in page
+    assert (tmp_path / "new" / "idle-1.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
 
 
