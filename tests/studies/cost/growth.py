@@ -1,20 +1,18 @@
 """Processor time and memory of clicks as fingers, actuators, sampled plants or the length grow.
 
-`python -m tests.studies.cost.growth clicks [--figure FILE]` shows how the time of one click grows with
+`python -m tests.studies.cost.growth [--figure FILE]` shows how the time of one click grows with
 each of them alone, and that memory stays bounded. Clicks are those of random placements; a table takes as many times
 longer as it has placements.
-
-`growth workers` shares the clicks of a grid of placements of a bar with eight actuators among one and two Dask workers.
 """
 
-import json
 import platform
 import resource
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib.figure
 import numpy as np
@@ -24,7 +22,6 @@ from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.parallel.solving import solve_in_processes
-from tests.studies.cost.click_workers import APART_M, grid_of, measure_workers, timed
 from tests.studies.options import read_options
 
 CLICK_CASES = (
@@ -35,8 +32,10 @@ CLICK_CASES = (
     *[("mm of bar", length_mm) for length_mm in (150, 300, 600)],
 )
 CLICKS = 12
-WORKER_ACTUATORS, WORKER_PLACEMENTS = 8, 2000
+APART_M = 15e-3
+"""Fingers of a placement are at least this far apart."""
 Case = tuple[str, int]
+Result = TypeVar("Result")
 
 
 def measure_clicks(device: Device, options: ClickOptions, cases: Sequence[Case], clicks: int) -> list[dict[str, Any]]:
@@ -73,6 +72,13 @@ def time_clicks(device: Device, options: ClickOptions, clicks: int, case: Case) 
         "device_s": first_s,
         "memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
+
+
+def timed(call: Callable[[], Result]) -> tuple[Result, float]:
+    """What `call` gives, and its seconds of processor time."""
+    start_s = time.process_time()
+    result = call()
+    return result, time.process_time() - start_s
 
 
 def _with_actuators(device: Device, count: int) -> Device:
@@ -129,15 +135,9 @@ def draw(rows: Sequence[dict[str, Any]], title: str, path: Path | str) -> None:
 
 def main() -> None:
     """Print a row for each case, then the exponents."""
-    asked = read_options(__doc__, what=str, solved=60, figure="")
+    asked = read_options(__doc__, figure="")
     device = find_device("reference-a")
-    machine = f"{device.name}, {asked.what}; {platform.machine()}, Python {platform.python_version()}"
-    if asked.what == "workers":
-        grid = grid_of(_with_actuators(device, WORKER_ACTUATORS), WORKER_PLACEMENTS)
-        chosen = [grid[i] for i in np.linspace(0, len(grid) - 1, asked.solved + 1).round().astype(int)]
-        rows = measure_workers(_with_actuators(device, WORKER_ACTUATORS), DEFAULT_OPTIONS, chosen, (1, 2))
-        print(json.dumps({"machine": machine, "grid": len(grid), "rows": rows}, indent=2))
-        return
+    machine = f"{device.name}, clicks; {platform.machine()}, Python {platform.python_version()}"
     rows = measure_clicks(device, DEFAULT_OPTIONS, CLICK_CASES, CLICKS)
     if asked.figure:
         draw(rows, machine, asked.figure)

@@ -8,7 +8,6 @@ import pytest
 from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped
-from tests.studies.cost.click_workers import grid_of, measure_workers
 from tests.studies.cost.growth import draw, exponents_of, measure_clicks, time_clicks
 
 DEVICE = with_equal_zones(shipped("reference-a"), 3)
@@ -27,11 +26,6 @@ def test_clicks_of_every_case_are_timed_and_drawn(tmp_path: Path) -> None:
 
 
 @pytest.mark.machine(stall_s=None)
-def test_clicks_are_timed_in_a_process_of_their_own_and_shared_among_workers() -> None:
+def test_clicks_are_timed_in_a_process_of_their_own() -> None:
     (row,) = measure_clicks(COARSE, CHEAP, [("fingers", 1)], 2)
     assert (row["series"], row["value"]) == ("fingers", 1)
-    grid = grid_of(DEVICE, 30)
-    assert len(set(grid)) == 30 and all(abs(b - a) >= 15e-3 for a, b in (each.position_m for each in grid))
-    (row,) = measure_workers(DEVICE, CHEAP, grid[:4], (1,))
-    assert row["workers"] == 1 and row["clicks"] == 3
-    assert row["processor_s"] > 0 and row["wall_s"] > 0 and row["ready_s"] > 0

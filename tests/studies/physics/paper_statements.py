@@ -60,9 +60,6 @@ class Reading:
         return f"{alone} actuator alone in Figure 6, {first} one takes the first frequency, counted from the {end} end"
 
 
-READINGS = [Reading(*choice) for choice in itertools.product((0, 1), (False, True), (False, True))]
-
-
 @dataclass(frozen=True)
 class Solved:
     """A device solved once for all readings. Accelerations in m/s^2 at full scale.
@@ -286,17 +283,6 @@ STATEMENTS: list[tuple[str, str, Predicate]] = [
 def check(figures: Figures) -> list[Checked]:
     """Every statement of STATEMENTS, in order."""
     return [predicate(figures) for _, _, predicate in STATEMENTS]
-
-
-def margins(solved: Solved) -> Array:
-    """Margins (reading, statement) in dB, readings as in READINGS."""
-    out = np.empty((len(READINGS), len(STATEMENTS)))
-    for row, reading in zip(out, READINGS, strict=True):
-        figures = figures_of(solved, reading)
-        optimum = iter(_optimum(figures))
-        row[:-3] = [predicate(figures)[1] for _, _, predicate in STATEMENTS[:-3]]
-        row[-3:] = [margin for _, margin in optimum]
-    return out
 
 
 def main() -> None:

@@ -161,7 +161,7 @@ for _ in range(30):
     def check(self, folder: Path) -> str:
         """Both are whole, and the run goes on."""
         self._watched.look()
-        self._watched.wait_for_reports(len(self._watched.seen.index) + 1)
+        self._watched.wait_for_reports(self._watched.reports + 1)
         return "old table" if check_pair(folder / "bar.nc").fingerprint == OLD.fingerprint else "new table"
 
     def check_end(self, folder: Path) -> None:

@@ -1,60 +1,30 @@
 """A real `tactable run` on an emulated firmware, watched through its ring while its table is changed. SIMULATED."""
 
-import json
 import os
 import select
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from engine.loop.command_latency import Stage
-from engine.loop.ring import Record, RingError, RingReader
+from engine.loop.ring import RingError, RingReader
 from engine.touch.sources.recording import Recording, Report, write_recording
 from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.protocol.link_errors import LinkError
 from tactable.rig.virtual_digitizer import BUS, NAME, PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 from tests.tactable.rules import HELD
 
-STEP_S = 0.02
-"""Time after which the finger of `touches` jumps to the next place."""
+_REST_S, _RATE_HZ = 3600.0, 5
 _LOOK_S = 0.02
 
 
-@dataclass
-class Seen:
-    """Records of one run's ring: report indices and read times, latency of commands, times of changes of table."""
-
-    index: list[int] = field(default_factory=list)
-    read_ns: list[int] = field(default_factory=list)
-    due_to_written: list[int] = field(default_factory=list)
-    change_ns: list[int] = field(default_factory=list)
-    lost: int = 0
-
-    def take(self, record: Record) -> None:
-        """Add one record."""
-        if record.report_index is None:
-            # A finger rests or jumps: time alone brings nothing else. A command that left later is told twice.
-            if record.time_ns not in self.change_ns[-1:]:
-                self.change_ns.append(record.time_ns)
-        elif record.report:
-            self.index.append(record.report_index)
-            self.read_ns.append(record.time_ns)
-        if record.report_index is not None and record.drive_sequence is not None and record.stamps_ns[Stage.AVAILABLE]:
-            stamps = record.stamps_ns
-            self.due_to_written.append(stamps[Stage.WRITTEN] - stamps[Stage.AVAILABLE])
-
-
 class WatchedRun:
-    """The process, its ring and its standard error; `end` or `kill` ends it."""
+    """The process, its ring and its standard error; `reports` counts what it has read of the touch screen."""
 
     def __init__(self, table: Path, recording: Path, port: str, folder: Path) -> None:
-        self.table, self.seen, self._said = table, Seen(), ""
+        self.reports, self._said = 0, ""
         effects, self._ring_path = folder / "held.toml", folder / "ring"
         self._ring_path.unlink(missing_ok=True)  # a run that was killed leaves its ring
         effects.write_text(HELD, encoding="utf-8")
@@ -78,9 +48,7 @@ class WatchedRun:
 
     def look(self) -> None:
         """Take the new records and messages; waits for 20 ms at most."""
-        for record in self._ring.read():
-            self.seen.take(record)
-        self.seen.lost = self._ring.lost
+        self.reports += sum(record.report_index is not None and bool(record.report) for record in self._ring.read())
         assert self._process.stderr is not None
         ready, _, _ = select.select([self._process.stderr], [], [], _LOOK_S)
         if ready:
@@ -91,26 +59,9 @@ class WatchedRun:
 
     def wait_for_reports(self, count: int) -> None:
         """Return once `count` reports were read."""
-        while len(self.seen.index) < count:
+        while self.reports < count:
             self._look_alive()
             self.look()
-
-    def wait_for_change(self) -> None:
-        """Return once the run plays another table than when this was called."""
-        before = len(self.seen.change_ns)
-        while len(self.seen.change_ns) == before:
-            self._look_alive()
-            self.look()
-
-    def end(self) -> dict[str, Any]:
-        """Interrupt the run and return its summary."""
-        self._process.send_signal(signal.SIGINT)
-        told, said = self._process.communicate()
-        if self._process.returncode != 0:
-            raise LinkError(f"the run ended with exit status {self._process.returncode}: {self._said}{said.decode()}")
-        self._ring.close()
-        summary: dict[str, Any] = json.loads(told)
-        return summary
 
     def kill(self) -> None:
         """End the process in any case."""
@@ -120,30 +71,16 @@ class WatchedRun:
 
 
 @contextmanager
-def watched_run(table: Path, recording: Recording, folder: Path) -> Iterator[WatchedRun]:
-    path = folder / "touches.hid"
-    write_recording(recording, path)
+def resting_run(table: Path, folder: Path) -> Iterator[WatchedRun]:
+    """A run with a finger at rest, for up to an hour."""
+    path, rest = folder / "touches.hid", [(0, True, 0.5)]
+    times_s = [index / _RATE_HZ for index in range(round(_REST_S * _RATE_HZ))]
+    reports = tuple(Report(index, at_s, report_of(rest, at_s, slots=1)) for index, at_s in enumerate(times_s))
+    write_recording(Recording(NAME, BUS, VENDOR_ID, PRODUCT_ID, descriptor_of(1), reports), path)
     with run_emulator() as emulator:
         run = WatchedRun(table, path, emulator.stable_port, folder)
         try:
+            run.wait_for_reports(1)
             yield run
         finally:
             run.kill()
-
-
-@contextmanager
-def resting_run(table: Path, folder: Path) -> Iterator[WatchedRun]:
-    """A run with a finger at rest, for up to an hour."""
-    with watched_run(table, touches(3600.0, 5, (0.5,)), folder) as run:
-        run.wait_for_reports(1)
-        yield run
-
-
-def touches(seconds: float, rate_hz: int, places: Sequence[float]) -> Recording:
-    """One finger that is always down and jumps from place to place (fractions of the bar)."""
-    times_s = [index / rate_hz for index in range(round(seconds * rate_hz))]
-    reports = tuple(
-        Report(index, time_s, report_of([(0, True, places[int(time_s / STEP_S) % len(places)])], time_s, slots=1))
-        for index, time_s in enumerate(times_s)
-    )
-    return Recording(NAME, BUS, VENDOR_ID, PRODUCT_ID, descriptor_of(1), reports)
