@@ -9,10 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import pytest
 from playwright.sync_api import Browser
 
-from tactable.page.page_messages import VERSION
 from tactable.shipped import find_device_file
 from tests.system.page import FIRST, IN_CHROMIUM, SECOND, STEADY, THIRD, Demo, Visit, choose, clicked, lift, opened
 
@@ -140,7 +138,6 @@ def test_nothing_that_browsers_do_or_send_hurts_another(demo: Demo, browser: Bro
         a_second_browser_sees_the_same_and_takes_no_finger_along(demo, browser, visit)
         a_page_that_is_loaded_again_in_mid_click_leaves_no_finger_behind(visit)
         more_fingers_than_ten_are_left_out(visit)
-        switches_that_there_are_not_change_nothing_and_are_told(visit)
         a_device_file_that_is_dropped_plays_and_a_wrong_one_is_told(visit)
 
 
@@ -178,38 +175,6 @@ def more_fingers_than_ten_are_left_out(visit: Visit) -> None:
     visit.until("p.fingerCount === 0")  # they were not heard of for a second
     choose(visit, source="click")
     visit.until("p.command === 0")  # of the next run, which counts anew
-    clicks_on(visit)
-
-
-@pytest.mark.machine(stall_s=None)
-def test_garbage_closes_its_own_connection_alone(demo: Demo, browser: Browser) -> None:
-    with opened(demo, browser) as visit:
-        codes = visit.ask(
-            """(async () => { const codes = [], address = location.href.split("#")[0].replace("http", "ws") + "socket";
-            const sent = ["text", new Uint8Array([]), new Uint8Array([VERSION]), new Uint8Array([99, 0x81]),
-                new Uint8Array([VERSION, 0x82, 123]), new Uint8Array([VERSION, 0x81, 1, 2, 3]),
-                new Uint8Array([VERSION, 0x82, ...new Array(3000).fill(32)]),
-                new Uint8Array([VERSION, 0x82, ...new Array(1500).fill(91)]), new Uint8Array(1 << 20)];
-            for (const each of sent) codes.push(await new Promise((done) => {
-                const socket = new WebSocket(address);
-                socket.onopen = () => socket.send(each);
-                socket.onclose = (event) => done(event.code); }));
-            return codes; })()""".replace("VERSION", str(VERSION))
-        )
-        assert codes[:-1] == [1003, 1007, 1007, 4001, 1007, 1007, 1009, 1007]
-        # A megabyte is still on its way when the connection ends: TCP then resets it, and may take the code along.
-        assert codes[-1] in (1009, 1006)
-        assert visit.ask("tactable.wire.connections") == 1
-
-
-def switches_that_there_are_not_change_nothing_and_are_told(visit: Visit) -> None:
-    choose(visit, source="click", quiet_zones=[])
-    for wrong in ('{"device": "../../etc/passwd"}', '{"level_db": 17}', '{"nothing": 1}', '{"quiet_zones": "I"}'):
-        visit.ask(f"tactable.wire.choose({wrong})")
-        visit.wait("tactable.scene.trouble !== ''")
-        assert visit.ask("tactable.scene.plays.device") == "small.toml"
-        choose(visit, source="click")
-        visit.wait("tactable.scene.trouble === ''")
     clicks_on(visit)
 
 

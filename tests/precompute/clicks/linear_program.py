@@ -56,7 +56,9 @@ class Program:
             rows = np.concatenate([self._drive, self._entered / limit])
             rows = np.column_stack([np.concatenate([rows, -rows]), np.zeros(2 * len(rows))])
             right = np.append(np.ones(len(rows)), np.zeros(len(goals)))
-            weight: Array = linprog(cost, np.concatenate([rows, goals]), right, bounds=(None, None)).x[:-1]
+            found = linprog(cost, np.concatenate([rows, goals]), right, bounds=(None, None)).x
+            assert found is not None  # no weights at all are within every limit
+            weight = found[:-1]
             course = abs(self._quiet @ weight)
             over = np.flatnonzero(course.max(axis=1, initial=0.0) > limit * (1 + tolerated))
             if not len(over):

@@ -1,20 +1,19 @@
 """What a bar that was measured by stepped sine is worth: responses, fitted parameters, drives. SIMULATED.
 
-    python -m tests.studies.physics.measured_bar [SEEDS] [--places N] [--flaws] [--methods]
+    python -m tests.studies.physics.measured_bar [SEEDS] [--places N]
 
 For each seed a bar differs from its description (stiffness, full scale and damping of its actuators, Young's modulus),
 and a converter has noise, hum, latency, jitter, a clock that drifts, an offset, clipping and lost samples. `measure`
 reads the bar through the real code, `calibrate` fits it, and steady drives for random placements are solved for the
 fitted and for the described bar; all are evaluated on the true bar, beside those that were solved for it. The last line
-sums the seeds up. With --flaws each flaw of a converter is put in by itself instead, and the faults that readings name
-are counted. With --methods stepped sine and sweep read the same bars.
+sums the seeds up.
 """
 
 import math
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +32,8 @@ from precompute.model.response import solve_response
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 from tactable.measure.apparatus import SIMULATED, ApparatusOptions, open_apparatus
-from tactable.measure.faults import check_gravity, find_late
 from tactable.measure.simulated_bench import ConverterFlaws
-from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
-from tactable.measure.swept_sine import SweepOptions
+from tactable.measure.stepped_sine import Reading, SteppedSineOptions
 from tactable.measure.walk import (
     Method,
     RawFolder,
@@ -60,19 +57,7 @@ NAMES = (
     "bar.youngs_modulus",
 )
 STEPPED = Method(SteppedSineOptions())
-SWEPT = Method(SteppedSineOptions(), SweepOptions())
 LEVEL_DB = 20.0
-SINGLE_FLAWS = {
-    "none": "",
-    "noise": "noise=1m/s^2",
-    "hum": "hum=0.3m/s^2",
-    "clipping": "clip=10.5m/s^2,noise=0.01m/s^2",
-    "lost samples": "drops=4",
-    "clock drift": "drift=80",
-    "latency": "latency=60ms,jitter=5ms",
-    "gain": "gain=3%",
-    "offset": "offset=0.8m/s^2",
-}
 
 
 @dataclass(frozen=True)
@@ -137,16 +122,11 @@ def flaws_of(seed: int) -> ConverterFlaws:
 
 
 def measure_bar(
-    device: Device,
-    changes: dict[str, float],
-    flaws: ConverterFlaws,
-    seed: int,
-    walk: tuple[Stop, ...],
-    method: Method = STEPPED,
+    device: Device, changes: dict[str, float], flaws: ConverterFlaws, seed: int, walk: tuple[Stop, ...]
 ) -> Measured:
     """Measure a simulated bar as the command does."""
     chosen = ApparatusOptions(
-        *(SIMULATED, SIMULATED, method.stepped.most),
+        *(SIMULATED, SIMULATED, STEPPED.stepped.most),
         sensor_mass_kg=SENSOR_MASS_KG,
         flaws=flaws,
         changes=changes,
@@ -155,7 +135,7 @@ def measure_bar(
     )
     with tempfile.TemporaryDirectory() as folder, open_apparatus(device, chosen, lambda _: None) as apparatus:
         raw = RawFolder(Path(folder), device, walk, {})
-        records = measure_walk(device, walk, apparatus, method, raw)
+        records = measure_walk(device, walk, apparatus, STEPPED, raw)
     found = measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
     return Measured(records, found)
 
@@ -255,68 +235,11 @@ def summary_text(seeds: Sequence[SeedFigures]) -> str:
     return f"{len(seeds)} seeds: {kept} of {readings} readings kept; {figures}; within, of {len(seeds)}: {covered}"
 
 
-def study_methods(device: Device, seed: int, places: int) -> None:
-    """Print seconds per bar and errors of the stepped sine at few frequencies, and of the sweep at them and at all."""
-    true, values = true_bar(device, seed)
-    few, every = even_walk(device, places), even_walk(device, places, np.arange(60.0, 300.5, 1.0).tolist())
-    for name, walk, method in (("stepped", few, STEPPED), ("sweep", few, SWEPT), ("sweep", every, SWEPT)):
-        measured = measure_bar(device, values, flaws_of(seed), seed, walk, method)
-        print(
-            f"seed {seed}: {name}, {len(walk[0].tones)} readings a place at {places} places: "
-            f"{sum(reading.seconds for reading in measured.readings):.0f} s of driving, "
-            f"{len(measured.measurements)} of {len(measured.readings)} readings kept,",
-            off_by(*response_errors(true, measured.measurements)),
-            flush=True,
-        )
-
-
-def study_flaws(device: Device) -> None:
-    """Print the faults that readings name for each flaw by itself."""
-    walk = even_walk(device, 2, [104.0, 150.0, 209.0])
-    for name, text in SINGLE_FLAWS.items():
-        print(f"{name}: {measure_bar_named(device, text, walk)}", flush=True)
-
-
-def measure_bar_named(device: Device, text: str, walk: tuple[Stop, ...]) -> str:
-    """Faults by how many of the readings name them, and what the converter is found to be."""
-    flaws = replace(ConverterFlaws.parse(text), has_gravity=True)
-    options = SteppedSineOptions()
-    chosen = ApparatusOptions(SIMULATED, SIMULATED, 1.0, sensor_mass_kg=SENSOR_MASS_KG, flaws=flaws)
-    readings, late, means = list[Reading](), list[float](), list[float]()
-    with open_apparatus(device, chosen, lambda _: None) as apparatus:
-        for _ in range(2):
-            with apparatus.open_driven() as driven:
-                means.append(SteppedSine(device, driven, apparatus.sensor, options).listen().mean)
-            apparatus.turn_over()
-        for stop in walk:
-            apparatus.guide(stop.position_m)
-            with apparatus.open_driven() as driven:
-                stepped = SteppedSine(device, driven, apparatus.sensor, options)
-                stepped.listen()
-                late.append(stepped.measure_latency() or 0.0)
-                readings += [stepped.read(*tone)[0] for tone in stop.tones]
-    names = [fault.name for reading in readings for fault in {*reading.faults, *reading.earlier}]
-    checked = check_gravity(means[0], means[1])
-    counted = [f"{names.count(name)} of {len(readings)} {name}" for name in sorted(set(names))]
-    counted += [f"gravity {fault.name}" for fault in checked.faults]
-    counted += [fault.name for fault in find_late(late)]
-    shown = ", ".join(f"{1e3 * each:.1f}" for each in late)
-    drift_ppm = 1e6 * readings[-1].drift
-    return f"{'; '.join(counted) or 'no fault'} (clock {drift_ppm:+.1f} ppm, latency {shown} ms)"
-
-
 def main() -> None:
-    """Print a line for each seed, or for each flaw."""
-    asked = read_options(__doc__, seeds=(5,), places=6, flaws=False, methods=False)
+    """Print a line for each seed, and their summary."""
+    asked = read_options(__doc__, seeds=(5,), places=6)
     device = find_device("reference-a")
     with threadpool_limits(1, "blas"):
-        if asked.flaws:
-            study_flaws(device)
-            return
-        if asked.methods:
-            for seed in range(asked.seeds):
-                study_methods(device, seed, asked.places)
-            return
         free_hz = default_frequencies(device)
         chosen_hz = [free_hz[round(k)] for k in np.linspace(0, len(free_hz) - 1, min(8, len(free_hz)))]
         walk = even_walk(device, asked.places, chosen_hz)

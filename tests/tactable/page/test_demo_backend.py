@@ -67,8 +67,9 @@ def test_a_dropped_device_file_is_chosen_and_a_wrong_one_is_told_by_name_place_a
 def test_a_switch_that_there_is_not_is_told_and_changes_nothing(tmp_path: Path) -> None:
     backend = backend_of(tmp_path)
     before = backend.scene()["choice"]
-    backend.choose({"level_db": 17})
-    assert "level_db" in backend.scene()["trouble"] and backend.scene()["choice"] == before
+    for name, wrong in (("level_db", 17), ("device", "../../etc/passwd"), ("nothing", 1), ("quiet_zones", "I")):
+        backend.choose({name: wrong})
+        assert name in backend.scene()["trouble"] and backend.scene()["choice"] == before
     backend.choose({"level_db": 30})
     assert backend.scene()["trouble"] == "" and backend.scene()["choice"] == {**before, "level_db": 30.0}
 

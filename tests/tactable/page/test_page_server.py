@@ -181,6 +181,7 @@ async def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(access
     async with socket_of(access) as other:
         for message, code in (
             (b"", CloseCode.MALFORMED),
+            (bytes([VERSION, Kind.CHOICE]) + b"[" * 1500, CloseCode.MALFORMED),
             (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
             ("text", CloseCode.NOT_BINARY),
             (bytes(1 << 20), CloseCode.TOO_BIG),
@@ -191,7 +192,7 @@ async def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(access
         await other.send(encode_touches([DOWN]))
         await until(lambda: bool(backend.asked))
         await next_of(other, Kind.PICTURE)
-    await until(lambda: len(backend.left) == 5)
+    await until(lambda: len(backend.left) == 6)
 
 
 @while_served

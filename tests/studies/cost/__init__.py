@@ -1,1 +1,0 @@
-"""Studies of what things cost: processor time, memory, and how they grow."""
