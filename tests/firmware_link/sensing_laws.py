@@ -15,7 +15,7 @@ from firmware_link.protocol.messages import (
     DeviceState,
     Sense,
 )
-from tests.firmware_link.conformance import Host, Tier
+from tests.firmware_link.law_host import Host, Tier
 
 SAMPLE_RATE_HZ = 1_000
 ACCELEROMETER_OF_LAWS: dict[str, Any] = {

@@ -9,7 +9,8 @@ from base.arrays import Array
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.emulator.synthesis import synthesise
-from tests.firmware_link.conformance import LAWS, WAVE_LAWS, Law, WaveLaw
+from tests.firmware_link.conformance import LAWS, WAVE_LAWS
+from tests.firmware_link.law_host import Law, WaveLaw
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SAMPLE_RATE_HZ, SENSING_LAWS
 from tests.tools.virtual import VirtualClock, VirtualLine
 

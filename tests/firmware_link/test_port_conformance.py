@@ -12,7 +12,7 @@ from base.arrays import Array
 from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.serial_port import SerialPort
-from tests.firmware_link import conformance
+from tests.firmware_link import click_laws, conformance, drive_laws
 
 SAMPLE_RATE_HZ = 20_000.0
 NS_PER_US = 1_000
@@ -71,12 +71,12 @@ class PortTier:
 
 # The real line takes part in these: a hang-up, what comes in pieces, much in a row, and leases that run meanwhile.
 REAL: tuple[Callable[[PortTier], None], ...] = (
-    conformance.wave_law_a_dropped_line_latches_at_once,
-    conformance.law_a_drive_ends_with_its_lease,
-    conformance.law_any_garbage_ends_at_the_next_delimiter,
-    conformance.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
-    conformance.law_a_rebooted_device_is_not_driven_by_old_traffic,
-    conformance.wave_law_takeovers_make_no_step,
+    click_laws.wave_law_a_dropped_line_latches_at_once,
+    drive_laws.law_a_drive_ends_with_its_lease,
+    drive_laws.law_any_garbage_ends_at_the_next_delimiter,
+    click_laws.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
+    drive_laws.law_a_rebooted_device_is_not_driven_by_old_traffic,
+    click_laws.wave_law_takeovers_make_no_step,
 )
 
 

@@ -13,8 +13,8 @@ import pytest
 
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import CLOCK_REFERENCE_US, KeepAlive
-from tests.firmware_link.conformance import CLICKS, DISARM_US, LOUD, RAMP_US, WAVEFORM_US, Host, WaveTier, with_basis
 from tests.firmware_link.firmware.compiled_core import CompiledTier
+from tests.firmware_link.law_host import CLICKS, DISARM_US, LOUD, RAMP_US, WAVEFORM_US, Host, WaveTier, with_basis
 from tests.firmware_link.test_conformance import VirtualTier
 
 TIERS = (VirtualTier, CompiledTier)

@@ -9,10 +9,10 @@ import pytest
 
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.messages import ACCELEROMETER, DeviceState
-from tests.firmware_link import conformance, sensing_laws
-from tests.firmware_link.conformance import DISARM_US, LOUD, Host
+from tests.firmware_link import click_laws, conformance, drive_laws, sensing_laws
 from tests.firmware_link.driving_host import ENDED, LEASE_MS, SLEW_PER_S, Process, host_process, strike
 from tests.firmware_link.firmware.compiled_core import make, need
+from tests.firmware_link.law_host import DISARM_US, LOUD, Host, Law
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 
 pytestmark = pytest.mark.machine
@@ -54,17 +54,17 @@ def driving_host(image: FirmwareImage, how: str) -> Iterator[Process]:
 # What an image alone has: its timers, interrupts, serial line and memory. Every law is kept by the same core in
 # tests/firmware_link/firmware/test_core.py.
 BRIEF_LAWS = (
-    conformance.law_nothing_drives_before_it_is_armed,
-    conformance.law_a_rebooted_device_is_not_driven_by_old_traffic,
-    conformance.law_the_first_greeting_of_a_boot_is_told,
-    conformance.law_a_drive_ends_with_its_lease,
-    conformance.law_a_silent_host_latches_the_device,
-    conformance.law_eight_zeros_latch,
-    conformance.law_any_garbage_ends_at_the_next_delimiter,
-    conformance.law_counters_tell_what_came,
-    conformance.law_a_basis_is_kept_until_the_device_boots,
-    conformance.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
-    conformance.law_a_click_ends_by_itself,
+    drive_laws.law_nothing_drives_before_it_is_armed,
+    drive_laws.law_a_rebooted_device_is_not_driven_by_old_traffic,
+    drive_laws.law_the_first_greeting_of_a_boot_is_told,
+    drive_laws.law_a_drive_ends_with_its_lease,
+    drive_laws.law_a_silent_host_latches_the_device,
+    drive_laws.law_eight_zeros_latch,
+    drive_laws.law_any_garbage_ends_at_the_next_delimiter,
+    drive_laws.law_counters_tell_what_came,
+    click_laws.law_a_basis_is_kept_until_the_device_boots,
+    click_laws.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
+    click_laws.law_a_click_ends_by_itself,
 )
 BRIEF_SENSING_LAWS = (
     sensing_laws.sensing_law_a_stream_ends_with_its_lease,
@@ -76,7 +76,7 @@ SENSING_LAWS = [
 ]
 
 
-def keep_laws(elf: Path, laws: Sequence[conformance.Law], sensing: Sequence[conformance.Law]) -> None:
+def keep_laws(elf: Path, laws: Sequence[Law], sensing: Sequence[Law]) -> None:
     """QEMU has the bus of the STM32F405 and no accelerometer on it; that of the MPS2 is simulated.
 
     Of four actuators, a stream would take 87 % of the line, more than a host asks for.

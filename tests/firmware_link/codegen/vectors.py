@@ -16,7 +16,7 @@ from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Message
-from tests.firmware_link.conformance import greeting
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.virtual_rig import decode_messages
 
 FOLDER = Path(firmware_link.__file__).parent / "vectors"

@@ -11,7 +11,7 @@ from firmware_link.emulator.emulator_process import EmulatorLog, decode_log
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Status, TimeRequest, encode_drive
-from tests.firmware_link.conformance import DISARM_US, RAMP_US
+from tests.firmware_link.law_host import DISARM_US, RAMP_US
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import VirtualRig, decode_messages
 from tests.tools.virtual import MS, VirtualLine

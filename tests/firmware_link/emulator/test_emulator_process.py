@@ -20,8 +20,8 @@ from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
-from tests.firmware_link.conformance import CLICKS
 from tests.firmware_link.driving_host import LEASE_MS, host_process, strike
+from tests.firmware_link.law_host import CLICKS
 
 machine = pytest.mark.machine
 # Only against an endless test: the machine may be slow.

@@ -8,7 +8,7 @@ from firmware_link.emulator.faulty_device import AT_NOISE, FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Arm, DeviceState, FaultCode, Hello, Status, Time, TimeRequest
-from tests.firmware_link.conformance import greeting
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.virtual_rig import decode_messages
 
 SECOND_US = 1_000_000

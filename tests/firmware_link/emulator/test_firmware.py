@@ -11,7 +11,7 @@ from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import Arm, ChannelDrive, Result, encode_drive
-from tests.firmware_link.conformance import Host
+from tests.firmware_link.law_host import Host
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
 from tests.firmware_link.test_conformance import VirtualTier
 from tests.firmware_link.virtual_rig import BOOT_ID

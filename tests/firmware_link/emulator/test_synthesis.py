@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.emulator.synthesis import Synthesis, synthesise
-from tests.firmware_link.conformance import US_PER_S
+from tests.firmware_link.law_host import US_PER_S
 from tests.firmware_link.strategies import drive_logs, unhurried
 
 RATE_HZ = 100_000.0

@@ -21,7 +21,7 @@ from firmware_link.protocol.basis import Basis, transfer_messages
 from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import Arm
-from tests.firmware_link.conformance import greeting
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.test_conformance import VirtualTier
 from tests.firmware_link.virtual_rig import BOOT_ID
 from tests.tools.guard import allowed

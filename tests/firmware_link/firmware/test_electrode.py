@@ -11,8 +11,8 @@ from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import LINEARISES, Hello
-from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, core_library
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.virtual_rig import decode_messages
 
 GREATEST = 65_535

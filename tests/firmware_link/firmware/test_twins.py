@@ -9,7 +9,6 @@ import pytest
 from hypothesis import settings
 
 from firmware_link.protocol.messages import FULL_SCALE_WORD, Arm, ChannelDrive, DeviceState, Set, SetFlag, encode_drive
-from tests.firmware_link.conformance import greeting
 from tests.firmware_link.firmware.twins import (
     ACTUATORS,
     CONFIGURATION,
@@ -21,6 +20,7 @@ from tests.firmware_link.firmware.twins import (
     Twins,
     run_sessions,
 )
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 

@@ -55,7 +55,6 @@ from firmware_link.protocol.messages import (
     TimeRequest,
     encode_drive,
 )
-from tests.firmware_link.conformance import greeting, hump
 from tests.firmware_link.firmware.compiled_core import (
     FULL_OUTPUT,
     US_PER_S,
@@ -64,6 +63,7 @@ from tests.firmware_link.firmware.compiled_core import (
     sense_now,
     with_sanitizers,
 )
+from tests.firmware_link.law_host import greeting, hump
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import BOOT_ID, reference
 

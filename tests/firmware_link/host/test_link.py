@@ -27,7 +27,7 @@ from firmware_link.protocol.messages import (
     encode_drive,
 )
 from tests.firmware_link.clicks import Clicks
-from tests.firmware_link.conformance import greeting
+from tests.firmware_link.law_host import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig, decode_messages
 from tests.tools.virtual import MS

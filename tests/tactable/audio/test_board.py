@@ -9,7 +9,7 @@ from base.arrays import Array
 from firmware_link.protocol.messages import ChannelDrive
 from tactable.audio.board import AudioBoard, CardPace
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
-from tests.firmware_link.conformance import RAMP_US, Host
+from tests.firmware_link.law_host import RAMP_US, Host
 from tests.firmware_link.strategies import channel_drives, messages
 from tests.tactable.audio.cards import OUTPUT, core
 
