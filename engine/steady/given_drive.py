@@ -12,7 +12,7 @@ import numpy as np
 
 from base.arrays import Array, Complex
 from engine.device import Device
-from engine.steady.cases import axes_of, cases_at, sample_deviations
+from engine.steady.cases import Deviations, FingerCases, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes
 from engine.steady.plain_loading import PlainLoading
 from engine.touch.placement import MOST_FINGERS
@@ -34,7 +34,21 @@ def compute_levels(
     """
     corner_m = device.surface.corner_m
     deviations = _deviations(len(positions_m), CASES, axes_of(corner_m))
-    cases = cases_at(np.array(positions_m), deviations, device.finger, corner_m)
+    return _levels(modes, cases_at(np.array(positions_m), deviations, device.finger, corner_m), hz, amplitude)
+
+
+def standard_levels(
+    device: Device, modes: Modes, positions_m: Sequence[complex], hz: Sequence[float], amplitude: Complex
+) -> Array:
+    """The first row of `compute_levels` alone, (finger,), in a thirtieth of its time."""
+    fingers = len(positions_m)
+    exact = Deviations(offset=np.zeros((1, fingers)), exponent=np.zeros((1, fingers, 3)))
+    cases = cases_at(np.array(positions_m), exact, device.finger, device.surface.corner_m)
+    standard: Array = _levels(modes, cases, hz, amplitude)[0]
+    return standard
+
+
+def _levels(modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Complex) -> Array:
     power, tones = np.zeros(cases.position_m.shape), np.array(hz)
     for tone_hz in np.unique(tones[amplitude != 0]):
         lines, weight = _neighbours(float(tone_hz), modes.frequency_hz)

@@ -110,8 +110,7 @@ class CommandReader:
     def _drive(self, record: Record, placement: Placement, _: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]
         channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-        promise = self._promises.of_channels(placement, drive)
-        return channels, promise.level_db.tolist(), math.inf
+        return channels, self._promises.of_channels(placement, drive).tolist(), math.inf
 
 
 _Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float]

@@ -7,26 +7,23 @@ promise of a drive is what a sum of modes makes of it.
 """
 
 import cmath
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from base.arrays import Array, Complex
-from engine.device import Device
+from base.arrays import Array
 from engine.steady import SteadyDrive
+from engine.steady.given_drive import standard_levels
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
 from engine.table.click_entry import played_at
 from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis, compute_modal_model
-from precompute.model.transfers import transfers_at
 from tactable.explain.words import zone_names
-from tactable.rig.first_table import modes_of
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -43,25 +40,6 @@ class Promise:
     placement: Placement
     acceleration_m_per_s2: Array
     level_db: Array
-
-
-class _ModalBar:
-    """The surface in some modes, on which standard fingers lie: its steady motion takes no compiled kernel."""
-
-    def __init__(self, device: Device) -> None:
-        self._device, self._basis = device, compute_basis(assemble(device), modes_of(device))
-        self._force = compute_modal_model(self._basis).push
-
-    def acceleration(self, frequency_hz: float, position_m: tuple[complex, ...]) -> Complex:
-        """Acceleration (finger, actuator) in m/s^2 under fingers at these positions, at full scale of each actuator."""
-        s, basis, finger = 2j * np.pi * frequency_hz, self._basis, self._device.finger
-        rows = basis.at(np.array(position_m))
-        touch = finger.stiffness_n_per_m + s * finger.damping_n_s_per_m + s**2 * finger.mass_kg
-        dynamic = np.diag(basis.square_omega + s**2) + s * basis.damping + touch * (rows.T @ rows)
-        force = self._force[:, 0] + s * self._force[:, 1]
-        transfers = transfers_at(self._device.actuators, np.array(s))
-        per_base = s**2 * rows @ np.linalg.solve(dynamic, force)
-        return np.asarray(per_base if transfers is None else per_base * transfers, dtype=np.complex128)
 
 
 class Promises:
@@ -82,10 +60,6 @@ class Promises:
         from engine.steady.steady_solver import SteadySolver
 
         return SteadySolver(self._table.device, self._table.modes)
-
-    @cached_property
-    def _bar(self) -> _ModalBar:
-        return _ModalBar(self._table.device)
 
     def prepare(self) -> None:
         """Load what promises of clicks take, up to a second."""
@@ -112,37 +86,28 @@ class Promises:
         return row, self._of_drive(placement, row)
 
     def _of_drive(self, placement: Placement, drive: SteadyDrive | BestRow) -> Promise:
-        """The promise of a drive by finite elements, at its own frequencies."""
+        """The promise of a drive by finite elements, at its own frequencies.
+
+        Of tones of different frequencies magnitudes add, and levels in power.
+        """
         from precompute.model.response import solve_response
 
-        loaded = self._plant.with_fingers(placement.position_m, self._table.device.finger)
-        position_m = np.array(placement.position_m)
-        return self._of_tones(
-            placement,
-            drive.frequencies_hz,
-            drive.complex_amplitudes,
-            lambda hz: solve_response(loaded, np.array([hz])).acceleration(position_m)[0].T,
-        )
+        device, position_m = self._table.device, np.array(placement.position_m)
+        loaded = self._plant.with_fingers(placement.position_m, device.finger)
+        tones_hz, base = np.array(drive.frequencies_hz), drive.complex_amplitudes
+        acceleration, weighted = np.zeros((2, len(position_m)))
+        for hz in np.unique(tones_hz[base != 0]):
+            response = solve_response(loaded, np.array([hz])).acceleration(position_m)[0].T
+            reached = abs(response @ np.where(tones_hz == hz, base, 0))
+            acceleration = acceleration + reached
+            weighted = np.hypot(weighted, reached / device.threshold.peak_m_per_s2(np.array([hz])))
+        return Promise(placement, acceleration, 20 * np.log10(np.maximum(weighted, _SILENT)))
 
-    def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Promise:
-        """What a steady drive gives, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
+    def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Array:
+        """Levels (finger,) of a steady drive, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
         base = np.array([cmath.rect(channel.amplitude, channel.phase_rad) for channel in channels])
         tones_hz = [channel.frequency_hz for channel in channels]
-        return self._of_tones(placement, tones_hz, base, lambda hz: self._bar.acceleration(hz, placement.position_m))
-
-    def _of_tones(
-        self, placement: Placement, tones_hz: Sequence[float], base: Complex, response_at: Callable[[float], Complex]
-    ) -> Promise:
-        """Of tones of different frequencies magnitudes add, and levels in power.
-
-        tones_hz, base (actuator,): frequency and complex amplitude; response_at gives (finger, actuator).
-        """
-        acceleration, weighted = np.zeros((2, len(placement.position_m)))
-        for hz in {hz for hz, amplitude in zip(tones_hz, base, strict=True) if amplitude}:
-            reached = abs(response_at(hz) @ np.where(np.array(tones_hz) == hz, base, 0))
-            acceleration = acceleration + reached
-            weighted = np.hypot(weighted, reached / self._table.device.threshold.peak_m_per_s2(np.array([hz])))
-        return Promise(placement, acceleration, 20 * np.log10(np.maximum(weighted, _SILENT)))
+        return standard_levels(self._table.device, self._table.modes, placement.position_m, tones_hz, base)
 
     def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:
         """The table's click of the nearest places, and its promise; None where the table has none."""

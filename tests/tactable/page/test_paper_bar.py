@@ -38,7 +38,7 @@ def test_a_row_of_two_frequencies_moves_the_bar_with_both(table: Table) -> None:
     channels = [ChannelDrive(*each) for each in zip(row.frequencies_hz, row.amplitudes, row.phases_rad, strict=True)]
     paper = view.picture().paper
     assert paper is not None
-    assert list(paper.simulated_db) == pytest.approx(Promises(table).of_channels(PAIR, channels).level_db, abs=0.5)
+    assert list(paper.simulated_db) == pytest.approx(Promises(table).of_channels(PAIR, channels), abs=0.5)
 
 
 def test_beside_a_click_the_drive_ends_when_the_click_does(table: Table) -> None:
