@@ -13,7 +13,7 @@ from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.click_renderer import RenderedClicks
 from engine.render.limits import link_configuration
 from engine.render.link_commands import RendererError
-from engine.render.renderer import Renderer, Steady, WhenNotAchieved
+from engine.render.renderer import Renderer, Steady
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration
@@ -44,14 +44,15 @@ def render_table(
     table: Table,
     effects: Effects,
     capabilities: Capabilities,
-    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     bit_rate_hz: int = 115_200,
     *,
+    refuses: bool = False,
     has_kernels: bool = True,
     click_ns: int | None = None,
 ) -> Rendering:
     """Fit a table to the rules and a device; raises RendererError and LimitError where they do not fit together.
 
+    refuses: silence is played where a level is not reached, in place of the strongest that there is.
     has_kernels: the kernels that solve steady drives may be loaded; without them drives are solved in NumPy.
     click_ns: how long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks.
     """
@@ -61,7 +62,6 @@ def render_table(
     lease_ms = min(configuration.lease_ms, capabilities.longest_lease_ms)
     basis = choose_basis(clicks.basis if effects.have_clicks else None, capabilities, bit_rate_hz, lease_ms)
     basis = scaled(basis, fit.scales)
-    refuses = when_not_achieved is WhenNotAchieved.REFUSE
     steady: Steady
     if effects.drives is Drives.ZONES:
         if not table.best_rows:

@@ -5,7 +5,6 @@ after `clamp`, the bytes of a SET. Both are remembered, so the same fingers cost
 """
 
 from collections.abc import Sequence
-from enum import StrEnum
 from typing import Protocol
 
 from engine.render.click_renderer import RenderedClicks
@@ -22,17 +21,6 @@ class Steady(Protocol):
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
         """The drive for these fingers at this level; held_hz: frequency of the drive that they have, and moved."""
-
-
-class WhenNotAchieved(StrEnum):
-    """What is played for fingers under which the wanted level is not reached, or quiet ones not kept quiet."""
-
-    REFUSE = "refuse"
-    """Silence."""
-    WARN = "warn"
-    """The strongest drive or click there is, and a note to the user."""
-    GO_ON = "go-on"
-    """The strongest drive or click there is."""
 
 
 class Renderer:

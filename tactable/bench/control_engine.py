@@ -9,7 +9,6 @@ from base.child import Parent
 from base.plain import to_plain
 from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.loop import SystemClock
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from firmware_link.host.descriptor_port import DescriptorPort
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
@@ -34,7 +33,6 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         assert ring is not None  # it is needed
         options = LiveOptions(
             effects,
-            WhenNotAchieved.GO_ON,
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
             fast=fast_library() if arguments["has_fast_path"] else None,

@@ -17,7 +17,6 @@ from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
 from engine.loop.observer import Trace
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch import open_digitizer
 from engine.touch.sources import OnClock
@@ -205,7 +204,7 @@ def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes
     """
     clock = _PacedClock()
     memory = _Memory(stream, count, configuration_of(table.device), clock)
-    options = LiveOptions(DEFAULT_EFFECTS, WhenNotAchieved.GO_ON, True, _MEMORY_BIT_RATE_HZ, fast=library)
+    options = LiveOptions(DEFAULT_EFFECTS, reconnect=True, bit_rate_hz=_MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
     write_ns = np.array(memory.write_ns, np.float64)

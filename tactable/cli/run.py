@@ -20,7 +20,6 @@ from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.loop.ring import RingWriter
 from engine.loop.table_swap import Updates
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
@@ -61,8 +60,11 @@ _NS_PER_S = 1_000_000_000
 TouchName = Annotated[
     str, typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
 ]
-NotAchieved = Annotated[
-    WhenNotAchieved, typer.Option("--when-not-achieved", help="What to do where the bar cannot reach a level.")
+Refuses = Annotated[
+    bool,
+    typer.Option(
+        "--refuse-not-achieved", help="Play silence where the bar cannot reach a level; default: the strongest it can."
+    ),
 ]
 RequiredDevice = Annotated[
     str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
@@ -114,7 +116,7 @@ def run(
     port_name: PortName,
     effects_path: EffectsPath = None,
     drives: DrivesOf = None,
-    when_not_achieved: NotAchieved = WhenNotAchieved.WARN,
+    refuses: Refuses = False,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
     device_name: RequiredDevice = None,
     bit_rate_hz: BitRate = 115_200,
@@ -154,14 +156,14 @@ def run(
         port = open_port(port_name, bit_rate_hz)
         reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
-        options = LiveOptions(effects, when_not_achieved, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
+        options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
         source, bus = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
         stop = stack.enter_context(stop_at_signal())
         zones = tuple(zone.name for zone in table.device.zones)
 
         def watched(capabilities: Capabilities) -> Updates:
-            asked = Watched(table_path, identity, zones, effects, capabilities, when_not_achieved, port.bit_rate_hz)
+            asked = Watched(table_path, identity, zones, effects, capabilities, refuses, port.bit_rate_hz)
             return stack.enter_context(TableWatch(asked))
 
         solves = solve and effects.have_clicks and bool(table.clicks)
@@ -180,7 +182,7 @@ def run(
             shown = stack.enter_context(_page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0))
             _note_all(shown.read()["lines"])
         _note_all([] if slot is None else slot.lines)
-        _announce(source, port, live, when_not_achieved)
+        _announce(source, port, live, refuses)
         where = {"table": str(table_path), "device": table.device.name, "port": port.path}
         _play(live, source, clock, stop, seconds, where, as_json)
 
@@ -278,12 +280,12 @@ def _told(opened_again: Callable[[], OpenPort]) -> Callable[[], OpenPort]:
     return open_and_tell
 
 
-def _announce(source: Source, port: OpenPort, live: Live, when_not_achieved: WhenNotAchieved) -> None:
+def _announce(source: Source, port: OpenPort, live: Live, refuses: bool) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
     ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", soft_wrap=True)
     for text in (*port.notes, *live.fit.notes):
         note(text)
-    if when_not_achieved is WhenNotAchieved.WARN:
+    if not refuses:
         for level_db, clicks in live.renderer.click_shortfalls.items():
             if clicks:
                 unfelt = "without being felt by quiet fingers: they are played as strong as they get"

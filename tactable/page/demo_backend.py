@@ -113,11 +113,6 @@ class DemoBackend(PageBackend):
         self._status, self._trouble = "starting", ""
         self._news = asyncio.Event()
 
-    @property
-    def process_ids(self) -> tuple[int, ...]:
-        """Process ids of the emulated firmware and the engine, of those that run."""
-        return tuple(part.child.process.pid for part in (self._firmware, self._engine) if part is not None)
-
     # ---- for the server -----------------------------------------------------------------------------------
 
     def scene(self) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from engine.loop.reconnect import Reopening
 from engine.loop.table_swap import Updates
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources import Source
 from firmware_link.host.link import Link
@@ -37,7 +36,8 @@ class LiveOptions:
     """Options of a run: rules, what the loop does about losses, real-time settings, the compiled step."""
 
     effects: Effects = DEFAULT_EFFECTS
-    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
+    refuses: bool = False
+    """Silence where a level is not reached, in place of the strongest drive or click that there is."""
     reconnect: bool = False
     """A device that stopped itself is greeted and armed again; otherwise that ends the run."""
     bit_rate_hz: int = 115_200
@@ -92,8 +92,15 @@ class Live:
         self.timing = Timing()
         greeting = Link(link_configuration(table.device, options.bit_rate_hz))
         self.capabilities = connect(Session(greeting, port, clock.now_ns), clock)
-        fits = effects, self.capabilities, options.when_not_achieved, options.bit_rate_hz
-        rendering = render_table(table, *fits, has_kernels=options.has_kernels, click_ns=options.click_ns)
+        rendering = render_table(
+            table,
+            effects,
+            self.capabilities,
+            options.bit_rate_hz,
+            refuses=options.refuses,
+            has_kernels=options.has_kernels,
+            click_ns=options.click_ns,
+        )
         self.renderer = rendering.renderer
         self.fit = rendering.fit
         """How the first table's amplitudes are played on the board."""

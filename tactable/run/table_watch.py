@@ -22,7 +22,6 @@ from engine.loop.fast.fast_table import FastRendering, with_fast_table
 from engine.render.limits import LimitError
 from engine.render.link_commands import RendererError
 from engine.render.prepared import Rendering, render_table
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
 from tactable.run.beside_loop import BesideLoop
@@ -48,7 +47,7 @@ class Watched:
     zones: tuple[str, ...]
     effects: Effects
     capabilities: Capabilities
-    when_not_achieved: WhenNotAchieved
+    refuses: bool
     bit_rate_hz: int
 
 
@@ -149,9 +148,8 @@ def _rendered(watched: Watched) -> FastRendering:
         if zones != watched.zones:
             was = ", ".join(watched.zones)
             raise TableError(f"{watched.path}: has zones {', '.join(zones)}, the run began with {was}: start it again")
-        rendering = render_table(
-            table, watched.effects, watched.capabilities, watched.when_not_achieved, watched.bit_rate_hz
-        )
+        fits = watched.effects, watched.capabilities, watched.bit_rate_hz
+        rendering = render_table(table, *fits, refuses=watched.refuses)
         return with_fast_table(rendering, watched.capabilities)
 
 

@@ -19,7 +19,6 @@ from engine.loop.command_latency import Stage
 from engine.loop.loop import SystemClock
 from engine.loop.observer import CommandRecord, Fate, Trace
 from engine.loop.realtime import Step
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.host.clock import OffsetBounds
@@ -82,9 +81,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         )
         trace = Trace()
         effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if segment.has_zones else DEFAULT_EFFECTS
-        options = LiveOptions(
-            effects, WhenNotAchieved.GO_ON, True, segment.bit_rate_hz, segment.steps, segment.processor, fast
-        )
+        rate_hz, steps = segment.bit_rate_hz, segment.steps
+        options = LiveOptions(effects, False, True, rate_hz, steps, segment.processor, fast)
         if segment.has_busy_thread:
             stack.enter_context(_busy_thread())
         live = Live(table, source, port, SystemClock(), options, trace)

@@ -13,7 +13,6 @@ from base.child import Parent
 from engine.effects.rules import Drives
 from engine.loop.loop import SystemClock
 from engine.loop.ring import RingWriter
-from engine.render.renderer import WhenNotAchieved
 from engine.table import Table
 from engine.touch.sources.pointer import PointerSource
 from firmware_link.host.link_values import Capabilities
@@ -125,7 +124,6 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         has_several = table.clicks.finger_place.shape[1] > 1  # else all of several fingers are solved
         options = LiveOptions(
             effects,
-            WhenNotAchieved.GO_ON,
             reconnect=True,
             bit_rate_hz=PTY_BIT_RATE_HZ,
             has_kernels=order.has_kernels,

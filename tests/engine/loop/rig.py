@@ -26,7 +26,7 @@ from engine.render.chosen_basis import choose_basis
 from engine.render.click_renderer import RenderedClicks
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
-from engine.render.renderer import Renderer, WhenNotAchieved
+from engine.render.renderer import Renderer
 from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows
@@ -127,7 +127,7 @@ class Rig:
     clicks: Clicks = NO_CLICKS
     rows: BestRows | None = None
     """Drives of zones are played, of these rows."""
-    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN
+    refuses: bool = False
     solving: ClickSolving | None = None
     control: ControlSlot | None = None
     updates: Updates | None = None
@@ -149,7 +149,7 @@ class Rig:
         self.session = session
         self.start_ns = self.line.time_ns
         source = Packets(self.recording, self.speed)
-        device, refuses = self.device, self.when_not_achieved is WhenNotAchieved.REFUSE
+        device, refuses = self.device, self.refuses
         self.steady = MadeSteady(device, refuses=refuses)
         clicks = RenderedClicks(self.clicks, basis, refuses)
         zones = None if self.rows is None else ZoneDrives(device, capabilities, self.rows, refuses, (1.0, 1.0))

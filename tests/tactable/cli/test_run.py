@@ -88,9 +88,11 @@ def test_touches_of_a_recording_are_played_and_counted(folder: Path, line: Line)
     assert sounds(line.log) == [True, False] * 2
 
 
-@pytest.mark.parametrize(("when", "played_fingers"), [("refuse", 0), ("warn", 2), ("go-on", 2)])
-def test_what_is_not_achieved_is_refused_or_played(folder: Path, line: Line, when: str, played_fingers: int) -> None:
-    summary, _ = played(folder, "--when-not-achieved", when, "--effects", "held.toml")
+@pytest.mark.parametrize(("when", "played_fingers"), [(["--refuse-not-achieved"], 0), ([], 2)])
+def test_what_is_not_achieved_is_refused_or_played(
+    folder: Path, line: Line, when: list[str], played_fingers: int
+) -> None:
+    summary, _ = played(folder, *when, "--effects", "held.toml")
     assert summary["not_achieved"] == 2
     assert sounds(line.log) == [True, False] * played_fingers
 

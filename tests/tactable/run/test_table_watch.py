@@ -15,7 +15,6 @@ import pytest
 
 from engine.device import Device
 from engine.loop.fast.fast_table import FastRendering
-from engine.render.renderer import WhenNotAchieved
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.drive_log import Cause
@@ -116,7 +115,7 @@ def test_each_new_table_is_taken_once_and_one_that_fails_a_check_is_refused_by_n
     write(path, 1.0)
     assert capabilities is not None
     zones = tuple(zone.name for zone in DEVICE.zones)
-    values = (BURSTS, capabilities, WhenNotAchieved.WARN, 1_000_000)
+    values = (BURSTS, capabilities, False, 1_000_000)
     look = TableLook(Watched(path, identity_of(path), zones, *values))
     assert look.take_new() is None
     data = bytearray(path.read_bytes())

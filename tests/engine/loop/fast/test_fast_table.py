@@ -10,7 +10,6 @@ from engine.effects.rules import Effects, Rule, Trigger, click
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_table import FastTable, with_fast_table
 from engine.render.link_commands import PlayCommand
-from engine.render.renderer import WhenNotAchieved
 from engine.touch.places import Places
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import encode_play
@@ -29,10 +28,10 @@ def table_of(rig: Rig) -> FastTable:
     return rig.rendering.fast_table
 
 
-@pytest.mark.parametrize("when_not_achieved", [WhenNotAchieved.WARN, WhenNotAchieved.REFUSE])
-def test_every_click_of_every_level_is_the_one_that_the_renderer_gives(when_not_achieved: WhenNotAchieved) -> None:
+@pytest.mark.parametrize("refuses", [False, True])
+def test_every_click_of_every_level_is_the_one_that_the_renderer_gives(refuses: bool) -> None:
     clicks = varied_clicks(DEVICE)
-    rig = Rig(IDLE, effects=EFFECTS, clicks=clicks, when_not_achieved=when_not_achieved)
+    rig = Rig(IDLE, effects=EFFECTS, clicks=clicks, refuses=refuses)
     table, refused = table_of(rig), 0
     for level, level_db in enumerate(table.levels_db):
         for row in range(len(clicks)):
@@ -45,7 +44,7 @@ def test_every_click_of_every_level_is_the_one_that_the_renderer_gives(when_not_
             else:
                 refused += 1
                 assert amplitude == NONE
-    assert (refused > 0) == (when_not_achieved is WhenNotAchieved.REFUSE)
+    assert (refused > 0) == refuses
 
 
 def test_a_set_that_the_device_does_not_hold_is_not_played() -> None:

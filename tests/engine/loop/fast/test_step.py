@@ -13,7 +13,6 @@ import engine.loop.fast.library as library_module
 from engine.device import Device
 from engine.effects.rules import Drives, Effects, Rule, Trigger, click
 from engine.loop.observer import CommandRecord, Fate
-from engine.render.renderer import WhenNotAchieved
 from engine.table.best_rows import BestRows
 from engine.touch.sources.recording import Recording
 from tests.engine.loop.fast.scripts import (
@@ -66,8 +65,8 @@ def both(
     recording: Recording,
     effects: Effects,
     device: Device = DEVICE,
-    when_not_achieved: WhenNotAchieved = WhenNotAchieved.WARN,
     *,
+    refuses: bool = False,
     is_complete: bool = False,
     rows: BestRows | None = None,
 ) -> Both:
@@ -81,7 +80,7 @@ def both(
             device=device,
             clicks=clicks,
             rows=rows,
-            when_not_achieved=when_not_achieved,
+            refuses=refuses,
         ).run()
         for rig in (Rig, FastRig)
     )
@@ -100,8 +99,8 @@ devices = pytest.mark.parametrize("device", [DEVICE, GAPS, PLATE], ids=["zones s
 def random_run(random: np.random.Generator, device: Device, drives: Drives, rows: BestRows | None) -> Both:
     """The same with and without the fast path, whatever fingers do and rules say."""
     frames, rules = random_frames(random, 14), random_rules(random, device)
-    refuses = WhenNotAchieved.REFUSE if random.random() < 0.3 else WhenNotAchieved.WARN
-    return both(recording_of(*frames), Effects(rules, drives=drives), device, refuses, rows=rows)
+    refuses = random.random() < 0.3
+    return both(recording_of(*frames), Effects(rules, drives=drives), device, refuses=bool(refuses), rows=rows)
 
 
 @devices
