@@ -24,11 +24,11 @@ _CONTACT_USAGES = {
 }
 # Apple's touch bars say so; many others send Touch beside Tip Switch, where it is something else.
 _STAND_INS = {_TOUCH: _TIP, _TRANSDUCER_INDEX: _CONTACT_ID}
-_DEVICE_MODE, _CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0052, 0x000D_0054, 0x000D_0055, 0x000D_0056
+_CONTACT_COUNT, _CONTACT_COUNT_MAXIMUM, _SCAN_TIME = 0x000D_0054, 0x000D_0055, 0x000D_0056
 _CERTIFICATION_BLOB = 0xFF00_00C5  # of Windows touch devices; it marks the kernel's class Win8
 _REQUIRED_USAGES = (_X, _Y, _TIP, _CONTACT_ID, _CONTACT_COUNT)
 _INPUT_USAGES = (*_CONTACT_USAGES, *_STAND_INS, _CONTACT_COUNT, _SCAN_TIME)
-_FEATURE_USAGES = (_DEVICE_MODE, _CONTACT_COUNT_MAXIMUM, _CERTIFICATION_BLOB)
+_FEATURE_USAGES = (_CONTACT_COUNT_MAXIMUM, _CERTIFICATION_BLOB)
 
 
 class SurfaceKind(Enum):
@@ -66,10 +66,10 @@ class ReportLayout:
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """One touch application of an interface: its input reports and the features that govern it.
+    """One touch application of an interface: its input reports, and the most contacts that it says it tells apart.
 
     `is_win8`: it has contact IDs and the certification blob. `is_stylus`: its contacts are pens. A feature is the
-    application's own, else any of the interface; Device Mode, mostly declared apart, is never another surface's.
+    application's own, else any of the interface.
     """
 
     kind: SurfaceKind
@@ -78,8 +78,6 @@ class Surface:
     uses_report_ids: bool
     reports: tuple[ReportLayout, ...]
     contact_count_maximum: Field | None
-    device_mode: Field | None
-    certification_blob: Field | None
 
     @property
     def report_id(self) -> int:
@@ -163,8 +161,6 @@ def _build_surface(application: Application, declared: Declarations) -> Surface 
         uses_report_ids=declared.uses_report_ids,
         reports=tuple(report for report in reports if report.contacts or report.contact_count is not None),
         contact_count_maximum=_feature(_CONTACT_COUNT_MAXIMUM, application, declared),
-        device_mode=_device_mode(application, declared),
-        certification_blob=blob,
     )
 
 
@@ -230,18 +226,6 @@ def _is_readable(use: FieldUse, declared: Declarations) -> bool:
 def _field(use: FieldUse, declared: Declarations) -> Field:
     """The field counted from the report's first byte."""
     return replace(use.field, bit=use.field.bit + 8) if declared.uses_report_ids else use.field
-
-
-def _device_mode(application: Application, declared: Declarations) -> Field | None:
-    """Device Mode of an application: its own field, else that of a configuration collection, the next one first.
-
-    A Device Mode in another touch application is never taken.
-    """
-    surfaces = [each for each in declared.applications if each.usage in _APPLICATIONS]
-    others = {use for each in surfaces if each is not application for use in each.features}
-    end = max((use.offset for uses in application.inputs.values() for use in uses), default=0)
-    apart = sorted((use for use in declared.features if use not in others), key=lambda use: use.offset < end)
-    return _feature(_DEVICE_MODE, application, replace(declared, features=apart))
 
 
 def _feature(usage: int, application: Application, declared: Declarations) -> Field | None:

@@ -44,8 +44,8 @@ def open_found(system: HidSystem, device: HidDigitizer) -> tuple[Digitizer | Non
         digitizer = open_digitizer(descriptor, device.vendor_id, device.product_id, device.report_id)
     except (DescriptorError, DigitizerError) as error:
         return None, str(undecodable(system, device, error))
-    if system.has_nodes and not os.access(device.path, os.R_OK):
-        return digitizer, str(refusal(system, device, PermissionError()))
+    if not os.access(device.path, os.R_OK):
+        return digitizer, str(refusal(device, PermissionError()))
     return digitizer, None
 
 
@@ -55,16 +55,10 @@ def examine(machine: Machine) -> list[Check]:
         system = machine.hid()
         found = find_digitizers(system)
     except DigitizerError as error:
-        return [Check("hidapi", str(error), "run `pip install hidapi`"), *check_ports(machine.ports(), machine.files)]
-    checks = [_check_backend(system), *_check_digitizers(system, found)]
+        checks = [Check("hidapi", str(error), "run `pip install -U hidapi`")]
+    else:
+        checks = [Check("hidapi", "module hidraw"), *_check_digitizers(system, found)]
     return [*checks, *check_ports(machine.ports(), machine.files)]
-
-
-def _check_backend(system: HidSystem) -> Check:
-    if not system.has_nodes:
-        finding = "libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth"
-        return Check("hidapi", finding, "install a hidapi wheel with the module hidraw: `pip install -U hidapi`")
-    return Check("hidapi", f"module {system.backend}")
 
 
 def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[Check]:
@@ -76,7 +70,7 @@ def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[
         what = f"digitizer {device.path}"
         if problem is None:
             checks.append(Check(what, f"{device.name or device.number}: readable"))
-        elif system.has_nodes and not os.access(device.path, os.R_OK):
+        elif not os.access(device.path, os.R_OK):
             checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
         else:
             node = find_event_node(system, device) or "another digitizer, or a page's pointer events"

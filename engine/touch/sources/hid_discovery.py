@@ -23,74 +23,30 @@ _VENDOR_AND_PRODUCT = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
 _KERNEL_BUS = {1: 0x03, 2: 0x05, 3: 0x18, 4: 0x1C}
 
 
-class HidHandle(Protocol):
-    """The part of hidapi's `device` that is used."""
-
-    def open_path(self, path: bytes) -> None:
-        """Open read-write; OSError says "open failed" and no more."""
-
-    def close(self) -> None:
-        """Give the device back."""
-
-    def error(self) -> str:
-        """Why the last call failed."""
-
-    def set_nonblocking(self, value: int) -> int:
-        """With 1 a read does not wait."""
-
-    def read(self, max_length: int) -> list[int]:
-        """One report, empty for none; OSError once the device is gone."""
-
-    def get_report_descriptor(self) -> list[int]:
-        """The device's bytes."""
-
-    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
-        """Report ID (0 for a device without report IDs), then the report."""
-
-    def send_feature_report(self, buff: bytes) -> int:
-        """As `get_feature_report`; negative for a failure."""
-
-
 class HidModule(Protocol):
     """The part of a hidapi module that is used."""
 
     def enumerate(self) -> list[dict[str, Any]]:
         """One entry per top-level collection."""
 
-    def device(self) -> HidHandle:
-        """A handle that is not open."""
-
 
 @dataclass(frozen=True)
 class HidSystem:
-    """A module of hidapi by its name, and where the kernel describes the nodes."""
+    """hidapi's module, which lists devices, and where the kernel describes their nodes, Linux's own /dev/hidrawN."""
 
     module: HidModule
-    backend: str
     sysfs: Path = Path("/sys/class/hidraw")
-
-    @property
-    def has_nodes(self) -> bool:
-        """Paths are Linux's own /dev/hidrawN: readable without hidapi, by a descriptor that can be waited on."""
-        return self.backend == "hidraw"
-
-    @property
-    def ring_size(self) -> int:
-        """Unread reports that are kept; the kernel then drops the newest, hidapi's own threads the oldest."""
-        return 63 if self.has_nodes else 31
 
 
 def load_hid_system(import_module: Callable[[str], object] = importlib.import_module) -> HidSystem:
-    """The right module of hidapi: `hidraw` where there is one. Raises `DigitizerError` when hidapi is not installed.
+    """The module `hidraw` of hidapi. Raises `DigitizerError` where there is none.
 
-    `hid` is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
+    Its other one, `hid`, is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
     """
-    for name in ("hidraw", "hid"):
-        try:
-            return HidSystem(cast(HidModule, import_module(name)), name)
-        except ImportError:
-            continue
-    raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
+    try:
+        return HidSystem(cast(HidModule, import_module("hidraw")))
+    except ImportError:
+        raise DigitizerError("hidapi with its module hidraw is not installed: run `pip install -U hidapi`") from None
 
 
 @dataclass(frozen=True)
@@ -138,7 +94,7 @@ def find_digitizers(system: HidSystem) -> tuple[HidDigitizer, ...]:
 
 def _digitizer(system: HidSystem, path: str, collection: dict[str, Any]) -> HidDigitizer:
     manufacturer, product = (collection.get(f"{key}_string") or "" for key in ("manufacturer", "product"))
-    kernel = _read_uevent(system.sysfs, path) if system.has_nodes else {}
+    kernel = _read_uevent(system.sysfs, path)
     return HidDigitizer(
         path=path,
         name=product if product.startswith(manufacturer) else f"{manufacturer} {product}".strip(),
@@ -209,10 +165,10 @@ def udev_rule(vendor_id: int, product_id: int) -> str:
     return f'SUBSYSTEM=="hidraw", KERNELS=="*:{vendor_id:04X}:{product_id:04X}.*", TAG+="uaccess"'
 
 
-def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> DigitizerError:
+def refusal(device: HidDigitizer, reason: object) -> DigitizerError:
     """Why a device cannot be opened or read, and what to do about it."""
     what = f"{device.path} ({device.name or device.number})"
-    if system.has_nodes and isinstance(reason, PermissionError):
+    if isinstance(reason, PermissionError):
         return DigitizerError(
             f"no permission to read {what}: put this udev rule into {RULE_FILE} "
             f"(`tactable doctor --emit-udev` prints it), then plug the device in again: "
@@ -224,7 +180,7 @@ def refusal(system: HidSystem, device: HidDigitizer, reason: object) -> Digitize
 def find_event_node(system: HidSystem, device: HidDigitizer) -> str | None:
     """Path of the device's input node with multitouch slots, which a kernel driver fills; None without one."""
     inputs = system.sysfs / Path(device.path).name / "device" / "input"
-    for node in sorted(inputs.glob("input*/event*")) if system.has_nodes else ():
+    for node in sorted(inputs.glob("input*/event*")):
         try:
             words = (node.parent / "capabilities" / "abs").read_text(encoding="ascii").split()
         except OSError:

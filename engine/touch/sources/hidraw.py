@@ -8,30 +8,25 @@ import struct
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Protocol
 
-from engine.touch.choice import open_digitizer
-from engine.touch.descriptor import DescriptorError, Field, Surface, SurfaceKind
 from engine.touch.digitizer import DigitizerError
 from engine.touch.sources import LIFT_ALL, OnClock
 from engine.touch.sources.hid_discovery import (
     HidDigitizer,
-    HidHandle,
     HidSystem,
     find_digitizers,
     refusal,
     select_digitizer,
 )
 
+RING_SIZE = 63
+"""Unread reports that the kernel keeps; it then drops the newest."""
 # With a smaller buffer the rest of a report is lost.
 _READ_BYTES = 4096
-# Without a descriptor to wait on: a quarter of the usual frame of 8 ms.
-_POLL_NS = 2_000_000
 _FIRST_RETRY_NS = 250_000_000
 _LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/reopening.py)
 # _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
 _HIDIOCGRDESCSIZE, _HIDIOCGRDESC = 0x80044801, 0x90044802
-_MODES = {SurfaceKind.TOUCH_SCREEN: 2, SurfaceKind.MULTI_POINT: 2, SurfaceKind.TOUCH_PAD: 3}
 
 
 class Connection(Enum):
@@ -49,7 +44,6 @@ class HidrawCounters:
     overflows: int = 0
     losses: int = 0
     reconnects: int = 0
-    failed_features: int = 0
 
 
 class HidrawSource(OnClock):
@@ -69,17 +63,16 @@ class HidrawSource(OnClock):
         self.vendor_id, self.product_id = device.vendor_id, device.product_id
         self._finder = _Finder(system, device)
         self._reconnects = reconnect
-        self._poll = select.epoll() if system.has_nodes else None
-        self._channel: _Channel | None = None
+        self._poll = select.epoll()
+        self._node: _Node | None = None
         self._burst = 0  # reports read since there was none
-        self._read_ns: int | None = None
         try:
-            self._attach(_open_channel(system, device, self.counters))
+            self._attach(_Node(system, device))
         except DigitizerError:
             self.close()
             raise
-        assert self._channel is not None
-        self.descriptor: bytes = self._channel.descriptor
+        assert self._node is not None
+        self.descriptor: bytes = self._node.descriptor
 
     @property
     def device(self) -> HidDigitizer:
@@ -89,7 +82,7 @@ class HidrawSource(OnClock):
     @property
     def state(self) -> Connection:
         """Whether the device is there."""
-        if self._channel is not None:
+        if self._node is not None:
             return Connection.CONNECTED
         return Connection.LOST if self._reconnects else Connection.CLOSED
 
@@ -99,30 +92,26 @@ class HidrawSource(OnClock):
         return self.state is Connection.CLOSED
 
     def fileno(self) -> int | None:
-        """One number for the source's life, whatever node the device has; None where hidapi must be asked."""
-        return None if self._poll is None else self._poll.fileno()
+        """One number for the source's life, whatever node the device has; None once it is closed."""
+        return None if self._poll.closed else self._poll.fileno()
 
     def next_time_ns(self) -> int | None:
-        """Time at which to look for a lost device, or to ask hidapi."""
-        if self.state is Connection.LOST:
-            return self._finder.retry_ns
-        if self._poll is not None or self.ended:
-            return None
-        return 0 if self._read_ns is None else self._read_ns + _POLL_NS
+        """Time at which to look for a lost device."""
+        return self._finder.retry_ns if self.state is Connection.LOST else None
 
     def read(self, now_ns: int) -> bytes | None:
         """The next report that is there; a device that is gone has none until it comes back."""
-        channel = self._channel or self._look_for_device(now_ns)
-        if channel is None:
+        node = self._node or self._look_for_device(now_ns)
+        if node is None:
             return None
         try:
-            report = channel.read()
+            report = node.read()
         except OSError as error:
             self._lose(error, now_ns)
             return self._lift_all(now_ns) if self._reconnects else None
         if report is None:
-            self._read_ns, burst, self._burst = now_ns, self._burst, 0
-            if burst < self._finder.system.ring_size:
+            burst, self._burst = self._burst, 0
+            if burst < RING_SIZE:
                 return None
             self.counters.overflows += 1
             return self._lift_all(now_ns)
@@ -132,13 +121,13 @@ class HidrawSource(OnClock):
     packet_head = 0
 
     def packet_fileno(self) -> int | None:
-        """The node itself, each read of which is one report; None while it is lost, and where hidapi reads."""
-        return None if self._channel is None or self._poll is None else self._channel.fileno()
+        """The node itself, each read of which is one report; None while it is lost."""
+        return None if self._node is None else self._node.fileno()
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
         """Take a report that the compiled wait read at `now_ns`; it may be the last available one."""
         self._count_report(now_ns)
-        if is_last and self._burst < self._finder.system.ring_size:
+        if is_last and self._burst < RING_SIZE:
             self._burst = 0
         return packet
 
@@ -155,42 +144,38 @@ class HidrawSource(OnClock):
     def close(self) -> None:
         """Give the device back; a second close does nothing."""
         self._reconnects = False
-        if self._channel is not None:
-            self._channel.close()
-            self._channel = None
-        if self._poll is not None:
-            self._poll.close()
-            self._poll = None
+        if self._node is not None:
+            self._node.close()
+            self._node = None
+        self._poll.close()
 
-    def _attach(self, channel: "_Channel") -> None:
-        descriptor = channel.fileno()
-        if self._poll is not None and descriptor is not None:
-            self._poll.register(descriptor, select.EPOLLIN)
-        self._channel = channel
+    def _attach(self, node: "_Node") -> None:
+        self._poll.register(node.fileno(), select.EPOLLIN)
+        self._node = node
         self.problem = None
 
     def _lose(self, error: OSError, now_ns: int) -> None:
-        assert self._channel is not None
-        self._channel.close()  # which also takes it out of the poll
-        self._channel = None
+        assert self._node is not None
+        self._node.close()  # which also takes it out of the poll
+        self._node = None
         self._burst = 0
         self.counters.losses += 1
-        self.problem = refusal(self._finder.system, self.device, error)
+        self.problem = refusal(self.device, error)
         self._finder.wait(now_ns, _FIRST_RETRY_NS)
 
-    def _look_for_device(self, now_ns: int) -> "_Channel | None":
+    def _look_for_device(self, now_ns: int) -> "_Node | None":
         """Open the device under its present path; each attempt waits twice as long as the one before."""
         if not self._reconnects or now_ns < self._finder.retry_ns:
             return None
         try:
-            channel = self._finder.reopen(self.descriptor, self.counters)
+            node = self._finder.reopen(self.descriptor)
         except DigitizerError as error:
             self.problem = error
             self._finder.wait(now_ns, min(2 * self._finder.pause_ns, _LAST_RETRY_NS))
             return None
-        self._attach(channel)
+        self._attach(node)
         self.counters.reconnects += 1
-        return channel
+        return node
 
 
 class _Finder:
@@ -206,7 +191,7 @@ class _Finder:
         """Look again after a pause."""
         self.pause_ns, self.retry_ns = pause_ns, now_ns + pause_ns
 
-    def reopen(self, descriptor: bytes, counters: HidrawCounters) -> "_Channel":
+    def reopen(self, descriptor: bytes) -> "_Node":
         """Open the device again. Raises DigitizerError while it is away, or where its descriptor is another one."""
         mine = self.device
 
@@ -223,12 +208,12 @@ class _Finder:
         if nearest is None:
             raise DigitizerError(f"{mine.name or mine.number} is unplugged: plug it in again")
         nearest = replace(nearest, report_id=mine.report_id)
-        channel = _open_channel(self.system, nearest, counters)
-        if channel.descriptor != descriptor:
-            channel.close()
+        node = _Node(self.system, nearest)
+        if node.descriptor != descriptor:
+            node.close()
             raise DigitizerError(f"{nearest.path} is another device than {mine.path} was: start the run again")
         self.device = nearest
-        return channel
+        return node
 
 
 def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> HidrawSource:
@@ -237,66 +222,38 @@ def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> Hidr
 
 
 def read_descriptor(system: HidSystem, device: HidDigitizer) -> bytes:
-    """The report descriptor, on Linux without opening the device. Raises `DigitizerError`."""
-    if system.has_nodes:
-        try:
-            return _read_sysfs_descriptor(system.sysfs, device.path)
-        except OSError:
-            pass  # an older kernel, or a container without /sys: the device itself says it
-    channel = _open_channel(system, device, HidrawCounters(), set_mode=False)
-    channel.close()
-    return channel.descriptor
+    """The report descriptor, where the kernel says it without opening the device. Raises `DigitizerError`."""
+    try:
+        return _read_sysfs_descriptor(system.sysfs, device.path)
+    except OSError:  # an older kernel, or a container without /sys: the device itself says it
+        node = _Node(system, device)
+        node.close()
+        return node.descriptor
 
 
 def _read_sysfs_descriptor(sysfs: Path, path: str) -> bytes:
     return (sysfs / Path(path).name / "device" / "report_descriptor").read_bytes()
 
 
-# ---- channels --------------------------------------------------------------------------------------------
-
-
-class _Channel(Protocol):
-    """An open device."""
-
-    descriptor: bytes
-
-    def fileno(self) -> int | None: ...
-
-    def read(self) -> bytes | None:
-        """The next report, None where the device has sent no further one; OSError when the device is gone."""
-
-    def close(self) -> None: ...
-
-
-def _open_channel(
-    system: HidSystem, device: HidDigitizer, counters: HidrawCounters, *, set_mode: bool = True
-) -> _Channel:
-    try:
-        if system.has_nodes:
-            return _Node(device.path, system.sysfs)
-        handle = _Handle(system.module.device(), device.path)
-    except OSError as error:
-        raise refusal(system, device, error) from error
-    if set_mode:
-        counters.failed_features += handle.set_mode(device)
-    return handle
-
-
 class _Node:
     """Linux's own /dev/hidrawN, read only: hidapi opens read-write and offers nothing to wait on."""
 
-    def __init__(self, path: str, sysfs: Path) -> None:
-        self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    def __init__(self, system: HidSystem, device: HidDigitizer) -> None:
         try:
-            self.descriptor = _read_node_descriptor(self._descriptor, path, sysfs)
-        except OSError:
+            self._descriptor = os.open(device.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise refusal(device, error) from error
+        try:
+            self.descriptor = _read_node_descriptor(self._descriptor, device.path, system.sysfs)
+        except OSError as error:
             self.close()
-            raise
+            raise refusal(device, error) from error
 
     def fileno(self) -> int:
         return self._descriptor
 
     def read(self) -> bytes | None:
+        """The next report, None where the device has sent no further one; OSError when the device is gone."""
         try:
             report = os.read(self._descriptor, _READ_BYTES)
         except BlockingIOError:
@@ -317,61 +274,3 @@ def _read_node_descriptor(descriptor: int, path: str, sysfs: Path) -> bytes:
     except OSError:
         return _read_sysfs_descriptor(sysfs, path)
     return bytes(buffer[4 : 4 + size])
-
-
-class _Handle:
-    """A device through hidapi. It is never closed during a read, since no other thread reads."""
-
-    def __init__(self, handle: HidHandle, path: str) -> None:
-        self._handle = handle
-        try:
-            handle.open_path(os.fsencode(path))
-        except OSError as error:
-            raise OSError(handle.error() or str(error)) from error
-        try:
-            handle.set_nonblocking(1)
-            self.descriptor = bytes(handle.get_report_descriptor())
-        except OSError:
-            handle.close()
-            raise
-
-    def fileno(self) -> None:
-        return None
-
-    def read(self) -> bytes | None:
-        return bytes(self._handle.read(_READ_BYTES)) or None
-
-    def close(self) -> None:
-        self._handle.close()
-
-    def set_mode(self, device: HidDigitizer) -> int:
-        """Read what Windows reads, then switch the surface from mouse to touch; the number of failures.
-
-        Certified devices stay silent until Contact Count Maximum and the blob are read. Without a choice it is the best
-        surface: surfaces may share a switch, and the mode that is set last says which one reports.
-        """
-        try:
-            surface = open_digitizer(self.descriptor, device.vendor_id, device.product_id, device.report_id).surface
-        except (DescriptorError, DigitizerError):
-            return 0  # whoever decodes the reports says so
-        fields = [field for field in (surface.contact_count_maximum, surface.certification_blob) if field]
-        failures = sum(not self._read_feature(field) for field in fields)
-        return failures + (surface.device_mode is not None and not self._send_mode(surface, surface.device_mode))
-
-    def _read_feature(self, field: Field) -> bytes:
-        try:
-            return bytes(self._handle.get_feature_report(field.report_id, _READ_BYTES))
-        except OSError:
-            return b""
-
-    def _send_mode(self, surface: Surface, field: Field) -> bool:
-        # hidapi puts the report ID first even where the device has none.
-        place = field.bit if surface.uses_report_ids else field.bit + 8
-        mask = (1 << field.size_bits) - 1
-        size = (place + field.size_bits + 7) // 8
-        report = self._read_feature(field) or bytes([field.report_id])
-        value = int.from_bytes(report, "little") & ~(mask << place) | (_MODES[surface.kind] & mask) << place
-        try:
-            return self._handle.send_feature_report(value.to_bytes(max(size, len(report)), "little")) >= 0
-        except OSError:
-            return False

@@ -44,17 +44,13 @@ def test_extent_follows_unit_and_exponent(items: str, extent_mm: float | None) -
     assert surface.x.extent_mm == (extent_mm if extent_mm is None else pytest.approx(extent_mm))
 
 
-def test_features_are_found_in_their_reports_and_device_mode_in_another_application() -> None:
+def test_features_are_found_in_their_reports() -> None:
     (surface,) = read_surfaces(SCREEN)
     assert surface.is_win8
-    assert surface.certification_blob is not None and surface.certification_blob.report_id == 0x11
     maximum = surface.contact_count_maximum
     assert maximum is not None and (maximum.report_id, maximum.logical_maximum) == (2, 5)
-    assert surface.device_mode is None
-    configuration = bytes.fromhex("050d 090e a101 8504 0923 a102 0952 1500 250a 7508 9501 b102 c0 c0")
     blob_of_another_size = SCREEN.replace(bytes.fromhex("960001"), bytes.fromhex("964000"))
-    (surface,) = read_surfaces(blob_of_another_size + configuration)
-    assert surface.device_mode is not None and surface.device_mode.report_id == 4
+    (surface,) = read_surfaces(blob_of_another_size)
     assert not surface.is_win8
 
 
@@ -70,23 +66,6 @@ def test_a_surface_that_cannot_be_read_is_left_out_beside_one_that_can_with_the_
     (surface,) = read_surfaces(useless + SCREEN, refused)
     assert surface.report_id == 1
     assert [error.offset > 0 and "not below its maximum" in str(error) for error in refused] == [True]
-
-
-def test_the_mode_switch_is_the_surfaces_own_or_the_one_apart_that_follows_it_never_another_surfaces() -> None:
-    def switch(report_id: int) -> bytes:
-        return bytes([0x85, report_id]) + bytes.fromhex("050d 0952 1500 250a 7508 9501 b102")
-
-    def apart(report_id: int) -> bytes:
-        return bytes.fromhex("050d 090e a101") + switch(report_id) + b"\xc0"
-
-    def modes(descriptor: bytes) -> list[int | None]:
-        return [None if s.device_mode is None else s.device_mode.report_id for s in read_surfaces(descriptor)]
-
-    own, other = application(finger(), switch(4)), application(finger(), report_id=7)
-    assert modes(own + other) == [4, None]
-    assert modes(own + apart(5) + other) == [4, 5]
-    assert modes(SCREEN + apart(5) + other + apart(6)) == [5, 6]
-    assert modes(SCREEN + apart(5) + other) == modes(SCREEN + other + apart(5)) == [5, 5]
 
 
 def test_touch_and_transducer_index_are_read_where_tip_switch_and_contact_id_are_not_given() -> None:

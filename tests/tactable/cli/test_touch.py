@@ -51,11 +51,10 @@ class Bench:
 
     hid: FakeMachine
     ports: tuple[PortDescription, ...] = ()
-    backend: str = "hidraw"
     cards: tuple[Interface, ...] | None = ()
 
     def system(self) -> HidSystem:
-        return self.hid.system(self.backend)
+        return self.hid.system()
 
     def machine(self) -> Machine:
         return Machine(self.system, lambda: None, lambda: self.ports, cards=self.find_cards)
@@ -270,15 +269,13 @@ def test_a_machine_that_is_well_passes(bench: Bench, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("layers")
 def test_every_failed_check_has_its_remedy_and_the_exit_status_tells(bench: Bench) -> None:
     bench.ports = (PortDescription("/nowhere/ttyACM0", "bar", "bar driver"),)
-    bench.backend = "hid"
     result = bench.run("doctor", "--json")
     assert result.exit_code == 1
     checks = {check["name"]: check for check in json.loads(result.stdout)}
     failed = {name for name, check in checks.items() if check["needed"] and not check["passed"]}
-    assert failed == {"hidapi", "digitizer", "serial port /nowhere/ttyACM0"}
+    assert failed == {"digitizer", "serial port /nowhere/ttyACM0"}
     assert all(check["remedy"] for check in checks.values() if not check["passed"])
     assert 'KERNEL=="ttyACM0", TAG+="uaccess"' in checks["serial port /nowhere/ttyACM0"]["remedy"]
-    assert "hidraw" in checks["hidapi"]["remedy"]
 
 
 def test_the_rule_is_printed_for_one_for_all_and_for_a_device_not_there(bench: Bench) -> None:

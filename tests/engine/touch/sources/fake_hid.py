@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ def touch_report(*contacts: tuple[int, int, bool]) -> bytes:
 
 @dataclass
 class FakeDevice:
-    """One HID interface; its reports wait in `queue` for hidapi's own handle, or in the node's pipe."""
+    """One HID interface; its reports wait in the node's pipe."""
 
     path: str
     vendor_id: int = 0x04F3
@@ -39,61 +38,7 @@ class FakeDevice:
     descriptor: bytes = DESCRIPTOR
     bus_type: int = 1
     hid_id: str = ""
-    open_error: str = ""
-    queue: deque[bytes] = field(default_factory=deque)
-    features: dict[int, bytes] = field(default_factory=dict)
-    asked_features: list[int] = field(default_factory=list)
-    sent_features: list[bytes] = field(default_factory=list)
     writer: int | None = None
-
-
-class FakeHandle:
-    """`device` of hidapi, with its habits: the reason of a failed open stands in error() only."""
-
-    def __init__(self, machine: FakeMachine) -> None:
-        self.machine = machine
-        self.opened: FakeDevice | None = None
-        self.reason = ""
-        self.blocks = True
-
-    def open_path(self, path: bytes) -> None:
-        device = self.machine.plugged.get(os.fsdecode(path))
-        self.reason = "no such device" if device is None else device.open_error
-        if device is None or self.reason:
-            raise OSError("open failed")
-        self.opened = device
-
-    def close(self) -> None:
-        self.opened = None
-
-    def error(self) -> str:
-        return self.reason
-
-    def set_nonblocking(self, value: int) -> int:
-        self.blocks = not value
-        return 0
-
-    def read(self, max_length: int) -> list[int]:
-        assert self.opened is not None and not self.blocks, "would wait for ever"
-        if self.opened.path not in self.machine.plugged:
-            raise OSError("read error")
-        return list(self.opened.queue.popleft()[:max_length]) if self.opened.queue else []
-
-    def get_report_descriptor(self) -> list[int]:
-        assert self.opened is not None
-        return list(self.opened.descriptor)
-
-    def get_feature_report(self, report_num: int, max_length: int) -> list[int]:
-        assert self.opened is not None
-        self.opened.asked_features.append(report_num)
-        if report_num not in self.opened.features:
-            raise OSError("read error")
-        return list(self.opened.features[report_num][:max_length])
-
-    def send_feature_report(self, buff: bytes) -> int:
-        assert self.opened is not None
-        self.opened.sent_features.append(bytes(buff))
-        return len(buff)
 
 
 @dataclass
@@ -104,12 +49,12 @@ class FakeMachine:
     plugged: dict[str, FakeDevice] = field(default_factory=dict)
     opened: list[HidrawSource] = field(default_factory=list)
 
-    def system(self, backend: str = "hidraw") -> HidSystem:
-        return HidSystem(self, backend, self.folder / "sys")
+    def system(self) -> HidSystem:
+        return HidSystem(self, self.folder / "sys")
 
-    def open(self, name: str, backend: str = "hidraw", *, reconnect: bool = True) -> HidrawSource:
+    def open(self, name: str, *, reconnect: bool = True) -> HidrawSource:
         """A source of one of the devices, which is closed with the machine."""
-        self.opened.append(open_hidraw(self.system(backend), name, reconnect=reconnect))
+        self.opened.append(open_hidraw(self.system(), name, reconnect=reconnect))
         return self.opened[-1]
 
     def enumerate(self) -> list[dict[str, Any]]:
@@ -120,9 +65,6 @@ class FakeMachine:
             own |= {"manufacturer_string": "", "interface_number": 0}
             found += [{**own, "usage_page": page, "usage": usage} for page, usage in device.usages]
         return found
-
-    def device(self) -> FakeHandle:
-        return FakeHandle(self)
 
     def plug(self, name: str = "hidraw0", **traits: Any) -> FakeDevice:
         """A device with a node of this name: a pipe that keeps packets apart, as hidraw keeps reports."""
