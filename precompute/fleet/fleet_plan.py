@@ -1,7 +1,7 @@
 """Units of a fleet from a folder, a manifest or a study (docs/fleet.md).
 
-A folder has a subfolder for each unit; a manifest (.toml, .csv) lists units by their files; a study (.toml) varies the
-values of one device over a grid, or samples them evenly in a box.
+A folder has a subfolder for each unit; a manifest (.csv) lists units by their files; a study (.toml) varies the values
+of one device over a grid, or samples them evenly in a box.
 """
 
 import csv
@@ -25,8 +25,8 @@ _QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?) ?(\D.*)
 _DIGITS = 8
 
 
-class ManifestSection(TomlTable):
-    """A table of a manifest or a study; files it names are relative to `folder`."""
+class StudySection(TomlTable):
+    """A table of a study; files it names are relative to `folder`."""
 
     family = FleetError
 
@@ -44,12 +44,12 @@ def plan_fleet(source: Path) -> list[Unit]:
         return checked_units(_units_of_folder(source), str(source))
     ending = source.suffix.lower()
     if ending not in (".csv", ".toml"):
-        raise FleetError(f"{source}: expected a folder, or a manifest or study that ends in .toml or .csv")
+        raise FleetError(f"{source}: expected a folder, a manifest that ends in .csv, or a study that ends in .toml")
     text = read_text(source, FleetError)
     if ending == ".csv":
         return checked_units(_units_of_csv(text, source), str(source))
-    top = ManifestSection.parse(text, str(source))
-    units = list(_units_of_study(top, source.parent) if "study" in top.left else _units_of_toml(top, source.parent))
+    top = StudySection.parse(text, str(source))
+    units = list(_units_of_study(top, source.parent))
     top.refuse_rest()
     return checked_units(units, str(source))
 
@@ -61,21 +61,6 @@ def _units_of_folder(folder: Path) -> Iterator[Unit]:
         device = descriptions[0] if len(descriptions) == 1 else path / "device.toml"
         measured = (path / f"measurements{ending}" for ending in _MEASURED)
         yield Unit(path.name, device, next((file for file in measured if file.exists()), None))
-
-
-def _units_of_toml(top: ManifestSection, folder: Path) -> Iterator[Unit]:
-    for part in top.tables("unit"):
-        name, device = part.name("name"), part.file("device", folder)
-        measurements = part.file("measurements", folder) if "measurements" in part.left else None
-        own = ManifestSection(part.source, f"{part.path}.values", part.take_value("values", {}))
-        values = {}
-        for key, value in own.left.items():
-            if not isinstance(value, str):
-                raise own.error(key, value, "expected a value with its unit, as text")
-            values[key] = value
-        part.known.append("measurements")
-        part.refuse_rest()
-        yield Unit(name, device, measurements, values)
 
 
 def _units_of_csv(text: str, source: Path) -> Iterator[Unit]:
@@ -102,18 +87,18 @@ def _units_of_csv(text: str, source: Path) -> Iterator[Unit]:
         )
 
 
-def _units_of_study(top: ManifestSection, folder: Path) -> Iterator[Unit]:
+def _units_of_study(top: StudySection, folder: Path) -> Iterator[Unit]:
     """Units of the table [study]: every combination of the listed values, or `count` samples between two of each.
 
     `judge` names a table whose drives are evaluated on every variation; no table is built then.
     """
-    part = ManifestSection(top.source, "study", top.take_value("study"))
+    part = StudySection(top.source, "study", top.take_value("study"))
     device = part.file("device", folder)
     evaluated = part.file("judge", folder) if "judge" in part.left else None
     is_sampled = "count" in part.left
     count = part.integer("count", 1, _MOST_UNITS, 1)
     seed = part.integer("seed", 0, 2**31 - 1, 0)
-    listed = _listed(ManifestSection(part.source, "study.values", part.take_value("values")))
+    listed = _listed(StudySection(part.source, "study.values", part.take_value("values")))
     part.known.append("judge")
     part.refuse_rest()
     rows = _sample(listed, count, seed, part) if is_sampled else _grid(listed, part)
@@ -122,7 +107,7 @@ def _units_of_study(top: ManifestSection, folder: Path) -> Iterator[Unit]:
         yield Unit(f"{i:0{digits}d}", device, None, row, evaluated)
 
 
-def _listed(part: ManifestSection) -> dict[str, list[str]]:
+def _listed(part: StudySection) -> dict[str, list[str]]:
     found = {}
     for key, values in part.left.items():
         if not (isinstance(values, list) and values and all(isinstance(value, str) for value in values)):
@@ -133,14 +118,14 @@ def _listed(part: ManifestSection) -> dict[str, list[str]]:
     return found
 
 
-def _grid(listed: Mapping[str, Sequence[str]], part: ManifestSection) -> list[dict[str, str]]:
+def _grid(listed: Mapping[str, Sequence[str]], part: StudySection) -> list[dict[str, str]]:
     count = math.prod(map(len, listed.values()))
     if count > _MOST_UNITS:
         raise part.error("values", f"{count} combinations", f"expected at most {_MOST_UNITS}; or a count to sample")
     return [dict(zip(listed, row, strict=True)) for row in itertools.product(*listed.values())]
 
 
-def _sample(listed: Mapping[str, Sequence[str]], count: int, seed: int, part: ManifestSection) -> list[dict[str, str]]:
+def _sample(listed: Mapping[str, Sequence[str]], count: int, seed: int, part: StudySection) -> list[dict[str, str]]:
     """A seeded Latin hypercube between the two values of each key."""
     ends = {key: _ends(key, values, part) for key, values in listed.items()}
     points = latin_hypercube(count, len(ends), np.random.default_rng(seed))
@@ -153,7 +138,7 @@ def _sample(listed: Mapping[str, Sequence[str]], count: int, seed: int, part: Ma
     ]
 
 
-def _ends(key: str, values: Sequence[str], part: ManifestSection) -> tuple[float, float, str]:
+def _ends(key: str, values: Sequence[str], part: StudySection) -> tuple[float, float, str]:
     matches = [_QUANTITY.fullmatch(value.strip()) for value in values]
     if len(matches) != 2 or matches[0] is None or matches[1] is None or matches[0][2] != matches[1][2]:
         raise part.error(f"values.{key}", values, "expected the least and the greatest value, in the same unit")

@@ -135,10 +135,7 @@ def summary_json(summary: Summary) -> dict[str, Any]:
     return {
         "units": [
             {
-                **{
-                    key: getattr(outcome, key)
-                    for key in ("name", "error", "doubts", "seconds", "fingerprint", "figures")
-                },
+                **{key: getattr(outcome, key) for key in _TOLD},
                 "status": status_of(outcome),
                 "values": {key: value for key, value in outcome.values.items() if key in names},
             }
