@@ -14,8 +14,7 @@ from firmware_link.host.descriptor_port import DescriptorPort
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.sockets import SocketSource
 from tactable.control.slot import ControlOf, ControlProcess
-from tactable.run.live_run import Live, LiveOptions, fast_library
-from tactable.run.ring_recorder import ring_for
+from tactable.run.live_run import Live, LiveOptions, fast_library, ring_for
 from tactable.shipped import named_effects
 
 

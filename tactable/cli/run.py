@@ -50,8 +50,7 @@ from tactable.digitizers.record import open_live, opened, recording_named, stop_
 from tactable.doctor.touch_check import Machine
 from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
-from tactable.run.live_run import Live, LiveOptions
-from tactable.run.ring_recorder import recorder_of, ring_for
+from tactable.run.live_run import Live, LiveOptions, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
 from tactable.shipped import cache_folder, find_device, named_effects
 
@@ -79,9 +78,6 @@ RealTimeSteps = Annotated[
         metavar="STEPS",
         help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
     ),
-]
-RecordingPath = Annotated[
-    Path | None, typer.Option("--record", help="Record the touches here, by another process, as hid-recorder does.")
 ]
 RingPath = Annotated[
     Path | None,
@@ -122,7 +118,6 @@ def run(
     bit_rate_hz: BitRate = 115_200,
     reconnect: Reconnect = False,
     steps: RealTimeSteps = "collector",
-    recording_path: RecordingPath = None,
     ring_path: RingPath = None,
     watch: Watch = True,
     solve: Solve = True,
@@ -150,15 +145,15 @@ def run(
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
         effects = _effects(effects_path, table.device, drives, with_others=control)
         realtime = real_time_steps(steps)
-        with _opened(machine_of(context), touch) as (source, _):
+        with _opened(machine_of(context), touch) as source:
             # What is wrong is told before kernels are compiled; what is touched meanwhile is not of the run.
             open_live(machine_of(context), source)
         port = open_port(port_name, bit_rate_hz)
         reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
         options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
-        source, bus = stack.enter_context(_opened(machine_of(context), touch))
-        ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or recording_path is not None))
+        source = stack.enter_context(_opened(machine_of(context), touch))
+        ring = stack.enter_context(ring_for(ring_path, is_needed=page or control))
         stop = stack.enter_context(stop_at_signal())
         zones = tuple(zone.name for zone in table.device.zones)
 
@@ -176,8 +171,6 @@ def run(
         live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
         if slot is not None:
             slot.begin_steps(live.capabilities)
-        if ring is not None and recording_path is not None:
-            stack.enter_context(recorder_of(ring.path, recording_path, source, bus))
         if ring is not None and page:
             shown = stack.enter_context(_page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0))
             _note_all(shown.read()["lines"])
@@ -249,15 +242,14 @@ def real_time_steps(text: str) -> tuple[Step, ...]:
 
 
 @contextmanager
-def _opened(machine: Machine, name: str) -> Iterator[tuple[Source, int]]:
-    """A source and the number of its bus: a recording where there is a plain file of that name, else a digitizer."""
+def _opened(machine: Machine, name: str) -> Iterator[Source]:
+    """A source: a recording where there is a plain file of that name, else a digitizer."""
     recorded = recording_named(name)
     if recorded is not None:
-        recording = read_recording(recorded[0])
-        yield Playback(recording, report_id=recorded[1]), recording.bus
+        yield Playback(read_recording(recorded[0]), report_id=recorded[1])
         return
-    with opened(machine, name) as found:
-        yield found
+    with opened(machine, name) as (source, _):
+        yield source
 
 
 def _told(opened_again: Callable[[], OpenPort]) -> Callable[[], OpenPort]:

@@ -4,7 +4,9 @@ import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
+from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.answerer import LATEST_NS
@@ -20,6 +22,7 @@ from engine.loop.pipeline import open_pipeline
 from engine.loop.program_steps import ControlSlot
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.loop.reconnect import Reopening
+from engine.loop.ring import RingWriter
 from engine.loop.table_swap import Updates
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
@@ -170,3 +173,16 @@ class Live:
         with real_time(self._options.steps, processor=self._options.processor) as self.outcomes:
             connect(self._session, self._clock)
             yield
+
+
+@contextmanager
+def ring_for(path: Path | None, *, is_needed: bool) -> Iterator[RingWriter | None]:
+    """A ring where one is wanted or needed, removed at the end; else None. Raises RingError."""
+    if path is not None:
+        with RingWriter(path) as ring:
+            yield ring
+    elif is_needed:
+        with work_folder("ring", in_memory=True) as folder, RingWriter(folder / "ring") as ring:
+            yield ring
+    else:
+        yield None

@@ -17,7 +17,7 @@ from engine.effects.rules import Drives
 from engine.loop.ring import Record, RingReader
 from engine.table import TableError
 from engine.touch import DigitizerError
-from engine.touch.sources.recording import RecordingError, read_recording, write_recording
+from engine.touch.sources.recording import RecordingError, write_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.emulator_process import EmulatorLog, RunningEmulator, run_emulator
 from firmware_link.protocol.link_errors import LinkError
@@ -202,21 +202,3 @@ def test_an_unplugged_device_plays_on_under_another_name_and_ctrl_c_ends_the_run
     assert [record.report_index for record in records if record.report][:3] == [0, 1, 2]
     assert any(record.touches for record in records)
     assert not ring.exists(), "the ring stays behind"
-
-
-@pytest.mark.machine
-def test_another_process_records_what_is_touched_or_says_in_one_line_why_not(folder: Path, tmp_path: Path) -> None:
-    recorded = tmp_path / "again.hid"
-    with run_emulator() as emulator:
-        words = ("bar.nc", "--touch", "two.hid", "--port", emulator.port, "--no-watch", "--reconnect", "--json")
-        refused = run_here(folder, "run", *words, "--record", "missing/again.hid")
-        done = run_here(folder, "run", *words, "--record", str(recorded), "--realtime", "collector")
-    assert refused.returncode == 1
-    (line,) = [line for line in refused.stderr.splitlines() if line.startswith("tactable: ")]
-    assert "the recorder: missing: no such folder" in line
-    assert done.returncode == 0, done.stderr
-    before, again = read_recording(folder / "two.hid"), read_recording(recorded)
-    assert [report.data for report in again.reports] == [report.data for report in before.reports]
-    assert (again.name, again.bus, again.descriptor) == (before.name, before.bus, before.descriptor)
-    (step,) = json.loads(done.stdout)["realtime"]
-    assert (step["step"], step["in_force"], step["remedy"]) == ("collector", True, "")
