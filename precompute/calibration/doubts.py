@@ -22,12 +22,12 @@ def doubts_of(
     if adequacy.get("convention"):
         return [adequacy["doubt"]]
     doubts, misfit = [], report["median_misfit"]
-    if misfit > accepted_misfit:
-        doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * accepted_misfit:g} %")
     if doubt := adequacy.get("doubt"):
         doubts.append(doubt)
     doubts += implausible_changes(parameters)
     doubts += [_at_bound_text(each) for each in parameters if _is_at_bound(each)]
+    if misfit > accepted_misfit:
+        doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * accepted_misfit:g} %")
     dampings = [each["value"] for each in parameters if each["name"].endswith("damping")]
     if dampings and not any(dampings):
         doubts.append("every damping is fitted as 0: phases of the wrong sign do that, as of exp(-j w t)")
@@ -35,6 +35,13 @@ def doubts_of(
         unsure = [each["name"] for each in parameters if each["known"] != "known"]
         doubts += [f"{name} is not known within a factor of 2" for name in unsure]
     return doubts
+
+
+def speaks_against_the_device(report: Mapping[str, Any]) -> bool:
+    """Whether a doubt is about the device, a value or a length of it, and not about the readings alone."""
+    adequacy, parameters = report.get("adequacy", {}), report["parameters"]
+    is_off = bool(implausible_changes(parameters)) or any(map(_is_at_bound, parameters))
+    return not adequacy.get("convention") and (is_off or bool(adequacy.get("remedy")))
 
 
 def _is_at_bound(parameter: Mapping[str, Any]) -> bool:

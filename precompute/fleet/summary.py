@@ -1,29 +1,37 @@
-"""Summary of a fleet: a row for each unit, the figures that vary, and the outliers."""
+"""Summary of a fleet: a row and a verdict for each unit, the figures that vary, and the outliers."""
 
 import csv
 import io
 import re
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
+
+from scipy.stats import spearmanr, theilslopes
 
 from base.plain import to_plain
 from engine.device.values import Value, number_of
 from precompute.fleet.units import Outcome, Unit
+from precompute.fleet.verdict import FEWEST, Judgement, Limits, LotValue, Verdict, judge, lot_value, lot_values
 
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a unit is an outlier (Iglewicz and Hoaglin, 1993)."""
-FEWEST = 8
-"""Fewest units for which outliers are sought."""
-_NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
-_TOLD = ("name", "error", "doubts", "seconds", "fingerprint", "figures")  # of each outcome
-_LEAST_SPREAD = 1e-6  # of the median: below it differences are rounding errors
+_NO_OUTLIERS = re.compile(r"uncertainty\.|.*damping")
+"""Columns that vary by factors between good bars, and are at times not told by their readings."""
+_TOLD = ("name", "error", "seconds", "fingerprint", "figures")  # of each outcome
+_UNLIKELY = 0.005  # of a drift: by chance one in 200 values of a lot without any has it
 
 
 @dataclass(frozen=True)
 class Column:
-    """A number that varies over the fleet: its median, its spread (a robust standard deviation) and its extremes."""
+    """A number that varies over the fleet: its median, its spread (a robust standard deviation) and its extremes.
+
+    drift: its change from the first to the last unit, in the order given; None where chance explains it, or it was
+    chosen.
+    """
 
     name: str
     median: float
@@ -32,6 +40,7 @@ class Column:
     least_unit: str
     greatest: float
     greatest_unit: str
+    drift: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,6 +60,27 @@ class Summary:
     outcomes: tuple[Outcome, ...]
     columns: tuple[Column, ...]
     outliers: tuple[Outlier, ...]
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    """Of the units that were measured, by name."""
+    lot: Mapping[str, LotValue] = field(default_factory=dict)
+    """The fitted values that the lot tells, by name."""
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many units have each judgement, by its word."""
+        found = Counter(verdict.judgement for verdict in self.verdicts.values())
+        return {judgement.value: found[judgement] for judgement in Judgement}
+
+    @property
+    def is_passed(self) -> bool:
+        """Whether no unit failed, and every one that was measured passed."""
+        return not self.failed and all(verdict.judgement is Judgement.PASS for verdict in self.verdicts.values())
+
+    @property
+    def takt_s(self) -> float | None:
+        """Median time that a unit took to calibrate, build and verify; None where every one was kept or failed."""
+        seconds = [each.seconds for each in self.outcomes if status_of(each) == "built"]
+        return statistics.median(seconds) if seconds else None
 
     @property
     def failed(self) -> list[Outcome]:
@@ -58,8 +88,11 @@ class Summary:
         return [outcome for outcome in self.outcomes if outcome.error is not None]
 
 
-def summarise(units: Sequence[Unit], outcomes: Sequence[Outcome]) -> Summary:
-    """Summarise a fleet; a value that was chosen for a unit is not searched for outliers."""
+def summarise(units: Sequence[Unit], outcomes: Sequence[Outcome], limits: Limits = MappingProxyType({})) -> Summary:
+    """Summarise a fleet and judge its measured units by the limits.
+
+    A value that was chosen for a unit is not searched for outliers.
+    """
     good = [outcome for outcome in outcomes if outcome.error is None]
     numbers = {outcome.name: _numbers(outcome) for outcome in good}
     chosen = {key for unit in units for key in unit.values}
@@ -68,12 +101,25 @@ def summarise(units: Sequence[Unit], outcomes: Sequence[Outcome]) -> Summary:
         values = {unit: row[name] for unit, row in numbers.items() if name in row}
         if len(set(values.values())) < 2:
             continue
-        column = _column(name, values)
-        columns.append(column)
-        if len(values) >= FEWEST and not _is_chosen(name, chosen):
-            deviations = ((unit, value, (value - column.median) / column.spread) for unit, value in values.items())
+        column, is_lot = _column(name, values), len(values) >= FEWEST and not _is_chosen(name, chosen)
+        columns.append(replace(column, drift=_drift(list(values.values()))) if is_lot else column)
+        if is_lot and not _NO_OUTLIERS.match(name):
+            spread = LotValue(column.median, column.spread).judged_spread
+            deviations = ((unit, value, (value - column.median) / spread) for unit, value in values.items())
             outliers += [Outlier(unit, name, value, d) for unit, value, d in deviations if abs(d) > OUTLYING]
-    return Summary(tuple(outcomes), tuple(columns), tuple(sorted(outliers, key=lambda o: -abs(o.deviation))))
+    lot = lot_values(good)
+    measured = {unit.name for unit in units if unit.measurements is not None}
+    verdicts = {each.name: judge(each, limits, lot) for each in outcomes if each.name in measured}
+    by_deviation = sorted(outliers, key=lambda outlier: -abs(outlier.deviation))
+    return Summary(tuple(outcomes), tuple(columns), tuple(by_deviation), verdicts, lot)
+
+
+def _drift(values: Sequence[float]) -> float | None:
+    """Theil and Sen's slope times the number of steps; None where Spearman's test finds none."""
+    order = range(len(values))
+    if spearmanr(order, values).pvalue >= _UNLIKELY:
+        return None
+    return float(theilslopes(values, order)[0]) * (len(values) - 1)
 
 
 def _numbers(outcome: Outcome) -> dict[str, float]:
@@ -88,13 +134,12 @@ def _is_chosen(column: str, keys: set[str]) -> bool:
 
 
 def _column(name: str, values: Mapping[str, float]) -> Column:
-    median = statistics.median(values.values())
-    spread = _NORMAL_MAD * statistics.median(abs(value - median) for value in values.values())
+    middle = lot_value(list(values.values()))
     least, greatest = min(values, key=values.__getitem__), max(values, key=values.__getitem__)
     return Column(
         name=name,
-        median=median,
-        spread=max(spread, _LEAST_SPREAD * abs(median)) or _LEAST_SPREAD,
+        median=middle.median,
+        spread=middle.spread,
         least=values[least],
         least_unit=least,
         greatest=values[greatest],
@@ -107,15 +152,17 @@ def summary_csv(summary: Summary) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     names = [column.name for column in summary.columns]
-    writer.writerow(["name", "status", "error", "doubts", "seconds", "fingerprint", *names])
+    writer.writerow(["name", "status", "error", "verdict", "reasons", "seconds", "fingerprint", *names])
     for outcome in summary.outcomes:
+        verdict = summary.verdicts.get(outcome.name)
         numbers = {**outcome.values, **outcome.figures}
         writer.writerow(
             [
                 outcome.name,
                 status_of(outcome),
                 outcome.error or "",
-                "; ".join(outcome.doubts),
+                verdict.judgement.value if verdict else "",
+                "; ".join(verdict.reasons) if verdict else "",
                 f"{outcome.seconds:.3f}",
                 outcome.fingerprint,
                 *(numbers.get(name, "") for name in names),
@@ -136,6 +183,7 @@ def summary_json(summary: Summary) -> dict[str, Any]:
         "units": [
             {
                 **{key: getattr(outcome, key) for key in _TOLD},
+                "verdict": to_plain(summary.verdicts.get(outcome.name)),
                 "status": status_of(outcome),
                 "values": {key: value for key, value in outcome.values.items() if key in names},
             }
@@ -144,4 +192,6 @@ def summary_json(summary: Summary) -> dict[str, Any]:
         "columns": to_plain(summary.columns),
         "outliers": to_plain(summary.outliers),
         "failed": len(summary.failed),
+        "verdicts": summary.counts,
+        "takt_s": summary.takt_s,
     }

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from base.errors import TactableError
 from base.plain import to_plain
@@ -86,7 +87,8 @@ class Outcome:
     """CRC-32 of the table file; None where no table was built."""
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    report: Mapping[str, Any] = field(default_factory=dict)
+    """What a verdict needs of the report of its calibration; empty where the unit was not measured."""
     is_kept: bool = False
     """Whether the outcome of an earlier run was kept."""
 

@@ -5,6 +5,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numba
 from threadpoolctl import threadpool_limits
@@ -19,7 +20,6 @@ from engine.table import Table
 from engine.table.netcdf_file import file_checksum
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.table_build import Progress, build_table, no_progress
-from precompute.calibration.doubts import doubts_of
 from precompute.calibration.fitted import REPORT, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.clicks import ClickOptions
@@ -30,6 +30,7 @@ from precompute.measurements.parameters import default_names
 TABLE = "table.nc"
 DEVICE = "device.toml"
 OUTCOME = "outcome.json"
+_JUDGED = ("parameters", "adequacy", "readings", "median_misfit", "noise", "wrong_readings")
 
 # Two threads that enter numba's parallel kernels at once abort the process.
 _one_at_a_time = threading.Lock()
@@ -70,7 +71,7 @@ def kept_outcome(job: Job) -> Outcome | None:
     """The outcome of an earlier run, if its key is the same and its table unchanged."""
     try:
         values = json.loads((job.folder / OUTCOME).read_text(encoding="utf-8"))
-        outcome = Outcome(**{**values, "doubts": tuple(values["doubts"]), "is_kept": True})
+        outcome = Outcome(**{**values, "report": values["report"], "is_kept": True})
         is_whole = outcome.key == job.key and (
             outcome.table_crc32 is None or outcome.table_crc32 == file_checksum(job.folder / TABLE)
         )
@@ -86,7 +87,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
     (job.folder / OUTCOME).unlink(missing_ok=True)
     for name in (DEVICE, OUTCOME):
         remove_partials(job.folder / name)
-    device, doubts = _prepare(job, progress)
+    device, report = _prepare(job, progress)
     with replace_file(job.folder / DEVICE) as partial:
         partial.write_text(device.text, encoding="utf-8")
     table_crc32 = None
@@ -103,7 +104,7 @@ def _run(job: Job, progress: Progress) -> Outcome:
         table_crc32=table_crc32,
         values=device_values(device),
         figures=figures,
-        doubts=doubts,
+        report=report,
     )
     with replace_file(job.folder / OUTCOME) as partial:
         partial.write_text(outcome.as_json(), encoding="utf-8")
@@ -125,19 +126,19 @@ def _build(job: Job, device: Device, progress: Progress) -> dict[str, float | No
         return compute_table_figures(table)
 
 
-def _prepare(job: Job, progress: Progress) -> tuple[Device, tuple[str, ...]]:
-    """The device that the table is built from, and doubts about its calibration."""
+def _prepare(job: Job, progress: Progress) -> tuple[Device, dict[str, Any]]:
+    """The device that the table is built from, and what a verdict needs of the report of its calibration."""
     unit = job.unit
     text = text_with_values(read_text(unit.device, DeviceError), unit.values, str(unit.device))
     device = Device.parse(text, str(unit.device))
     if unit.measurements is None:
-        return device, ()
+        return device, {}
     progress("calibration", 0.0)
     return _calibrate(job, device, unit.measurements)
 
 
-def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str, ...]]:
-    """The calibrated device and doubts about it; an earlier calibration of the same inputs is used again.
+def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, dict[str, Any]]:
+    """The calibrated device and the report; an earlier calibration of the same inputs is used again.
 
     Raises CalibrationError for measurements and parameters that cannot be used.
     """
@@ -152,4 +153,4 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, tuple[str,
         write_new_folder(folder, fitted.files())
     calibrated = Device.read(folder / f"{device.name}.toml")
     report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-    return calibrated, tuple(doubts_of(report))
+    return calibrated, {key: report[key] for key in _JUDGED}

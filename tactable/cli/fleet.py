@@ -26,6 +26,7 @@ from tactable.cli.options import (
 
 if TYPE_CHECKING:
     from precompute.fleet.summary import Summary
+    from precompute.fleet.verdict import Limits
 
 SUMMARY = "summary"
 _SHOWN = 20  # a screen's worth; the summary file has all
@@ -52,12 +53,14 @@ def fleet(
 ) -> None:
     """Calibrate, build and verify many devices; an interrupted run continues.
 
-    Exit status 3: a unit failed.
+    Each measured unit gets a verdict (PASS, RETEST or REJECT) and a page, report.md. Exit status 3: one failed or did
+    not pass.
     """
     from precompute.fleet.fleet_plan import plan_fleet
     from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
     from precompute.fleet.units import FleetOptions
+    from precompute.fleet.verdict import read_limits
 
     if scheduler is not None and workers is not None:
         raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
@@ -69,7 +72,7 @@ def fleet(
         also=tuple(also or ()),
         sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
     )
-    units = plan_fleet(source)
+    units, limits = plan_fleet(source), read_limits(source)
     if output.exists() and source.is_dir() and output.resolve() == source.resolve():
         raise OptionError(f"--output {output}: is the folder of the units; choose another folder for the results")
     output.mkdir(parents=True, exist_ok=True)
@@ -79,10 +82,10 @@ def fleet(
     created = datetime.now(UTC).isoformat(timespec="seconds")
     with shown_progress(as_json) as progress:
         outcomes = run_fleet(units, options, output, pool, created=created, progress=progress)
-    summary = summarise(units, outcomes)
-    _write_summary(summary, output)
+    summary = summarise(units, outcomes, limits)
+    _write_summary(summary, output, limits)
     show(summary_json(summary), as_json, lambda *_: print_fleet(summary, _summary_paths(output)[0]))
-    if summary.failed:
+    if not summary.is_passed:
         raise typer.Exit(EXIT_DOUBTFUL)
 
 
@@ -90,46 +93,75 @@ def _summary_paths(output: Path) -> tuple[Path, Path]:
     return output / f"{SUMMARY}.csv", output / f"{SUMMARY}.json"
 
 
-def _write_summary(summary: "Summary", output: Path) -> None:
+def _write_summary(summary: "Summary", output: Path, limits: "Limits") -> None:
+    """Write the page of each measured unit, and last the summary."""
     from base.files import replace_file
     from precompute.fleet.summary import summary_csv, summary_json
+    from precompute.fleet.unit_report import REPORT, unit_report
 
-    texts = (summary_csv(summary), json.dumps(summary_json(summary), indent=1))
-    for path, text in zip(_summary_paths(output), texts, strict=True):
+    judged = [outcome for outcome in summary.outcomes if outcome.name in summary.verdicts]
+    texts = {output / each.name / REPORT: unit_report(each, summary, limits) for each in judged}
+    of_lot = (summary_csv(summary), json.dumps(summary_json(summary), indent=1))
+    texts |= zip(_summary_paths(output), of_lot, strict=True)
+    for path, text in texts.items():
+        path.parent.mkdir(exist_ok=True)  # of a unit that failed there may be none
         with replace_file(path) as partial:
             partial.write_text(text, encoding="utf-8")
 
 
 def print_fleet(summary: "Summary", path: Path) -> None:
-    """Print how many units are done, which failed and why, what varies, and which units stand out.
+    """Print how many units are done, which failed or did not pass and why, what varies, and which units stand out.
 
     `path` is the file of the complete summary.
     """
-    from precompute.fleet.summary import FEWEST, OUTLYING, status_of
+    from precompute.fleet.summary import OUTLYING, status_of
+    from precompute.fleet.verdict import FEWEST
 
     counts = Counter(status_of(outcome) for outcome in summary.outcomes)
     parts = (f"{counts['built']} built", f"{counts['kept']} complete already", f"{counts['failed']} failed")
     say(f"{len(summary.outcomes)} units: {', '.join(parts)}")
     for outcome in summary.failed:
         say(f"FAILED {outcome.name}: {outcome.error}")
-    _say_first([f"doubtful {unit.name}: {'; '.join(unit.doubts)}" for unit in summary.outcomes if unit.doubts])
+    _print_verdicts(summary)
     if summary.columns:
-        grid = Grid("what varies", "median", "spread", "least", "greatest")
+        drifts = ["drift"] if any(column.drift is not None for column in summary.columns) else []
+        grid = Grid("what varies", "median", "spread", *drifts, "least", "greatest")
         for column in summary.columns:
+            if column.name.startswith("uncertainty."):
+                continue
             ends = ((column.least, column.least_unit), (column.greatest, column.greatest_unit))
             cells = (Text(f"{value:.5g} ({unit})") for value, unit in ends)
-            grid.add_row(Text(column.name), f"{column.median:.5g}", f"{column.spread:.2g}", *cells)
+            drift = ["" if column.drift is None else f"{column.drift:+.2g}"] if drifts else []
+            grid.add_row(Text(column.name), f"{column.median:.5g}", f"{column.spread:.2g}", *drift, *cells)
         OUT.print(grid)
+    rejected = [name for name, each in summary.verdicts.items() if each.judgement.value == "REJECT"]
+    medians = {column.name: column.median for column in summary.columns}
     _say_first(
         [
             f"stands out {outlier.unit}: {outlier.column} is {outlier.value:.5g}, "
-            f"{outlier.deviation:+.1f} spreads from the median"
+            f"where the others' median is {medians[outlier.column]:.5g}"
             for outlier in summary.outliers
+            if outlier.unit not in rejected
         ]
     )
     if not summary.outliers:
         say(f"no unit stands out by more than {OUTLYING} spreads; of fewer than {FEWEST} none ever does")
     say(f"complete summary: {path}")
+
+
+def _print_verdicts(summary: "Summary") -> None:
+    """Print who did not pass and why, and the figures of the line."""
+    measured = sum(summary.counts.values())
+    if not measured:
+        return
+    for name, verdict in summary.verdicts.items():
+        if verdict.reasons and name not in {outcome.name for outcome in summary.failed}:
+            first, *rest = verdict.reasons
+            more = f" (and {len(rest)} more in its report)" if rest else ""
+            say(f"{verdict.judgement.value} {name}: {first}{more}")
+    counts = ", ".join(f"{count} {word}" for word, count in summary.counts.items())
+    takt = "" if summary.takt_s is None else f"; {summary.takt_s:.3g} s a bar on this machine"
+    say(f"{counts}: {100 * summary.counts['PASS'] / measured:.0f} % passed{takt}")
 
 
 def _say_first(lines: list[str]) -> None:

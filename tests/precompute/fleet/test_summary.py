@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from engine.device.values import Value, number_of
-from precompute.fleet.summary import FEWEST, OUTLYING, summarise, summary_csv, summary_json
+from precompute.fleet.summary import OUTLYING, summarise, summary_csv, summary_json
 from precompute.fleet.units import Outcome, Unit
+from precompute.fleet.verdict import FEWEST
 
 
 def outcome(name: str, stiffness: float, contrast_db: float | None = 5.0) -> Outcome:
@@ -44,15 +45,15 @@ def test_a_unit_far_from_the_others_stands_out_however_far(distance: float) -> N
     many = [*fleet(40), outcome("odd", 18900.0 + distance)]
     found = summarise(units_of(many), many)
     assert found.outliers[0].unit == "odd"
-    assert found.outliers[0].deviation == pytest.approx(distance / found.columns[0].spread, rel=0.1)
+    assert found.outliers[0].deviation == pytest.approx(distance / 189, rel=0.1)  # 1 % of the median
     assert all(abs(outlier.deviation) > OUTLYING for outlier in found.outliers)
 
 
 @pytest.mark.parametrize(
     ("others", "odd", "stand_out"),
     [
-        ([18900.0] * 20, 18901.0, ["odd"]),
-        ([18900.0] * 20, 18900.0 * (1 + 1e-13), []),  # rounding
+        ([18900.0] * 20, 19600.0, ["odd"]),
+        ([18900.0] * 20, 19400.0, []),  # the spread is at least 1 %
         ([18900.0 + i for i in range(FEWEST - 2)], 1.0, []),
         ([18900.0 + i for i in range(FEWEST - 1)], 1.0, ["odd"]),
     ],
@@ -85,11 +86,11 @@ def test_failed_units_are_rows_but_no_numbers() -> None:
 
 
 def test_json_holds_every_unit_and_what_stands_out() -> None:
-    many = [*fleet(20), replace(outcome("odd", 1.0, None), is_kept=True, doubts=("doubtful",))]
+    many = [*fleet(20), replace(outcome("odd", 1.0, None), is_kept=True)]
     values = json.loads(json.dumps(summary_json(summarise(units_of(many), many)), allow_nan=False))
     assert values["failed"] == 0
     odd = values["units"][-1]
-    assert (odd["name"], odd["status"], odd["doubts"]) == ("odd", "kept", ["doubtful"])
+    assert (odd["name"], odd["status"], odd["verdict"]) == ("odd", "kept", None)
     assert odd["figures"] == {"worst_contrast_db": None}
     assert values["outliers"][0]["unit"] == "odd"
     assert values["columns"][0]["least_unit"] == "odd"
