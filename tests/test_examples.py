@@ -34,6 +34,18 @@ def test_a_finger_damps_the_modes_of_a_bar(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.long
+def test_a_drive_and_a_click_need_no_table_and_wrong_words_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(monkeypatch, "without_a_table")
+    drive, device = found["drive"], found["device"]
+    assert drive.achieved and drive.contrast_db == pytest.approx(drive.level_db[0] - drive.level_db[1])
+    assert found["click"].felt.low_db != found["again"].felt.low_db
+    with pytest.raises(tactable.TactableError, match=r"level_db='loud': expected a number"):
+        tactable.solve_click(device, felt=["35 mm"], level_db="loud")  # type: ignore[arg-type]
+    with pytest.raises(tactable.TactableError, match=r"felt=0.06: is one position; give a list, such as \[0.06\]"):
+        tactable.solve_drive(device, felt=0.06)  # type: ignore[arg-type]
+
+
+@pytest.mark.long
 def test_the_best_row_reaches_its_level_with_a_factor_of_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
     found = run(monkeypatch, "best_row")
     assert found["best"].achieved and 0.5 < found["best"].localized_factor <= np.nanmax(found["factor"])

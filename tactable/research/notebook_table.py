@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from engine.table import Table as TableFile
 from engine.table import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
-from engine.touch import Placement
+from tactable.research.asked import asked_placement
 from tactable.research.played import Click, Drive
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class Table(TableFile):
         ...     table.click_for(["35 mm"]).to_xarray().waveform.dims
         ('time', 'actuator')
         """
-        found = super().click_for(felt, quiet, level_db)
-        return Click.of(found, self.device, Placement.named(self.device, felt, quiet), self)
+        placement = asked_placement(self.device, felt, quiet, level_db)
+        return Click.of(super().click_for(felt, quiet, level_db), self.device, placement, self)
 
     def drive_for(
         self, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = DEFAULT_LEVEL_DB
@@ -43,8 +43,8 @@ class Table(TableFile):
         ...     table.drive_for(felt=["35 mm"], quiet=["120 mm"]).achieved
         True
         """
-        found = super().drive_for(felt, quiet, level_db)
-        return Drive.of(found, self.device, Placement.named(self.device, felt, quiet), self)
+        placement = asked_placement(self.device, felt, quiet, level_db)
+        return Drive.of(super().drive_for(felt, quiet, level_db), self.device, placement, self)
 
     def to_xarray(self, group: str = "responses") -> "xarray.Dataset":
         """One group of the file (tables/FORMAT.md), on demand. Raises TableError for a group that is not there.

@@ -59,6 +59,15 @@ class _Asked(ABC):
 class Drive(_Asked, SteadyDrive):
     """A steady drive solved for the positions of the fingers, as a run solves it (engine.steady.steady_solver)."""
 
+    @property
+    def contrast_db(self) -> float | None:
+        """Level of the weakest felt finger over that of the strongest quiet one, standard fingers; None: none is quiet.
+
+        The quiet level is the model's own null, which no bar shows: `expected_contrast_db` is over sampled fingers.
+        """
+        quiet = [level for level, is_felt in zip(self.level_db, self.felt, strict=True) if not is_felt]
+        return self.weakest_felt_db - max(quiet) if quiet else None
+
     def plot(self) -> "Figure":
         """Picture of the drive: level along the bar and under every finger, over sampled fingers."""
         from precompute.predict.at_positions import SteadyDesigner

@@ -10,6 +10,7 @@ from engine.table.click_entry import played_at
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.placement import PlacementError
+from tactable.research.asked import asked_placement
 from tactable.research.played import Click, Drive
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def solve_click(
     >>> click.waveform.shape
     (121, 2)
     """
-    placement = _felt_placement(device, felt, quiet)
+    placement = _felt_placement(device, felt, quiet, level_db)
     return Click.of(played_at(_click_solver(device).solve_entry(placement), level_db), device, placement)
 
 
@@ -45,15 +46,18 @@ def solve_drive(
     >>> solve_drive(device, felt=["35 mm"], quiet=["120 mm"], level_db=20).achieved
     True
     """
-    placement = _felt_placement(device, felt, quiet)
+    placement = _felt_placement(device, felt, quiet, level_db)
     found = _designer(device).solver.solve(placement.position_m, placement.is_felt, level_db)
     return Drive.of(found, device, placement)
 
 
-def _felt_placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex]) -> Placement:
+def _felt_placement(
+    device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex], level_db: float
+) -> Placement:
+    placement = asked_placement(device, felt, quiet, level_db)
     if not felt:
         raise PlacementError('no finger is felt: name at least one, such as felt=["35 mm"]')
-    return Placement.named(device, felt, quiet)
+    return placement
 
 
 @lru_cache(maxsize=4)
