@@ -72,8 +72,8 @@ def test_the_clock_drifts_as_asked_and_its_own_deadlines_come_on_it(ppm: int) ->
         device.run_until(deadline_us)
         latched_us = deadline_us
     assert latched_us - 12_345 == pytest.approx(250_000 * (1 - ppm * 1e-6), abs=2)
-    said = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 1000 * SECOND_US))
-    assert [each.device_received_us for each in said if isinstance(each, Time)] == [1000 * (SECOND_US + ppm)]
+    said = decode_messages(device.receive(encode_message(TimeRequest(0), 1), 100 * SECOND_US))
+    assert [each.device_received_us for each in said if isinstance(each, Time)] == [100 * (SECOND_US + ppm)]
 
 
 def test_a_modem_prober_speaks_first_at_each_opening() -> None:
