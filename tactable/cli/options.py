@@ -41,7 +41,7 @@ PictureOutputs = Annotated[
     typer.Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
 ]
 EffectsPath = Annotated[
-    Path | None, typer.Option("--effects", help="Effect file; default: a click at 20 dB for every touch.")
+    Path | None, typer.Option("--effects", help="Rule file; default: a click at 20 dB for every touch.")
 ]
 DrivesOf = Annotated[
     str | None,

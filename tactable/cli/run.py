@@ -341,6 +341,8 @@ def _print_summary(summary: dict[str, Any]) -> None:
     )
     told += [f"{summary[name]} {name.replace('_', ' ')}" for name in rare if summary[name]]
     OUT.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
+    if not summary["reports"]:
+        note(f"no report came from {summary['touches']}: touch it, or see with `tactable record` what it sends")
     for step in summary["realtime"]:
         if not step["in_force"]:
             OUT.print(f"{step['step']}: {step['finding']}; {step['remedy']}", soft_wrap=True)

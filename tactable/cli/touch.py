@@ -155,19 +155,22 @@ def doctor(
         else:
             print(rules)  # noqa: T201  # for a file
         return
+    looked_at = tables or sorted(Path().glob("*.nc"))
+    whole, *layers = layers_of(bit_rate_hz, next(iter(looked_at), None)) if measures else (None,)
     checks = [
+        *([] if whole is None else [whole]),
         *examine(machine),
         *check_cards(machine.cards),
         *check_machine(machine.files),
-        *check_tables(tables or sorted(Path().glob("*.nc"))),
+        *check_tables(looked_at),
         check_kernels(),
         check_fast_path(cache_folder()),
-        *(layers_of(bit_rate_hz) if measures else ()),
+        *layers,
     ]
     if as_json:
         print_json([{**asdict(check), "passed": check.passed} for check in checks])
     for check in () if as_json else checks:
-        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("slow", "yellow")
+        mark, style = ("ok  ", "green") if check.passed else ("FAIL", "red") if check.needed else ("note", "yellow")
         OUT.print(f"{mark} {check.name}: {check.finding}", style=style, soft_wrap=True)
         if not check.passed:
             OUT.print(f"     {check.remedy}", soft_wrap=True)

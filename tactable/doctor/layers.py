@@ -2,15 +2,19 @@
 
 import os
 import select
+import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from engine.loop.command_latency import Percentiles
 from engine.render.chosen_basis import play_ns
-from engine.touch import open_digitizer
+from engine.table import Table, TableError
+from engine.table.levels import DEFAULT_LEVEL_DB
+from engine.touch import Placement, open_digitizer
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.pty import open_pseudo_terminal
 from firmware_link.protocol.framing import encode_message
@@ -26,6 +30,8 @@ _ACTUATORS = 2
 _CLICK_WEIGHTS = 22
 """Number of weights for each actuator of a click of 30 ms between 60 and 300 Hz."""
 _HALF_LEASE_S = 0.02  # of the default of 40 ms: a click must be on the board before its lease is half over
+_PANEL_MS = 8.0
+"""Longest wait for the panel's next frame. Without a touch its rate is not known; 125 frames a second are usual."""
 _US = 1e3
 _PULSES = """
 import os, sys, time
@@ -88,13 +94,47 @@ def _click_texts(bit_rate_hz: int) -> Iterator[str]:
         yield f"{actuators} actuators {weights} weights in {ns / 1e6:.1f} ms (from {slowest_hz:.0f} bit/s on)"
 
 
-def layers_of(bit_rate_hz: int) -> list[Check]:
-    """What the layers cost here; on a machine without pseudo-terminals, that they are missing."""
+def layers_of(bit_rate_hz: int, table: Path | None) -> list[Check]:
+    """What a finger waits for with this table, then what the layers cost here.
+
+    On a machine without pseudo-terminals: that they are missing.
+    """
     try:
-        return check_layers(measure_layers(bit_rate_hz))
+        layers = measure_layers(bit_rate_hz)
+        return [Check("touch to felt click", wait_text(layers, table, _felt_after_ms(table))), *check_layers(layers)]
     except LinkError as error:
         finding, _, remedy = str(error).partition("): ")
         return [Check("pseudo-terminals", f"{finding})", f"{remedy}; `emulate` and `demo` need them", needed=False)]
+
+
+def wait_text(layers: Sequence[Layer], table: Path | None, bar_ms: float | None) -> str:
+    """What the finger waits for in one line: panel, engine, line and bar in ms, each with where its figure is from."""
+    typical_ms = {layer.name: layer.typical_us / _US for layer in layers}
+    engine_ms, line_ms = typical_ms["host"] + typical_ms["engine"], typical_ms["line for a click"]
+    parts = [
+        f"panel {_PANEL_MS:g} (ASSUMED: a frame of 125 a second)",
+        f"engine {engine_ms:.2g} (measured: wake-up and decoding)",
+        f"line {line_ms:.2g} (computed: a click of two actuators)",
+    ]
+    whole_ms = _PANEL_MS + engine_ms + line_ms
+    if bar_ms is None:
+        return f"{whole_ms:.1f} ms without the bar: {' + '.join(parts)}; a whole table with clicks tells the bar's"
+    parts.append(f"bar {bar_ms:.2g} (SIMULATED: until the threshold, {table})")
+    return f"{whole_ms + bar_ms:.1f} ms: {' + '.join(parts)}"
+
+
+def _felt_after_ms(path: Path | None) -> float | None:
+    """Median time after which a click of 20 dB in the middle of a zone passes the threshold, as a table says."""
+    try:
+        if path is None:
+            return None
+        with Table.open(path) as table:
+            placements = [Placement.on(table.device, [zone.middle_m], []) for zone in table.device.zones]
+            clicks = [table.click_at(placement, DEFAULT_LEVEL_DB) for placement in placements]
+        after_s = [at_s for click in clicks if click is not None and (at_s := click.exceeds_at_s()) is not None]
+    except (TableError, OSError):  # `check_tables` says what is wrong with it
+        return None
+    return 1e3 * statistics.median(after_s) if after_s else None
 
 
 def check_layers(layers: Sequence[Layer]) -> list[Check]:

@@ -66,7 +66,7 @@ class Drive(_Asked, SteadyDrive):
         The quiet level is the model's own null, which no bar shows: `expected_contrast_db` is over sampled fingers.
         """
         quiet = [level for level, is_felt in zip(self.level_db, self.felt, strict=True) if not is_felt]
-        return self.weakest_felt_db - max(quiet) if quiet else None
+        return float(self.weakest_felt_db - max(quiet)) if quiet else None
 
     def plot(self) -> "Figure":
         """Picture of the drive: level along the bar and under every finger, over sampled fingers."""

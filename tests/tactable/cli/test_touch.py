@@ -252,7 +252,8 @@ def test_a_replay_releases_by_time_where_the_engine_does(bench: Bench, tmp_path:
 @pytest.fixture
 def layers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Layers as measured in no time."""
-    monkeypatch.setattr("tactable.doctor.layers.measure_layers", lambda _: [Layer("host", 40.0, 900.0, "", "")])
+    measured = [Layer(name, 40.0, 900.0, "", "") for name in ("host", "engine", "line for a click")]
+    monkeypatch.setattr("tactable.doctor.layers.measure_layers", lambda _: measured)
 
 
 @pytest.mark.usefixtures("layers")

@@ -1,8 +1,10 @@
 """The layer that costs most is named, with what to do about it."""
 
+from pathlib import Path
+
 import pytest
 
-from tactable.doctor.layers import Layer, check_layers, measure_layers
+from tactable.doctor.layers import Layer, check_layers, measure_layers, wait_text
 
 LAYERS = [
     Layer("host", 40.0, 900.0, "wakes up", "real time"),
@@ -18,6 +20,14 @@ def test_the_layer_that_costs_most_is_named_with_its_remedy(name: str, remedy: s
     assert found.finding.startswith(f"the {name}, ")
     assert found.finding.endswith(remedy)
     assert found.passed
+
+
+def test_what_a_finger_waits_for_is_the_sum_and_says_what_is_not_measured() -> None:
+    layers = [*LAYERS, Layer("line for a click", 8900.0, None, "103 bytes", "a faster line")]
+    text = wait_text(layers, Path("bar.nc"), 3.0)
+    assert text.startswith("19.9 ms: panel 8 (ASSUMED")
+    assert text.endswith("bar 3 (SIMULATED: until the threshold, bar.nc)")
+    assert wait_text(layers, None, None).startswith("16.9 ms without the bar: ")
 
 
 @pytest.mark.machine
