@@ -52,6 +52,7 @@ def find_device_file(name_or_path: str) -> Path:
     """Find the file of a device by path or by shipped name. Raises DeviceError with the known names."""
     path = Path(name_or_path)
     if path.is_file():
+        refuse_table(path)
         return path
     if name_or_path not in shipped_names():
         from engine.device import DeviceError
@@ -59,6 +60,19 @@ def find_device_file(name_or_path: str) -> Path:
         known = ", ".join(shipped_names())
         raise DeviceError(f"{name_or_path}: is neither a file nor a shipped device; shipped are {known}")
     return device_folder() / f"{name_or_path}.toml"
+
+
+def refuse_table(path: Path) -> None:
+    """Refuse a table where a device file is wanted. Raises DeviceError, which names the device of the table."""
+    with path.open("rb") as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            return
+    from engine.device import DeviceError
+    from engine.table import Table
+
+    with Table.open(path) as table:
+        name = table.device.name
+    raise DeviceError(f"{path}: is a table of {name}; give the device file that it was built from, or a shipped name")
 
 
 def cache_folder() -> Path:

@@ -274,7 +274,8 @@ def _told(opened_again: Callable[[], OpenPort]) -> Callable[[], OpenPort]:
 
 def _announce(source: Source, port: OpenPort, live: Live, refuses: bool) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
-    ERRORS.print(f"{source.name} to {port.path}{simulated}; Ctrl-C ends", soft_wrap=True)
+    ends = "the end of the recording or Ctrl-C ends" if isinstance(source, Playback) else "Ctrl-C ends"
+    ERRORS.print(f"{source.name} to {port.path}{simulated}; {ends}", soft_wrap=True)
     for text in (*port.notes, *live.fit.notes):
         note(text)
     if not refuses:

@@ -50,6 +50,7 @@ REFUSED = [
     ("run bar.nc --touch simulated --port x --page-host 0.0.0.0 --page-port 1", "--page-host, --page-port", "--page"),
     ("demo --control-socket some.sock", "--control-socket", "give --control too"),
     ("explain bar.toml --felt I", "not a table"),
+    ("plot reach bar.nc -o reach.png", "is a table of", "give the device file"),
     ("explain missing.nc --felt I", "missing.nc", "tactable build"),
     ("explain bar.nc --felt V", "'V'", "I, II, III"),
     ("explain bar.nc --felt ,", "--felt"),
