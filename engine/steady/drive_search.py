@@ -12,31 +12,25 @@ from numba import types
 from base.compiled import njit
 from engine.steady.ascent import SHARPEST, climb
 from engine.steady.forms import DRIVE, REAL, USABLE, copy_drive, fill_products, loudness_of, ratio_of
-from engine.steady.optimum import (
-    approach_level,
-    find_loudest,
-    keep_level,
-    solve_dominant,
-    solve_on_limit,
-    weigh,
-)
+from engine.steady.limited import keep_limits
+from engine.steady.optimum import find_loudest, keep_level, solve_dominant, weigh
 
-_LEVEL_MARGIN = 1 + 1e-4
-"""Relative margin on a wanted level, 0.0004 dB, so that smoothing does not leave the level short."""
+_LEVEL_MARGIN = 1 + 2e-4
+"""Relative margin on a wanted level, 0.0009 dB, so that neither smoothing nor rounding leaves it short."""
 # Halved or doubled, tried on 198 random placements of 2 to 5 fingers at 20 dB: reference-a, -t, a bar of 3 actuators.
 _STEPS, _FIRST_STEPS = 2, 12  # 1 and 6 lose nothing, 4 and 24 gain nothing
 _NEAR, _NEAR_SEVERAL = 0.9, 0.5
 """Peaks whose ratio is above this fraction of the best one's are refined."""
-_NEAR_FIRST = 0.25
-"""No drive is searched between two frequencies whose ratios are below this fraction of the best one's."""
 _PEAKS = 6  # 3 and 12 change nothing
 _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
-_STRIDE = 4
+_STRIDE = 8
+"""Every so many frequencies come first: what they reach bounds what the others are worth."""
 _SCAN_STEPS, _POWER_STEPS = 2, 30  # 1 and 15 lose nothing
 _GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5  # 5 and 3 lose up to 9.5 dB, 14 and 9 gain up to 0.9 (reference-t)
-_FIRST_SHARPNESS, _NEXT_SHARPNESS = 30.0, 1000.0  # 300 and 100 lose 0.02 dB at most
+_SHARPNESS = 1000.0
+"""Of the first climb: starts are near their optimum, and a softer objective led away from it by up to 0.8 dB."""
 
 _HZ = types.Array(types.float64, 1, "C", readonly=True)
 _USABLE_AT = types.Array(types.boolean, 2, "C", readonly=True)
@@ -116,11 +110,11 @@ def _fill_forms(first, weight, loaded, order, felt, forms, is_given, usable, out
 
 
 @njit(
-    types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, types.float64, DRIVE),
+    types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, DRIVE),
     cache=True,
     error_model="numpy",
 )
-def _solve_at(forms, felt, quiet, p, usable, wanted, sharpness, a):  # type: ignore[no-untyped-def]  # numba
+def _solve_at(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """The best drive at one frequency, in place, from a drive next to it; its ratio, or -1: not loud enough.
 
     An infinite `wanted` asks for the loudest drive and its loudness.
@@ -138,7 +132,7 @@ def _solve_at(forms, felt, quiet, p, usable, wanted, sharpness, a):  # type: ign
                 rows[f, part] = forms[last + f, part]
         for i in range(m):
             rows[len(p) + i, i] = 1.0
-        climb(a, usable, rows, len(p), m, 0.0, sharpness, SHARPEST)
+        climb(a, usable, rows, len(p), m, 0.0, _SHARPNESS, SHARPEST)
         fill_products(a, products)
         return loudness_of(forms, last, m, products)
     value = 0.0
@@ -146,54 +140,52 @@ def _solve_at(forms, felt, quiet, p, usable, wanted, sharpness, a):  # type: ign
         value = solve_dominant(forms[0], forms[1], a, _POWER_STEPS)
     fill_products(a, products)
     loudness = loudness_of(forms, last, m, products)
-    if last == 2:
-        if loudness >= wanted:
+    if last == 2 and loudness >= wanted:
+        return value
+    if loudness < wanted:
+        loud = np.empty(m, dtype=np.complex128)
+        if find_loudest(p, usable, loud) < wanted:
+            return -1.0
+        weight, nu, margin = np.full(quiet, 1.0 / quiet), np.zeros(m), wanted * _LEVEL_MARGIN
+        value = keep_limits(forms, felt, quiet, p, usable, margin, 0.0, loud, weight, nu, a)
+        fill_products(a, products)
+        if loudness_of(forms, last, m, products) < wanted:
+            keep_level(forms, felt, quiet, p, usable, wanted, a)
+        elif last == 2 and len(p) == 1:
             return value
-        if m <= 2 and len(p) == 1:
-            return solve_on_limit(forms[0], forms[1], p[0], usable, wanted, a)
-    if loudness < wanted and keep_level(forms, felt, quiet, p, usable, wanted, a) < 0.0:
-        return -1.0
-    climb(a, usable, forms, felt, quiet, np.log(max(wanted, 1e-300) * _LEVEL_MARGIN), sharpness, SHARPEST)
+    climb(a, usable, forms, felt, quiet, np.log(max(wanted, 1e-300) * _LEVEL_MARGIN), _SHARPNESS, SHARPEST)
     fill_products(a, products)
     if loudness_of(forms, last, m, products) < wanted:
-        return -1.0
+        return keep_level(forms, felt, quiet, p, usable, wanted, a)
     return ratio_of(forms, felt, quiet, products)
 
 
 @njit(
-    types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, types.boolean, REAL, _COMPLEXES),
+    types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, REAL, _COMPLEXES),
     cache=True,
     error_model="numpy",
 )
-def _scan(usable, loaded, order, felt, given, numerators, wanted, may_skip, value, drive):  # type: ignore[no-untyped-def]  # numba
-    """Fill value (frequency,) and drive (frequency, actuator) with a drive that keeps the level at each frequency.
+def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):  # type: ignore[no-untyped-def]  # numba
+    """Fill value (frequency,) and drive (frequency, actuator) with about the best drive at each frequency.
 
-    value: its ratio, -1 where no drive is loud enough; with `may_skip` a frequency between two that reached little gets
-    the lower value of theirs and no drive. Exact with one numerator and one denominator and up to two
+    value: about its ratio, -1 where no drive is loud enough. Where the level binds, the optimum without it bounds what
+    is left: where that is little, it stands for it. Exact with one numerator and one denominator and up to two
     actuators; else a start for the ascent.
     """
     count, m = drive.shape
     n, last = numerators, given.shape[1]
     d = last - n
     forms, p, one = np.empty((last + felt, m * m)), np.empty((felt, m), dtype=np.complex128), np.ones(1)
-    a, products = np.ones(m, dtype=np.complex128), np.empty(m * m)
-    weight = np.empty(last + m)
-    weight[:n], weight[n:last], weight[last:] = 1.0 / n, 1.0 / d, 1.0 / m
+    a, loud, products = np.ones(m, dtype=np.complex128), np.empty(m, dtype=np.complex128), np.empty(m * m)
+    weight, held_weight, nu = np.empty(last), np.full(d, 1.0 / d), np.zeros(m)
+    weight[:n], weight[n:] = 1.0 / n, 1.0 / d
     mixed, space = np.zeros((3, m * m)), np.zeros((m + 2, m), dtype=np.complex128)
-    best, steps, nu = 0.0, _FIRST_STEPS, 0.0
+    best, steps = 0.0, _FIRST_STEPS
     is_simple = last == 2
     value[:] = -1.0
     for visit in range(2 * count):
-        # Some frequencies first: what they reach says where else the search for the level is worth its time.
         k = visit % count
         if (k % _STRIDE == 0) != (visit < count) or not usable[k].any():
-            continue
-        # Between two frequencies that reached little, little is expected; three actuators have narrower peaks.
-        before, after = k - k % _STRIDE, min(k - k % _STRIDE + _STRIDE, count - 1)
-        lower, upper = min(value[before], value[after]), max(value[before], value[after])
-        is_little = visit >= count and lower >= 0.0 and upper < _NEAR_FIRST * best
-        if is_little and may_skip:
-            value[k] = lower
             continue
         _fill_forms(k, one, loaded, order, felt, given, True, usable[k], forms, p)
         if np.isinf(wanted):
@@ -205,46 +197,34 @@ def _scan(usable, loaded, order, felt, given, numerators, wanted, may_skip, valu
             ratio = solve_dominant(forms[0], forms[1], a, _SCAN_STEPS)
             fill_products(a, products)
         else:
-            weigh(forms, n, d, a, weight, 0.0, steps, mixed, space)
+            weigh(forms, n, d, a, weight, steps, mixed, space)
             fill_products(a, products)
             ratio, steps = ratio_of(forms, n, d, products), _STEPS
         copy_drive(a, drive[k])
         if loudness_of(forms, last, m, products) < wanted:
-            # With one ratio the unlimited optimum bounds what the level leaves; else it is not quite the optimum.
-            if ratio <= best * (_NEAR if is_simple else _NEAR_SEVERAL):
+            if find_loudest(p, usable[k], loud) < wanted:
                 continue
-            if is_little:
-                continue
-            if is_simple and m <= 2 and felt == 1:
-                ratio = solve_on_limit(forms[0], forms[1], p[0], usable[k], wanted, drive[k])
-            elif find_loudest(p, usable[k], drive[k]) < wanted:
-                continue
-            else:
-                copy_drive(a, drive[k])
-                nu = approach_level(forms, n, d, wanted, drive[k], weight, nu, mixed, space)
-                fill_products(drive[k], products)
-                ratio = ratio_of(forms, n, d, products)
-                if loudness_of(forms, last, m, products) < wanted:
-                    ratio = keep_level(forms, n, d, p, usable[k], wanted, drive[k])
+            floor = best * (_NEAR if is_simple and m <= 2 else _NEAR_SEVERAL)
+            if ratio > floor:
+                ratio = keep_limits(forms, n, d, p, usable[k], wanted, floor, loud, held_weight, nu, drive[k])
         value[k] = ratio
         best = max(best, ratio)
 
 
 @njit(
     types.float64(
-        types.float64, _HZ, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, USABLE, types.float64,
-        types.float64, DRIVE,
+        types.float64, _HZ, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, USABLE, types.float64, DRIVE,
     ),
     cache=True, error_model="numpy",
 )  # fmt: skip
-def _evaluate(hz, grid_hz, loaded, order, felt, given, numerators, is_share, usable, wanted, sharpness, a):  # type: ignore[no-untyped-def]  # numba
+def _evaluate(hz, grid_hz, loaded, order, felt, given, numerators, is_share, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """The best drive at one frequency, in place, from a drive next to it; what it reaches, -1 where it is not loud."""
     m, last = len(a), given.shape[1]
     weight, forms = np.empty(min(4, len(grid_hz))), np.empty((last + felt, m * m))
     p = np.empty((felt, m), dtype=np.complex128)
     first = _weigh_neighbours(hz, grid_hz, weight)
     _fill_forms(first, weight, loaded, order, felt, given, is_share, usable, forms, p)
-    return _solve_at(forms, numerators, last - numerators, p, usable, wanted, sharpness, a)
+    return _solve_at(forms, numerators, last - numerators, p, usable, wanted, a)
 
 
 @njit(
@@ -291,9 +271,7 @@ def _refine(hz, usable, loaded, order, felt, given, numerators, is_share, betwee
         elif section > 0:
             at_hz = x if value_x == -2.0 else y
         copy_drive(a, trial)
-        value = _evaluate(
-            at_hz, hz, loaded, order, felt, given, numerators, is_share, playing, wanted, _NEXT_SHARPNESS, trial
-        )
+        value = _evaluate(at_hz, hz, loaded, order, felt, given, numerators, is_share, playing, wanted, trial)
         if is_uphill:
             if value > best:
                 best, k, moved = value, k + side, True
@@ -386,7 +364,7 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, between, wanted
     count, m = len(hz), len(out)
     n = 1 if is_share else felt
     value, drive = np.empty(count), np.empty((count, m), dtype=np.complex128)
-    _scan(usable, loaded, order, felt, given, n, wanted, held < 0 and m <= 2 and given.shape[1] == 2, value, drive)
+    _scan(usable, loaded, order, felt, given, n, wanted, value, drive)
     if held >= 0:
         _keep_peak(value, held)
     near = value.max() * (_NEAR if given.shape[1] == 2 and m <= 2 else _NEAR_SEVERAL)
@@ -403,9 +381,7 @@ def find_drive(hz, usable, loaded, order, felt, given, is_share, between, wanted
             right += 1
         value[left : right + 1] = -1.0
         peak[i] = k
-        peak_value[i] = _evaluate(
-            hz[k], hz, loaded, order, felt, given, n, is_share, usable[k], wanted, _FIRST_SHARPNESS, drive[k]
-        )
+        peak_value[i] = _evaluate(hz[k], hz, loaded, order, felt, given, n, is_share, usable[k], wanted, drive[k])
     found[0], found[1], top, refined = hz[0], -1.0, peak_value.max(), np.empty(2)
     for _ in range(_PEAKS if given.shape[1] <= 3 else _REFINED):
         i = int(peak_value.argmax())

@@ -106,6 +106,33 @@ def solve(form, b, x, lower):  # type: ignore[no-untyped-def]  # numba
         x[i] /= lower[i, i].real
 
 
+@njit(types.void(ROW, types.Array(types.complex128, 2, "C")), cache=True, error_model="numpy")
+def invert(form, out):  # type: ignore[no-untyped-def]  # numba
+    """Fill out (actuator, actuator) with H^-1, by elimination (Gauss and Jordan). A pivot is raised as in `solve`."""
+    m = len(out)
+    trace, part = 0.0, m
+    for i in range(m):
+        trace += form[i]
+        out[i, i] = form[i]
+        for j in range(i + 1, m):
+            out[i, j] = complex(form[part], form[part + 1])
+            out[j, i] = np.conj(out[i, j])
+            part += 2
+    floor = max(1e-12 * trace, TINY)
+    for k in range(m):
+        pivot = 1.0 / max(out[k, k].real, floor)
+        for i in range(m):
+            if i != k:
+                factor = out[i, k] * pivot
+                for j in range(m):
+                    if j != k:
+                        out[i, j] -= factor * out[k, j]
+                out[i, k] = -factor
+        for j in range(m):
+            out[k, j] *= pivot
+        out[k, k] = pivot
+
+
 @njit(types.float64(ROWS, types.int64, types.int64, REAL), cache=True, error_model="numpy")
 def ratio_of(forms, felt, quiet, products):  # type: ignore[no-untyped-def]  # numba
     """The weakest of the first `felt` powers over the strongest of the `quiet` ones after them."""

@@ -5,16 +5,11 @@ min_f P_f >= wanted max_l |a_l|^2:
 
 - One felt and one quiet form: the greatest eigenvalue of N a = lambda D a; closed form for two actuators, power
   iteration beyond. N is nearly of rank one (one finger, a few cases of it), so two or three steps are enough.
-- With two actuators and one felt finger, where that drive is not loud enough: the strongest actuator stands at full
-  scale, and the other one's amplitude lies on a circle in the complex plane, on which the ratio is (alpha + Re beta e)
-  / (gamma + Re delta e) with |e| = 1. Its maximum is a root of a quadratic, or the circle's end at |amplitude| = 1.
 - Several fingers: the forms of each side are added with weights, and the weights of the weakest felt and the strongest
   quiet finger grow step by step, by the ratio by which each is weak or strong (Lawson 1961). The drive takes one step
   of the power iteration for each step of the weights, so it follows from frequency to frequency.
-- Several fingers or more actuators where that is not loud enough: the powers of the amplitudes join the quiet forms,
-  with one weight nu that is searched for the wanted level, and weights among the actuators as among the fingers.
-  Where the felt finger's numerator and its level have one direction this is the Lagrangian of the problem. What is
-  left to the level is found along the line to the loudest drive; the ascent (engine.steady.ascent) climbs from there.
+- Where that is not loud enough: engine.steady.limited. What is left to the level is found along the line to the loudest
+  drive; the ascent (engine.steady.ascent) climbs from there.
 
 Forms (form, part) are `felt` numerators, `quiet` denominators, and the levels, one after another; p (finger, actuator)
 holds the responses that the levels are the powers of.
@@ -43,7 +38,6 @@ from engine.steady.forms import (
 _CONVERGED = 1e-7  # relative; 1e-5 loses nothing in the placements that drive_search.py tells of
 _LOUD_STEPS = 8
 _LINE_STEPS = 12  # halvings; 6 lose 0.04 dB at most (drive_search.py)
-_LEVEL_STEPS, _LEVEL_FACTOR = 8, 5.0  # 4 steps lose 13.9 dB in one of them, of three actuators
 _LEAST_WEIGHT = 1e-4  # so that it can grow again; 1e-2 changes contrasts by -1.2 to 1.0 dB (drive_search.py)
 
 _RESPONSES = types.Array(types.complex128, 2, "C")
@@ -109,16 +103,15 @@ def _share(weight, first, last):  # type: ignore[no-untyped-def]  # numba
 
 
 @njit(
-    types.void(ROWS, types.int64, types.int64, DRIVE, REAL, types.float64, types.int64, _MIXED,
-               _SPACE), cache=True, error_model="numpy"
-)  # fmt: skip
-def weigh(forms, felt, quiet, a, weight, nu, steps, mixed, space):  # type: ignore[no-untyped-def]  # numba
+    types.void(ROWS, types.int64, types.int64, DRIVE, REAL, types.int64, _MIXED, _SPACE),
+    cache=True,
+    error_model="numpy",
+)
+def weigh(forms, felt, quiet, a, weight, steps, mixed, space):  # type: ignore[no-untyped-def]  # numba
     """Steps of Lawson's weights and of the drive `a`, both in place: one step of the power iteration for each.
 
-    weight (felt + quiet + actuator,): each of the three adds up to 1. The quiet forms are added with their weights, and
-    `nu` times the powers of the amplitudes; each of these weighs as it is strong, without memory, which leads to the
-    least fourth power instead of the least greatest one and needs few steps. mixed (3, part), space (actuator + 2,
-    actuator): space for forms and vectors.
+    weight (felt + quiet,): each side adds up to 1. mixed (3, part), space (actuator + 2, actuator): space for forms and
+    vectors.
     """
     m, last = len(a), felt + quiet
     for _ in range(steps):
@@ -127,8 +120,6 @@ def weigh(forms, felt, quiet, a, weight, nu, steps, mixed, space):  # type: igno
             side, scale = 0 if i < felt else 1, weight[i]
             for part in range(m * m):
                 mixed[side, part] += scale * forms[i, part]
-        for i in range(m):
-            mixed[1, i] += nu * weight[last + i]
         multiply(mixed[0], a, space[0])
         solve(mixed[1], space[0], space[1], space[2:])
         _normalise(space[1], a)
@@ -136,45 +127,8 @@ def weigh(forms, felt, quiet, a, weight, nu, steps, mixed, space):  # type: igno
         for i in range(last):
             power = max(power_of(forms[i], mixed[2]), TINY)
             weight[i] = weight[i] / power if i < felt else weight[i] * power
-        for i in range(m):
-            weight[last + i] = mixed[2, i]
         _share(weight, 0, felt)
         _share(weight, felt, last)
-        _share(weight, last, last + m)
-
-
-@njit(
-    types.float64(ROWS, types.int64, types.int64, types.float64, DRIVE, REAL, types.float64,
-                  _MIXED, _SPACE), cache=True, error_model="numpy"
-)  # fmt: skip
-def approach_level(forms, felt, quiet, wanted, a, weight, nu, mixed, space):  # type: ignore[no-untyped-def]  # numba
-    """Bring `a` near the wanted loudness by raising the weight `nu` of the amplitudes; returns it, for a neighbour.
-
-    Bisection on log nu about the given one, the other weights following. The last drive loud enough is kept.
-    """
-    m, last = len(a), felt + quiet
-    if nu <= 0.0:
-        for j in range(felt, last):
-            for i in range(m):
-                nu += 1e-2 * forms[j, i] / quiet
-    low, high = 0.0, np.inf
-    trial, kept = a.copy(), nu
-    for _ in range(_LEVEL_STEPS):
-        weigh(forms, felt, quiet, trial, weight, nu, 2, mixed, space)
-        if loudness_of(forms, last, m, mixed[2]) < wanted:
-            low = nu
-        else:
-            high, kept = nu, nu
-            copy_drive(trial, a)
-        if low == 0.0:
-            nu = high / _LEVEL_FACTOR
-        elif high == np.inf:
-            nu = low * _LEVEL_FACTOR
-        else:
-            nu = np.sqrt(low * high)
-    if high == np.inf:
-        copy_drive(trial, a)
-    return kept
 
 
 @njit(types.float64(_RESPONSES, DRIVE), cache=True, error_model="numpy")
@@ -261,64 +215,3 @@ def keep_level(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-unt
             low = middle
     copy_drive(trial, a)
     return ratio_of(forms, felt, quiet, products)
-
-
-@njit(
-    types.float64(ROW, ROW, types.Array(types.complex128, 1, "C"), USABLE, types.float64, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
-def solve_on_limit(N, D, p, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
-    """At most two actuators, one felt finger, the level binding: the best drive in place and its ratio, or -1.
-
-    N, D (part,); p (actuator,).
-    """
-    best = -1.0
-    found, products = np.empty(len(a), np.complex128), np.empty(len(a) ** 2)
-    playing = 0
-    for i in range(len(a)):
-        playing += usable[i]
-    if playing < 2:  # nothing is left to choose
-        for i in range(len(a)):
-            a[i] = 1.0 if usable[i] else 0.0
-            if usable[i] and p[i].real ** 2 + p[i].imag ** 2 >= wanted:
-                best = N[i] / max(D[i], TINY)
-        return best
-    for full in range(2):  # the actuator at full scale; the other one's amplitude is x
-        other = 1 - full
-        if abs(p[other]) < 1e-12 * (abs(p[full]) + TINY):
-            continue
-        # |p_l + p_o x|^2 = wanted: the circle x = c + r e.
-        c, r = -p[full] / p[other], np.sqrt(wanted) / abs(p[other])
-        sign = 1.0 if full == 0 else -1.0
-        n, d = complex(N[2], sign * N[3]), complex(D[2], sign * D[3])
-        square = abs(c) ** 2 + r * r
-        alpha = N[full] + 2 * (n * c).real + N[other] * square
-        beta = 2 * r * (n + N[other] * np.conj(c))
-        gamma = D[full] + 2 * (d * c).real + D[other] * square
-        delta = 2 * r * (d + D[other] * np.conj(c))
-        # alpha - t gamma + |beta - t delta| = 0 at the maximum t of the ratio over the circle.
-        a2 = max(gamma * gamma - abs(delta) ** 2, TINY)
-        a1 = alpha * gamma - (beta * np.conj(delta)).real
-        t = (a1 + np.sqrt(max(a1 * a1 - a2 * (alpha * alpha - abs(beta) ** 2), 0.0))) / a2
-        e = np.conj(beta - t * delta)
-        x = c + r * (e / abs(e) if abs(e) > 0 else 1.0 + 0j)
-        count = 1
-        first = second = x
-        if abs(x) > 1.0:
-            # Outside of full scale: the ends of the arc inside, where both actuators are at full scale.
-            distance = abs(c)
-            along = (distance * distance + 1.0 - r * r) / max(2 * distance, TINY)
-            if along > 1.0 or along < -1.0:
-                continue
-            across = np.sqrt(1.0 - along * along)
-            count = 2
-            first, second = c / distance * complex(along, across), c / distance * complex(along, -across)
-        for i in range(count):
-            found[full], found[other] = 1.0, first if i == 0 else second
-            fill_products(found, products)
-            value = power_of(N, products) / max(power_of(D, products), TINY)
-            if value > best:
-                best = value
-                copy_drive(found, a)
-    return best
