@@ -33,6 +33,7 @@ from tactable.explain.diff_words import diff_json, print_diff
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
+_PARTS = (".nc", ".csv", ".mat")  # endings of a part of a table
 
 
 def explain(
@@ -125,18 +126,19 @@ def export(
         str,
         typer.Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
     ],
-    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .csv.")],
+    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
 ) -> None:
-    """Write a part of a table as CSV.
+    """Write a part of a table as NetCDF, CSV or MATLAB.
 
-    It has a line for each row: of the sweep its two frequencies and amplitudes with the figures of every zone, of the
-    clicks one click. A table itself is NetCDF, which xarray, MATLAB and Octave read (docs/tables.md).
+    NetCDF and MATLAB files hold every array of the part. CSV has a line for each row: of the sweep its two frequencies
+    and amplitudes with the figures of every zone, of the clicks one click.
     """
     from tactable.research.notebook_table import Table as NotebookTable
-    from tactable.research.table_export import write_csv
+    from tactable.research.table_export import write_csv, write_matlab, write_netcdf
 
-    if path.suffix.lower() != ".csv":
-        raise OptionError(f"--output {path}: expected a name that ends in .csv; other programs read the table itself")
+    if path.suffix.lower() not in _PARTS:
+        raise OptionError(f"--output {path}: expected a name that ends in {', '.join(_PARTS)}")
+    write = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}[path.suffix.lower()]
     with NotebookTable.open(table_path) as table, table.to_xarray(group) as found, replace_file(path) as made:
-        names = write_csv(found, group, made)
+        names = write(found, group, made)
     say(f"{path}: {group} of {table.device.name}: {', '.join(names)}")

@@ -61,7 +61,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Understand": {
             "explain": Entry("explain:explain", "Explain what is played for some fingers, and why others lost."),
             "diff": Entry("explain:diff", "Compare two tables, as a whole, row by row and click by click."),
-            "export": Entry("explain:export", "Write a part of a table as CSV."),
+            "export": Entry("explain:export", "Write a part of a table as NetCDF, CSV or MATLAB."),
             "plot": Entry("", "Draw what a table or a bar does: PNG, SVG or PDF, and the data as CSV."),
             "study": Entry("", "Search and compare bars that are not built yet: pictures and data."),
         },

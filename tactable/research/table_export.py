@@ -1,9 +1,9 @@
-"""A part of a table as lines of CSV, for programs that read no NetCDF."""
+"""Parts of a table for other programs: a NetCDF file of one part, a MATLAB file, or lines of CSV."""
 
 from collections.abc import Hashable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,32 @@ ROWS = {
     "clicks": ("click",),
 }
 """Dimensions whose elements are the rows of the CSV; the others are columns. Arrays of neither are left out."""
+
+
+def write_netcdf(found: "xarray.Dataset", group: str, path: Path) -> list[str]:
+    """Write a part with its units at the root of a NetCDF-4 file; returns the names of its arrays."""
+    plain = found.assign_attrs(group=group).drop_encoding()
+    for array in plain.variables.values():
+        array.attrs.pop("crc32", None)  # of the table's bytes
+    plain.to_netcdf(path, engine="h5netcdf", format="NETCDF4")
+    return _names(found)
+
+
+def write_matlab(found: "xarray.Dataset", group: str, path: Path) -> list[str]:
+    """Write a struct named `group` into a MATLAB file (version 5): arrays in the table's order, texts as cells.
+
+    Its field `units` has the unit of each array. Returns the names of the arrays.
+    """
+    from scipy.io import savemat
+
+    arrays: dict[str, Any] = {}
+    for name, array in found.variables.items():
+        values = np.asarray(array.values)
+        arrays[str(name)] = values.astype(object) if values.dtype.kind in "OU" else values
+    units = {str(name): str(array.attrs.get("units", "1")) for name, array in found.variables.items()}
+    fields = {group: {**arrays, "units": units}}
+    savemat(str(path), fields, appendmat=False, long_field_names=True, oned_as="column")
+    return _names(found)
 
 
 def write_csv(found: "xarray.Dataset", group: str, path: Path) -> list[str]:

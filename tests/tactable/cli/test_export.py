@@ -1,10 +1,12 @@
-"""The command `export`: CSV has the numbers of the table, and what is not there is told."""
+"""The command `export`: every format has the numbers of the table, and what is not there is told."""
 
 from pathlib import Path
 
 import numpy as np
 import pandas
+import pytest
 import xarray
+from scipy.io import loadmat
 
 from engine.device import Device
 from engine.table import Table
@@ -12,6 +14,23 @@ from precompute.builder.table_build import build_table
 from tactable.research.table_export import ROWS, write_csv
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
+
+
+@pytest.mark.parametrize("group", ["coherent_sweep", "best_rows", "clicks"])
+def test_matlab_and_netcdf_hold_every_array_of_a_part(click_table: Path, tmp_path: Path, group: str) -> None:
+    for ending in ("mat", "nc"):
+        done = run_here(tmp_path, "export", str(click_table), group, "-o", f"part.{ending}")
+        assert done.returncode == 0, done.stderr
+    struct = loadmat(tmp_path / "part.mat", simplify_cells=True)[group]
+    with xarray.open_dataset(click_table, group=group) as own, xarray.open_dataset(tmp_path / "part.nc") as copied:
+        xarray.testing.assert_equal(own, copied)
+        for name, array in own.variables.items():
+            found = np.asarray(struct[str(name)])
+            if array.dtype.kind in "OU":
+                assert found.ravel().tolist() == array.values.ravel().tolist()
+            else:
+                np.testing.assert_array_equal(found.reshape(array.shape), array.values)
+            assert struct["units"][str(name)] == array.attrs.get("units", "1")
 
 
 def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tmp_path: Path) -> None:
