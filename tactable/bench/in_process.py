@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from base.arrays import Array, Integers, Mask
-from engine.effects.rules import DEFAULT_EFFECTS
+from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
 from engine.loop.observer import Trace
@@ -197,14 +197,16 @@ def together(parts: Sequence[InProcess]) -> InProcess:
     )
 
 
-def measure_in_process(table: Table, stream: Stream, count: int, library: ctypes.CDLL | None) -> InProcess:
+def measure_in_process(
+    table: Table, stream: Stream, count: int, library: ctypes.CDLL | None, effects: Effects = DEFAULT_EFFECTS
+) -> InProcess:
     """Time `count` reports until the bytes of the command are ready, or until it is known that none is due.
 
     Without the `library` of the compiled step the loop answers every report.
     """
     clock = _PacedClock()
     memory = _Memory(stream, count, configuration_of(table.device), clock)
-    options = LiveOptions(DEFAULT_EFFECTS, reconnect=True, bit_rate_hz=_MEMORY_BIT_RATE_HZ, fast=library)
+    options = LiveOptions(effects, reconnect=True, bit_rate_hz=_MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
     write_ns = np.array(memory.write_ns, np.float64)

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.effects.effect_player import EffectPlayer
-from engine.effects.rules import DEFAULT_EFFECTS
+from engine.effects.rules import DEFAULT_EFFECTS, Effect, Effects, Rule, Segment, Trigger
 from engine.table import Table
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import FingerTracker, Placement, open_digitizer
 from engine.touch.placement import MOST_FINGERS
 from engine.touch.sources.recording import Recording
@@ -21,6 +22,8 @@ from tactable.shipped import cache_folder, find_device
 
 MOST_COMMANDS_HZ = 100
 """Commands a second at most: a device fades one click while the next one plays, and has no room for a third."""
+HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
+"""A drive as long as a finger touches."""
 _NS_PER_S = 1_000_000_000
 
 

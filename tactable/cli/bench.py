@@ -17,7 +17,7 @@ from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 from tactable.cli.console import ERRORS, OUT, remark, say, show
 from tactable.cli.options import AsJson, BitRate, DeviceOption, OptionalTable, OptionError, read_counts
-from tactable.shipped import find_device
+from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
 EXIT_WORSE = 4
 _HIGHEST_RATE_HZ = 20_000
@@ -32,6 +32,32 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
     show(run_sweep_bench(find_device(device_name)), as_json, print_sweep_bench)
+
+
+def step(
+    table_path: OptionalTable = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Option("--recording", help="In hid-recorder format; default: the shipped one.")
+    ] = None,
+    effects_path: Annotated[
+        Path | None,
+        typer.Option("--effects", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Time the stages from a report to command bytes.
+
+    Drives for positions and for zones, and clicks are timed, with and without rules, beside the compiled step.
+    """
+    from engine.effects.rule_file import read_effects
+    from tactable.bench.step import RULES, print_step_bench, run_step_bench
+
+    read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
+    with open_table(table_path) as table:
+        rules = dict(RULES)
+        if effects_path is not None:
+            rules[effects_path.name] = read_effects(effects_path, table.device, named_effects())
+        show(run_step_bench(table, read, rules), as_json, print_step_bench)
 
 
 def control(

@@ -109,6 +109,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "bench": {
         "Benchmarks": {
             "sweep": Entry("bench:sweep", "Time the sweep over frequencies and amplitudes."),
+            "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("bench:latency", "Measure the latency from report to command."),
         },
