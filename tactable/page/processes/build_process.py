@@ -27,6 +27,7 @@ from tactable.shipped import find_device
 STEADY = (
     "engine.steady.forms",
     "engine.steady.optimum",
+    "engine.steady.limited",
     "engine.steady.ascent",
     "engine.steady.loading",
     "engine.steady.drive_search",

@@ -94,7 +94,7 @@ REFUSED = [
     ("plot optimum reference-a --zones VI", "'VI'", "I, II, III"),
     ("plot reach reference-a -o a.png -o b.svg", "a.png and b.svg", "give one of each"),
     ("export bar.nc swep -o a.csv", "'swep'", "best_rows"),
-    ("export bar.nc sweep -o a.xls", "a.xls", "ends in .csv"),
+    ("export bar.nc sweep -o a.xls", "a.xls", ".nc, .csv, .mat"),
     ("study placement one.toml", "two fingers need two zones"),
     ("study placement bar.toml --actuators 2,5", "--actuators '2,5'", "1 to 4"),
     ("study placement bar.toml --actuators two", "--actuators 'two'"),
