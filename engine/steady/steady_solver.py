@@ -7,7 +7,8 @@ a few sampled cases of every finger's stiffness, damping, mass and exact positio
 contrast, the weakest felt over the strongest quiet finger, each power averaged over the sampled cases, above the
 wanted level of the standard felt fingers and within the amplitude limit (engine.steady.drive_search). With nothing
 quiet it maximises the share of kinetic energy in the zones that hold the felt fingers. All actuators play one
-frequency. No bound is computed here; the tests compare optima with a Lagrangian bound (tests/engine/steady/bound.py).
+frequency. How far from the best a drive is, is not told here: the tests compare drives with a Lagrangian bound
+(tests/engine/steady/bound.py) and with a patient search (tests/studies/physics/steady_optimum.py).
 
 Where no drive reaches the level, the loudest one is answered and `achieved` is False. An infinite level asks for it.
 
