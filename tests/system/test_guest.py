@@ -164,13 +164,14 @@ def test_an_overflow_is_counted_released_and_forgotten(guest: Guest) -> None:
     assert len(SWEPT.reports) > RING
     assert happened.source.overflows == 1
     assert run.counters.reports == RING + 1 + len(TAP.reports)  # LIFT_ALL stands for what was lost
-    released = next(change for change in run.trace if change.report_index == RING)
+    # A slow guest may come to what was read before together with the loss, under the number of the last report.
+    released = next(change for change in run.trace if change.report_index == RING and change.placement is None)
     before = run.trace[run.trace.index(released) - 1]
     assert before.report_index is not None
-    assert before.report_index < RING
+    assert before.report_index <= RING
     # At once, not by the watchdog: what was lost may have been the lift.
     assert released.time_ns - before.time_ns < RELEASE_AFTER_NS
-    assert (released.placement, run.states()[-2:]) == (None, [index_of(4), 0])
+    assert run.states()[-2:] == [index_of(4), 0]
     assert driven_hz(happened.log)[-1] == 116.0
     assert is_silent(happened.log.events[-1])
 
