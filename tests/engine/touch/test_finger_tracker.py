@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
+from engine.device.parts import TouchAcross
 from engine.touch import Contact, FingerTracker, Touch, TouchFrame
 from engine.touch.descriptor import read_surfaces
-from engine.touch.finger_tracker import ZoneEdges, touch_position
+from engine.touch.finger_tracker import ZoneEdges, ZoneRectangles, touch_position
 from tests.engine.touch.descriptors import application, finger
 from tests.precompute.devices import shipped
 
@@ -82,6 +83,24 @@ def test_a_fingertip_on_the_end_is_a_finger_until_it_lifts_however_far_it_slides
     assert touches(9) == []
     assert touches(7) == touches(90) == [Touch(1, end_m, zone)]
     assert touches(90, tip=False) == touches(90) == []
+
+
+def test_a_finger_beside_any_side_of_a_plate_is_none_and_on_an_edge_of_zones_it_is_in_the_last() -> None:
+    plate = shipped("reference-p")
+    across = TouchAcross(False, -0.1, -0.1, None)
+    tracker = FingerTracker(replace(plate, touch_axis=TouchAxis("x", False, -0.1, -0.1, None, across=across)), SURFACE)
+
+    def zones(x_m: float, y_m: float) -> list[int | None]:
+        tracker.track(frame_of(at(0, tip=False)))
+        x, y = (round(LAST * (at_m + 0.1) / (side_m + 0.2)) for at_m, side_m in ((x_m, 0.3), (y_m, 0.18)))
+        return [touch.zone for touch in tracker.track(frame_of(Contact(1, x, y, True)))]
+
+    assert zones(0.05, 0.05) == [0] and zones(0.25, 0.15) == [5]
+    for beside in ((-0.05, 0.05), (0.35, 0.05), (0.05, -0.05), (0.05, 0.23), (-0.05, -0.05)):
+        assert zones(*beside) == []
+    edges = ZoneRectangles(plate)
+    middle_m, corner_m = plate.zones[0].stop_m, plate.surface.corner_m
+    assert (edges.zone_at(middle_m), edges.zone_at(corner_m), edges.zone_at(corner_m + 0.01)) == (4, 5, None)
 
 
 def test_another_bar_decides_anew_which_contacts_are_its_fingers() -> None:
