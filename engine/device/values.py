@@ -29,7 +29,7 @@ _UNITS = {
 }
 """Unit by the ending of a value's name; without the ending it is the key in the file."""
 _FRACTIONS = re.compile(r"spread\..*|limits\.amplitude")
-_WRITTEN_DIGITS = 15  # DBL_DIG: every decimal of so many digits passes through a float unchanged
+_WRITTEN_DIGITS = 15  # DBL_DIG: every decimal of this many digits passes through a float unchanged
 _DIGITS = 12  # as Device.fingerprint: "27.94 cm" and "279.4 mm" are the same
 
 

@@ -25,12 +25,12 @@ _PEAKS = 6  # 3 and 12 change nothing
 _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
 _STRIDE = 8
-"""Every so many frequencies come first: what they reach bounds what the others are worth."""
+"""The scan takes every eighth frequency first. The best of them lets it leave out most of the others."""
 _SCAN_STEPS, _POWER_STEPS = 2, 30  # 1 and 15 lose nothing
 _GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5  # 5 and 3 lose up to 9.5 dB, 14 and 9 gain up to 0.9 (reference-t)
 _SHARPNESS = 1000.0
-"""Of the first climb: starts are near their optimum, and a softer objective led away from it by up to 0.8 dB."""
+"""Sharpness of the ascent at its start. A softer objective led away from good starts, by up to 0.8 dB."""
 
 _HZ = types.Array(types.float64, 1, "C", readonly=True)
 _USABLE_AT = types.Array(types.boolean, 2, "C", readonly=True)
@@ -320,7 +320,7 @@ def _fill_power(grid_hz, hz, loaded, a, power):  # type: ignore[no-untyped-def] 
 
 @njit(types.void(REAL, _COUNT), cache=True, error_model="numpy")
 def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
-    """Take all frequencies off value (frequency,) but those of the peak that is uphill of the index `held`.
+    """Keep only the peak of value (frequency,) that is uphill of the index `held`; all other frequencies become -1.
 
     It is the nearest one that reaches the level.
     """
@@ -350,7 +350,7 @@ def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
     cache=True, error_model="numpy",
 )  # fmt: skip
 def find_drive(hz, usable, loaded, order, felt, given, is_share, between, wanted, held, found, out, power):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (actuator,) with the best drive, found (2,) with its frequency and its ratio, or -1: none is loud.
+    """Fill out (actuator,) with the best drive, found (2,) with its frequency and its ratio; -1: no drive is loud.
 
     power (case, finger): filled with the powers over threshold under all fingers, the drive's strongest actuator at 1.
 

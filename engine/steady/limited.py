@@ -40,15 +40,15 @@ from engine.steady.forms import (
 from engine.steady.optimum import keep_level
 
 _CLOSE = 5e-5
-"""Relative error of an amplitude at full scale that is let pass."""
+"""Tolerance of an amplitude at full scale, relative."""
 _ALMOST = 0.98
-"""The part of the wanted power that a start has to reach; what is missing is found on the line to the loudest drive."""
+"""A drive is taken if it has this part of the wanted power; moving it towards the loudest drive adds the rest."""
 _STEPS = 24  # for each actuator; 8 leave a deep minimum that is 11 dB from its depth
 _ROUNDS, _FEW_ROUNDS = 3, 2  # two for all leave 98.3 of 99.0 % of 525 placements within 0.1 dB of a patient search
 _MOST = 1e9
-"""A multiplier grows in a step to at most so many times the power that its amplitude stands for."""
+"""Greatest change of a multiplier in one step, relative to 1 / inverse[i, i], so that rounding stays finite."""
 _LEAST_ROOM = 1e-12
-"""An amplitude that its multiplier moves less than this, relative to no level at all, is given by the levels."""
+"""Below this relative slope the levels alone determine an amplitude, and its multiplier cannot change it."""
 _LEAST_WEIGHT = 1e-4  # as in optimum.py
 
 _COUNT = types.int64
@@ -59,7 +59,7 @@ _FLAGS = types.Array(types.boolean, 1, "C")
 
 @njit(types.void(_REALS, REAL, _FLAGS, REAL), cache=True, error_model="numpy")
 def _substitute(lower, right, is_active, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (finger,) with the solution for a right side, of which those parts count that are active."""
+    """Fill out (finger,) with the solution of lower lower^T x = right, where inactive parts of `right` are 0."""
     count = len(out)
     for i in range(count):
         s = right[i] if is_active[i] else 0.0
@@ -85,7 +85,7 @@ def _solve_levels(M, missing, lower, is_active, mu):  # type: ignore[no-untyped-
         floor = 0.0
         for f in range(count):
             floor += 1e-12 * M[f, f]
-        # Cholesky's factors of the active part; rows and columns of the others are those of the identity.
+        # Cholesky's factors of the active part; the other rows and columns are replaced by the identity's.
         for i in range(count):
             for j in range(i + 1):
                 is_one = is_active[i] and is_active[j]
@@ -142,7 +142,7 @@ def _answer(inverse, turned, q, root, z, lower, is_active, mu, a):  # type: igno
 
 @njit(types.float64(ROWS, types.int64, REAL, REAL, DRIVE, REAL), cache=True, error_model="numpy")
 def _dual(forms, felt, mixed, nu, a, products):  # type: ignore[no-untyped-def]  # numba
-    """The ratio of `a` with the dual's value below it; products (part,): filled."""
+    """The least numerator of `a` over the value of the dual; fills products (part,)."""
     fill_products(a, products)
     above, below = np.inf, power_of(mixed, products)
     for i in range(len(nu)):
@@ -158,7 +158,7 @@ def _dual(forms, felt, mixed, nu, a, products):  # type: ignore[no-untyped-def] 
     error_model="numpy",
 )
 def _step(turned, q, root, mixed, nu, inverse, z, lower, is_active, mu, a):  # type: ignore[no-untyped-def]  # numba
-    """Bring the amplitude that is most wrong to full scale by its multiplier, all in place; whether one was wrong."""
+    """Bring the amplitude with the greatest error to full scale by its multiplier, in place; False: none had one."""
     fingers, m = turned.shape
     worst, at, excess = _CLOSE, -1, 0.0
     for i in range(m):
@@ -272,7 +272,7 @@ def keep_limits(forms, felt, quiet, p, usable, wanted, floor, loud, weight, nu, 
         if best >= 0.0:
             break
         if start == 1:
-            # Under the loudest drive several felt fingers have phases for which there is a drive.
+            # With the phases of the loudest drive the convex problem has a solution.
             copy_drive(loud, trial)
             nu[:] = 0.0
         value = _approach(forms, felt, quiet, p, wanted, floor, rounds, weight, nu, trial)

@@ -169,7 +169,7 @@ class Table:
 
         A position is a text such as "35 mm", metres, or the name of a zone, which means its middle. The click is that
         of the nearest places. Raises PlacementError for positions that are no placement, TableError where the table
-        has no click for so many fingers.
+        has no click for this number of fingers.
         """
         placement = Placement.named(self.device, felt, quiet)
         click = self.click_at(placement, level_db)

@@ -3,7 +3,7 @@
 Here, and nowhere else, it is decided which contacts are fingers of the surface, since a touch area may reach beyond it.
 A contact is one from when it comes within REACH_M of the surface until it lifts; where its centre is beyond an edge, it
 counts as at the edge. So a contact that trembles beside the surface does not come and go. A change to another surface
-decides anew for every contact that is down.
+decides again for every contact that is down.
 
 A finger that rests on an edge between two zones jitters by a digitizer unit and would change zones at every frame. So
 zones have hysteresis: a contact stays in its zone until it is `zone_hysteresis` past the edge, and only then the zone

@@ -22,7 +22,7 @@ OUTLYING = 3.5
 _NO_OUTLIERS = re.compile(r"uncertainty\.|.*damping")
 """Columns that vary by factors between good bars, and are at times not told by their readings."""
 _TOLD = ("name", "error", "seconds", "fingerprint", "figures")  # of each outcome
-_UNLIKELY = 0.005  # of a drift: by chance one in 200 values of a lot without any has it
+_UNLIKELY = 0.005  # probability below which a drift is told: one in 200 values without a drift shows one by chance
 
 
 @dataclass(frozen=True)

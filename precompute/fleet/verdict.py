@@ -26,11 +26,11 @@ from precompute.fleet.units import FleetError, Outcome
 LIMITS = "limits.toml"
 """File of the stated limits, in the folder of the units or beside their manifest."""
 FEWEST = 8
-"""Fewest units of a lot that one of them is compared with."""
+"""A unit is compared with its lot if at least this many units tell the value."""
 _SPREADS = 5.0
 """Robust standard deviations from the median of the lot beyond which a value is off."""
-_LEAST_SPREAD = 0.01  # of the median: closer than that bars are not made, nor measured
-_WRONG_FACTOR = 1.1  # nearer readings cost a fit little, and among hundreds of good ones noise makes some of them
+_LEAST_SPREAD = 0.01  # of the median; estimate of how closely bars are made and measured
+_WRONG_FACTOR = 1.1  # smaller errors change a fit little, and noise makes some among hundreds of good readings
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
 _TOLD = (Known.WELL.value, Known.ROUGHLY.value)
 Limits = Mapping[str, tuple[float, float]]
@@ -114,7 +114,7 @@ def lot_value(values: Sequence[float]) -> LotValue:
 
 
 def limit_of(name: str, limits: Limits) -> tuple[float, float] | None:
-    """The limits of a value: its own, or those of all actuators."""
+    """The limits of a value: stated for it, or for the same value of all actuators."""
     return limits.get(name, limits.get(_of_all(name)))
 
 

@@ -1,4 +1,4 @@
-"""Arrays of a MAT file that somebody else wrote, read by SciPy in a child process with bounded time.
+"""Arrays of a MAT file from another program, read by SciPy in a child process with bounded time.
 
 On some damaged files SciPy reads beyond its memory, which Python cannot survive. So a child process reads the file: it
 may take LIMIT_S of processor time, and however it ends, this process only gets a refusal. Arrays come back as .npy data

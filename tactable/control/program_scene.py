@@ -3,7 +3,7 @@
 The newest region lies on top. Where a region is, neither the regions below it nor the rules of the run hold, not even
 for an event that it has no rule for. What a program holds ends with its lease: its settings, its triggered effects, its
 quiet fingers, the effects that it defined, and its regions but for those that stay. A program that sets a region or
-defines an effect anew takes it over. A region keeps the effects that it was set with, whatever becomes of their names.
+defines an effect again takes it over. A region keeps the effects that it was set with, whatever becomes of their names.
 """
 
 from base.points import is_within

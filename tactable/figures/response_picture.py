@@ -106,7 +106,7 @@ def _predicted(device: Device, measurements: Measurements) -> Array:
 
 
 def _panels(device: Device, count: int) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels: one below the other along a bar, maps of a plate side by side."""
+    """A figure with `count` panels: stacked along one axis for a bar, maps side by side for a plate."""
     if not style.is_plate(device):
         figure = Figure(figsize=(9, 1.8 + 2.0 * count), layout="constrained")
         panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]

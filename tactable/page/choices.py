@@ -17,7 +17,7 @@ from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01  # as tables/effects/slider.toml
 _FINEST_M, _FARTHEST_M = 1e-5, 100.0
-"""A smaller move of an actuator is none."""
+"""Smaller moves of an actuator are ignored."""
 HOLD_NS = 500_000_000  # the long press of iOS
 _NOTHING = Effect("nothing", (Segment(None, None),))
 
@@ -136,7 +136,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
 
 
 def _point(value: Any) -> Any:
-    """The point of a JSON value; None where it is none, or unbelievably far away."""
+    """The point of a JSON value; None where it is not a point, or is unbelievably far away."""
     try:
         point = point_of_json(value)
         return point if abs(point) < _FARTHEST_M else None

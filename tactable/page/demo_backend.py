@@ -280,7 +280,7 @@ class DemoBackend(PageBackend):
         # For actuators that were moved kernels are compiled, and no table is built.
         is_built = table.path == order.path or bool(choice.actuators_m)
         if not is_built or not self._builder.has_compiled:
-            self._builder.order_build(order)  # only now: what there is plays first
+            self._builder.order_build(order)  # only now: the table that is already there plays first
         elif table.path == order.path:
             self._builder.stop()
         if table.is_shipped:

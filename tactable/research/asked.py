@@ -1,4 +1,4 @@
-"""What a program asks for, as it may be wrong: fingers and a level become a placement, or an error that names them."""
+"""Checks the fingers and the level that a program asks for, and makes a placement of them."""
 
 from collections.abc import Sequence
 from math import isnan
@@ -12,7 +12,7 @@ from engine.touch.placement import PlacementError
 def asked_placement(
     device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex], level_db: float
 ) -> Placement:
-    """The placement of these fingers. Raises PlacementError for what is no list of positions, and no level."""
+    """The placement of these fingers. Raises PlacementError if they are no list of positions or the level no number."""
     for role, fingers in (("felt", felt), ("quiet", quiet)):
         if isinstance(fingers, Complex):
             raise PlacementError(f"{role}={fingers!r}: is one position; give a list, such as [{fingers!r}]")

@@ -23,7 +23,7 @@ class Table(TableFile):
         """Click of the nearest places for fingers at these positions, played at `level_db`.
 
         A position is a text such as "35 mm", metres, or the name of a zone, which means its middle. Raises
-        PlacementError for positions that are no placement, TableError where the table has no click for so many fingers.
+        PlacementError for positions that are no placement, TableError where it has no click for this number of fingers.
 
         >>> with Table.open("my-bar.nc") as table:
         ...     table.click_for(["35 mm"]).to_xarray().waveform.dims

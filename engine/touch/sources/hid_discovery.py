@@ -32,16 +32,16 @@ class HidModule(Protocol):
 
 @dataclass(frozen=True)
 class HidSystem:
-    """hidapi's module, which lists devices, and where the kernel describes their nodes, Linux's own /dev/hidrawN."""
+    """Module of hidapi that lists devices, and the folder in which the kernel describes their nodes /dev/hidrawN."""
 
     module: HidModule
     sysfs: Path = Path("/sys/class/hidraw")
 
 
 def load_hid_system(import_module: Callable[[str], object] = importlib.import_module) -> HidSystem:
-    """The module `hidraw` of hidapi. Raises `DigitizerError` where there is none.
+    """Import the module `hidraw` of hidapi. Raises `DigitizerError` where it is not installed.
 
-    Its other one, `hid`, is libusb: it takes the touch screen from the desktop and sees neither I2C nor Bluetooth.
+    Its other module, `hid`, uses libusb, which detaches the touch screen from the desktop and sees no I2C or Bluetooth.
     """
     try:
         return HidSystem(cast(HidModule, import_module("hidraw")))
