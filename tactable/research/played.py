@@ -63,8 +63,8 @@ class Drive(_Asked, SteadyDrive):
     def contrast_db(self) -> float | None:
         """Level of the weakest felt finger less the level of the strongest quiet one, in dB.
 
-        None without a quiet finger. Levels are of standard fingers exactly in place, where the model's null may be deeper
-        than any bar's; `expected_contrast_db` is over sampled fingers.
+        None without a quiet finger. Levels are of standard fingers exactly in place, where the model's null may be
+        deeper than any bar's; `expected_contrast_db` is over sampled fingers.
         """
         quiet = [level for level, is_felt in zip(self.level_db, self.felt, strict=True) if not is_felt]
         return float(self.weakest_felt_db - max(quiet)) if quiet else None
