@@ -9,7 +9,7 @@ from engine.device import Device
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.loop import Loop, StopRequest, SystemClock, connect
-from engine.loop.observer import CommandRecord, LoopCounters, Trace
+from engine.loop.observer import CommandRecord, LoopCounters, Observers, Trace
 from engine.loop.pipeline import open_pipeline
 from engine.render.limits import link_configuration
 from engine.touch.sources import Source
@@ -49,8 +49,29 @@ class ChainRun:
         return [state for state, _ in groupby(asked)]
 
 
-def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_ready: Callable[[], None]) -> ChainRun:
-    """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port."""
+class Taken:
+    """Tells how many reports of a run were taken and answered."""
+
+    def __init__(self, tell: Callable[[int], None]) -> None:
+        self._tell = tell
+        tell(0)
+
+    def observe(self, record: CommandRecord, counters: LoopCounters) -> None:  # noqa: ARG002  # an Observer
+        """Tell it at the end of the loop's pass."""
+        self._tell(counters.reports)
+
+
+def run_chain(
+    source: Source,
+    port: SerialPort,
+    stop: StopRequest | None = None,
+    on_ready: Callable[[], None] = lambda: None,
+    on_taken: Callable[[int], None] = lambda _: None,
+) -> ChainRun:
+    """Greet the firmware, say so, then run until the source has ended or `stop` is set; closes the port.
+
+    `on_taken` is told how many reports were answered.
+    """
     clock, trace = SystemClock(), Trace()
     link = Link(replace(link_configuration(DEVICE, BIT_RATE_HZ), handshake_timeout_s=PATIENCE_S))
     link_error = None
@@ -58,7 +79,8 @@ def run_chain(source: Source, port: SerialPort, stop: StopRequest | None, on_rea
         session = Session(link, port, clock.now_ns)
         renderer = made_renderer(DEVICE, connect(session, clock))
         pipeline = open_pipeline(source, DEVICE, HELD, renderer)
-        loop = Loop(pipeline, Dispatcher(session, clock.now_ns), source, clock, trace, reconnect=True)
+        observers = Observers(trace, Taken(on_taken))
+        loop = Loop(pipeline, Dispatcher(session, clock.now_ns), source, clock, observers, reconnect=True)
         on_ready()
         try:
             loop.run(stop)

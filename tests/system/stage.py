@@ -54,7 +54,20 @@ class Stage:
         self.running_again = Cue()
         self.ended_again = Cue()
         self.stop = Cue()
+        self._taken = _FORK.Value("q", 0)
         self._notes, self._pen = _FORK.Pipe(duplex=False)
+
+    def tell_taken(self, reports: int) -> None:
+        """The engine has answered so many reports of its run."""
+        self._taken.value = reports
+
+    def wait_until_taken(self, reports: int) -> None:
+        """Until the engine has answered so many reports; raises TimeoutError when it does not."""
+        end_s = time.monotonic() + PATIENCE_S
+        while self._taken.value < reports:
+            if time.monotonic() > end_s:
+                raise TimeoutError(f"the engine took {self._taken.value} of {reports} reports")
+            time.sleep(_POLL_S)
 
     def note(self, name: str) -> None:
         """Write down that this happens now."""

@@ -14,7 +14,7 @@ from typing import TypeVar
 import pytest
 
 from engine.loop.observer import CommandRecord
-from engine.touch.digitizer import RELEASE_AFTER_NS
+from engine.touch.sources.hidraw import RING_SIZE
 from engine.touch.sources.playback import Playback
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
 from firmware_link.emulator.emulator_process import run_emulator
@@ -32,8 +32,6 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 # Only against a guest that hangs: it is done within 2 minutes, on a crowded machine within 4.
 GUEST_LIMIT_S = 600
-# hidraw keeps this many reports and drops the newest.
-RING = 63
 # A sequence number is used again after 256 frames, which take more than 3 s.
 SAME_SEQUENCE_NS = 2_000_000_000
 
@@ -75,7 +73,7 @@ def guest(tmp_path_factory: pytest.TempPathFactory) -> Guest:
 def play_beside() -> ChainRun:
     """The same recording without a kernel's drivers: played into the engine, to an emulator behind a pty."""
     with run_emulator() as emulator:
-        return run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ), None, lambda: None)
+        return run_chain(Playback(DEMO), SerialPort(emulator.port, BIT_RATE_HZ))
 
 
 def index_of(zone: int) -> int:
@@ -161,17 +159,13 @@ def test_what_is_unplugged_is_silent_and_goes_on_when_it_is_back(guest: Guest) -
 def test_an_overflow_is_counted_released_and_forgotten(guest: Guest) -> None:
     happened = guest.result("overflow", Happened)
     (run,) = happened.runs
-    assert len(SWEPT.reports) > RING
+    assert len(SWEPT.reports) > RING_SIZE
     assert happened.source.overflows == 1
-    assert run.counters.reports == RING + 1 + len(TAP.reports)  # LIFT_ALL stands for what was lost
-    # A slow guest may come to what was read before together with the loss, under the number of the last report.
-    released = next(change for change in run.trace if change.report_index == RING and change.placement is None)
-    before = run.trace[run.trace.index(released) - 1]
-    assert before.report_index is not None
-    assert before.report_index <= RING
-    # At once, not by the watchdog: what was lost may have been the lift.
-    assert released.time_ns - before.time_ns < RELEASE_AFTER_NS
-    assert run.states()[-2:] == [index_of(4), 0]
+    assert run.counters.reports == RING_SIZE + 1 + len(TAP.reports)  # LIFT_ALL stands for what was lost
+    released = next(change for change in run.trace if change.report_index == RING_SIZE)
+    # By the report that stands for the loss, not by the watchdog: what was lost may have been the lift.
+    assert run.trace[run.trace.index(released) - 1].report_index == RING_SIZE - 1
+    assert (released.placement, run.states()[-2:]) == (None, [index_of(4), 0])
     assert driven_hz(happened.log)[-1] == 116.0
     assert is_silent(happened.log.events[-1])
 
