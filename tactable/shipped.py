@@ -75,6 +75,25 @@ def refuse_table(path: Path) -> None:
     raise DeviceError(f"{path}: is a table of {name}; give the device file that it was built from, or a shipped name")
 
 
+def built_paths(device: "Device", device_file: Path) -> tuple[Path, Path]:
+    """Where `tactable build` puts the table of a device file: here, or beside the file."""
+    return Path(f"{device.name}.nc"), device_file.with_name(f"{device.name}.nc")
+
+
+def find_table(path: Path) -> Path:
+    """A table, or the one that was built of a device file. Raises TableError for a device file without one."""
+    if path.suffix != ".toml" or not path.is_file():
+        return path
+    from engine.table import Table, TableError
+
+    device = find_device(str(path))
+    for built in built_paths(device, path):
+        if built.is_file():
+            Table.open(built, device=device, verify=False).close()
+            return built
+    raise TableError(f"{path}: is a device file, and no table of it lies here or beside it: tactable build {path}")
+
+
 def cache_folder() -> Path:
     """Folder of files that can be remade, such as the demo's table."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "tactable"

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.5
 """Time between two looks at a watched description."""
+_MANY_CLICKS = 5000  # half a minute
 
 
 def build(
@@ -117,7 +118,9 @@ def _build(
     if responses is not None:
         measured = read_responses(responses, device, sensor_mass_kg, scales_forces=scales_forces)
     # Clicks are computed by the model in time: with measured responses only where they are asked for.
-    fingers = 0 if measured else None
+    fingers = clicks_up_to if clicks_up_to is not None else 0 if measured else None
+    if not as_json:
+        remark(f"{path}: {_expected_text(device, fingers, pitch_m)}")
     with shown_progress(as_json) as show:
 
         def progress(step: str, fraction: float) -> None:
@@ -129,7 +132,7 @@ def _build(
             device,
             path,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
-            clicks_up_to=fingers if clicks_up_to is None else clicks_up_to,
+            clicks_up_to=fingers,
             click_options=ClickOptions(pitch_m=pitch_m),
             early=True,
             workers=workers or available_cores(),
@@ -139,6 +142,19 @@ def _build(
         )
     compile_steady_solver(remark)  # for the run that follows
     _print_built(path, device, responses, cost, as_json)
+
+
+def _expected_text(device: Device, fingers: int | None, pitch_m: float | None) -> str:
+    """What a build takes, where nothing of an earlier table can be reused."""
+    from precompute.builder.size import expected_s, size_text, table_bytes
+    from precompute.clicks import ClickOptions
+    from precompute.clicks.tabulated import most_tabulated, tabulated_keys
+
+    places = ClickOptions(pitch_m=pitch_m).places(device.surface.corner_m)
+    clicks = len(tabulated_keys(places, most_tabulated(places) if fingers is None else fingers))
+    takes = f"{clicks} clicks and a sweep of {size_text(table_bytes(device))}"
+    coarser = f"; with --pitch {2e3 * places.pitch_m:.2g}mm clicks are fewer" if clicks > _MANY_CLICKS else ""
+    return f"{takes}, ESTIMATE {expected_s(device, clicks):.0f} s of processor time{coarser}"
 
 
 def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:

@@ -24,7 +24,7 @@ from tactable.cli.options import (
     read_drives_of,
     read_rules,
 )
-from tactable.shipped import DEMO_RECORDING, cache_folder, find_device
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_device_file
 
 if TYPE_CHECKING:
     from engine.device import Device
@@ -68,8 +68,12 @@ def demo(
     takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
     """
     need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
-    device = find_device(device_name)
+    from tactable.rig.ready import take_built
+
+    device, device_file = find_device(device_name), find_device_file(device_name)
     remove_all_partials(cache_folder())
+    if device_file == Path(device_name) and (built := take_built(device, device_file, cache_folder())):
+        remark(f"plays {built}")
     is_report = headless or as_json or any(path is not None for path in (figure, recording_path, table_path))
     is_asked_for = no_open or host is not None or page_port != 0 or control
     if is_report and is_asked_for:

@@ -39,20 +39,20 @@ from tactable.cli.options import (
     DrivesOf,
     EffectsPath,
     PortName,
-    TableArgument,
     need_switch,
     read_rules,
 )
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
+from tactable.digitizers.listing import SIMULATED
 from tactable.digitizers.record import open_live, opened, recording_named, stop_at_signal
 from tactable.doctor.touch_check import Machine
 from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions, ring_for
 from tactable.run.table_watch import TableWatch, Watched, identity_of
-from tactable.shipped import cache_folder, find_device, named_effects
+from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_table, named_effects
 
 _NS_PER_S = 1_000_000_000
 
@@ -107,7 +107,9 @@ class Deadline:
 
 def run(
     context: typer.Context,
-    table_path: TableArgument,
+    table_path: Annotated[
+        Path, typer.Argument(metavar="TABLE", help="A built table, or the device file beside which it lies.")
+    ],
     touch: TouchName,
     port_name: PortName,
     effects_path: EffectsPath = None,
@@ -139,7 +141,7 @@ def run(
     """
     need_switch(context, "--page", page, "page_host", "page_port")
     need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
-    clock = SystemClock()
+    clock, table_path = SystemClock(), find_table(table_path)
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
@@ -243,10 +245,11 @@ def real_time_steps(text: str) -> tuple[Step, ...]:
 
 @contextmanager
 def _opened(machine: Machine, name: str) -> Iterator[Source]:
-    """A source: a recording where there is a plain file of that name, else a digitizer."""
+    """A source: a recording where there is a plain file of that name, else a digitizer; `simulated` never ends."""
     recorded = recording_named(name)
-    if recorded is not None:
-        yield Playback(read_recording(recorded[0]), report_id=recorded[1])
+    if name == SIMULATED or recorded is not None:
+        path, report_id = recorded or (DEMO_RECORDING, None)
+        yield Playback(read_recording(path), report_id=report_id, repeats=name == SIMULATED)
         return
     with opened(machine, name) as (source, _):
         yield source
@@ -274,8 +277,8 @@ def _told(opened_again: Callable[[], OpenPort]) -> Callable[[], OpenPort]:
 
 def _announce(source: Source, port: OpenPort, live: Live, refuses: bool) -> None:
     simulated = ", SIMULATED firmware" if live.capabilities.board == BOARD_EMULATED else ""
-    ends = "the end of the recording or Ctrl-C ends" if isinstance(source, Playback) else "Ctrl-C ends"
-    ERRORS.print(f"{source.name} to {port.path}{simulated}; {ends}", soft_wrap=True)
+    ends = "the end of the recording or " if isinstance(source, Playback) and not source.repeats else ""
+    ERRORS.print(f"{source.name} to {port.path}{simulated}; {ends}Ctrl-C ends", soft_wrap=True)
     for text in (*port.notes, *live.fit.notes):
         note(text)
     if not refuses:

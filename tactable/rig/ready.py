@@ -14,11 +14,13 @@ are those of the device. The page then says that the table is older. A test fail
 
 import contextlib
 import lzma
+import shutil
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from base.files import replace_file
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
@@ -30,7 +32,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.sampling.steady_modes import steady_modes
 from tactable.rig.first_table import modes_of
-from tactable.shipped import ready_folder
+from tactable.shipped import built_paths, ready_folder
 
 GROUPS = ("best_rows", "clicks")
 """Groups of a shipped table."""
@@ -39,6 +41,26 @@ GROUPS = ("best_rows", "clicks")
 def cached_table(device: Device, folder: Path) -> Path:
     """Path of the cached table of a device."""
     return folder / f"{device.name}-{device.fingerprint[:12]}.nc"
+
+
+def take_built(device: Device, device_file: Path, folder: Path) -> Path | None:
+    """Put the table that `tactable build` made of a device file into the cache in `folder`; None where there is none.
+
+    It is looked for here and beside the device file, and must be of this device and this code.
+    """
+    cached = cached_table(device, folder)
+    for path in built_paths(device, device_file):
+        with contextlib.suppress(TableError):
+            if path.is_file():
+                Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
+                cached.parent.mkdir(parents=True, exist_ok=True)
+                with replace_file(cached) as partial:
+                    try:
+                        partial.hardlink_to(path)
+                    except OSError:  # the cache lies on another disk
+                        shutil.copyfile(path, partial)
+                return path
+    return None
 
 
 def early_path(path: Path) -> Path:

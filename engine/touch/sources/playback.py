@@ -5,6 +5,8 @@ import math
 from engine.touch.sources.recording import Recording
 
 NS_PER_S = 1_000_000_000
+PAUSE_NS = NS_PER_S
+"""Between two turns of a recording that is repeated."""
 # Any clock is past this.
 _AT_ONCE_NS = 0
 
@@ -13,11 +15,13 @@ class Playback:
     """A recording as a Source; it begins with the first read.
 
     At `speed` 2 everything comes twice as fast. With None a report is due as soon as the one before is read; after the
-    last one time goes on at the clock's pace, so that a watchdog still acts. Raises ValueError for a speed that is not
-    a finite number above 0.
+    last one time goes on at the clock's pace, so that a watchdog still acts. With `repeats` it begins again after
+    PAUSE_NS and never ends. Raises ValueError for a speed that is not a finite number above 0.
     """
 
-    def __init__(self, recording: Recording, speed: float | None = 1.0, report_id: int | None = None) -> None:
+    def __init__(
+        self, recording: Recording, speed: float | None = 1.0, report_id: int | None = None, *, repeats: bool = False
+    ) -> None:
         if speed is not None and not 0 < speed < math.inf:
             raise ValueError(f"speed is {speed!r}; expected a number above 0, or None for as fast as possible")
         self.name, self.report_id = recording.name, report_id
@@ -30,6 +34,8 @@ class Playback:
         self._times_ns = tuple(round(report.time_s * NS_PER_S) for report in recording.reports)
         self._is_unpaced = speed is None
         self._speed = 1.0 if speed is None else speed
+        self.repeats = repeats and bool(self._reports)
+        """Whether it begins again after its end."""
         self._next = 0
         # A clock time and the same moment on the recording's axis.
         self._anchor_clock_ns = self._anchor_source_ns = 0
@@ -37,7 +43,7 @@ class Playback:
     @property
     def ended(self) -> bool:
         """Whether every report has been read."""
-        return self._next == len(self._reports)
+        return self._next == len(self._reports) and not self.repeats
 
     def fileno(self) -> None:
         """A recording has no descriptor."""
@@ -48,7 +54,12 @@ class Playback:
             return None
         if self._is_unpaced or self._next == 0:
             return _AT_ONCE_NS
-        return self.clock_time_ns(self._times_ns[self._next])
+        return self.clock_time_ns(self._time_ns(self._next))
+
+    def _time_ns(self, index: int) -> int:
+        """Time in the recording of a report, and of those of its later turns."""
+        turn, each = divmod(index, len(self._reports))
+        return self._times_ns[each] + turn * (self._times_ns[-1] - self._times_ns[0] + PAUSE_NS)
 
     def read(self, now_ns: int) -> bytes | None:
         """The next report if it is due."""
@@ -57,10 +68,10 @@ class Playback:
             return None
         index = self._next
         if self._is_unpaced or index == 0:
-            self._anchor_clock_ns, self._anchor_source_ns = now_ns, self._times_ns[index]
+            self._anchor_clock_ns, self._anchor_source_ns = now_ns, self._time_ns(index)
         self._next += 1
-        self.report_index, self.report_time_ns = index, self._times_ns[index]
-        return self._reports[index]
+        self.report_index, self.report_time_ns = index, self._time_ns(index)
+        return self._reports[index % len(self._reports)]
 
     def source_time_ns(self, now_ns: int) -> int:
         """Time in the recording at a clock time."""

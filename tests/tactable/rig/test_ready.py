@@ -7,18 +7,20 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
-from engine.table import Table
+from engine.table import Table, TableError
 from precompute.builder.table_build import build_table
 from tactable.rig import ready
 from tactable.rig.first_table import early_options
 from tactable.rig.ready import (
+    cached_table,
     compare_with_shipped,
     early_path,
     is_outdated,
     open_cached,
     open_shipped,
+    take_built,
 )
-from tactable.shipped import find_device, shipped_names
+from tactable.shipped import find_device, find_table, shipped_names
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.click_table import build_click_table
 from tests.tools.ready_tables import REMAKE, pack
@@ -52,6 +54,24 @@ def test_a_shipped_table_plays_what_it_was_made_of_until_one_was_built_here(buil
     early_path(shipped).write_bytes(built.path.read_bytes())
     with open_cached(built.device, shipped) or pytest.fail("was built") as table:
         assert not table.is_shipped
+
+
+def test_a_table_that_was_built_of_a_device_file_is_taken_until_the_file_changes(built: Table, tmp_path: Path) -> None:
+    file = tmp_path / "bar.toml"
+    file.write_text(built.device.text, encoding="utf-8")
+    device = Device.read(file)
+    assert take_built(device, file, tmp_path / "cache") is None
+    with pytest.raises(TableError, match="tactable build"):
+        find_table(file)
+    lies_beside = tmp_path / f"{device.name}.nc"
+    lies_beside.write_bytes(built.path.read_bytes())
+    assert take_built(device, file, tmp_path / "cache") == find_table(file) == lies_beside
+    with open_cached(device, cached_table(device, tmp_path / "cache")) or pytest.fail("was built") as table:
+        assert len(table.clicks) == len(built.clicks)
+    file.write_text(SMALL.replace("count = 3", "count = 4"), encoding="utf-8")
+    assert take_built(Device.read(file), file, tmp_path / "cache") is None
+    with pytest.raises(TableError, match="stale"):
+        find_table(file)
 
 
 def test_of_another_device_it_is_not_played_and_of_older_code_it_is_called_outdated(

@@ -1,13 +1,14 @@
 """Laws of a recording played as a source."""
 
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.touch.sources import Source
-from engine.touch.sources.playback import Playback
+from engine.touch.sources.playback import PAUSE_NS, Playback
 from engine.touch.sources.recording import Recording, Report
 
 START_NS = 10**15
@@ -49,6 +50,24 @@ def test_a_deadline_of_a_recording_has_a_clock_time(recording: Recording, speed:
     assert source.source_time_ns(source.clock_time_ns(deadline_ns)) >= deadline_ns
     pace = speed or 1.0
     assert source.clock_time_ns(deadline_ns) - START_NS == pytest.approx(wait_ns / pace, rel=1e-9, abs=2)
+
+
+@given(recordings(), speeds)
+def test_what_is_repeated_goes_on_after_its_end_with_rising_times(recording: Recording, speed: float | None) -> None:
+    source, now_ns, taken = Playback(recording, speed, repeats=True), START_NS, list[tuple[bytes, int]]()
+    for _ in range(2 * len(recording.reports) + 1):
+        due_ns = source.next_time_ns()
+        assert due_ns is not None
+        now_ns = max(now_ns, due_ns)
+        report = source.read(now_ns)
+        assert report is not None
+        taken.append((report, source.report_time_ns))
+    first = [report.data for report in recording.reports]
+    assert [data for data, _ in taken] == [*first, *first, first[0]]
+    gaps_ns = [after - before for (_, before), (_, after) in pairwise(taken)]
+    assert min(gaps_ns) >= 0
+    assert gaps_ns[len(first) - 1] == gaps_ns[2 * len(first) - 1] == PAUSE_NS
+    assert not source.ended
 
 
 def test_what_the_recording_says_of_the_device_is_passed_on() -> None:
