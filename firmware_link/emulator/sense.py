@@ -41,13 +41,13 @@ class Accelerations:
 
     def take_sample(self, acceleration: int, displacements: Sequence[int], synthesis_sample: int) -> None:
         """Take a sample in counts, with the displacements (full scale/32767) of its instant."""
-        number, self._number = self._number, (self._number + 1) % _U32
+        number, self._number = self._number, self._number + 1
         if self.end_us is None:
             return
         if len(self._records) == RECORDS:
             self._lost += 1
             return
-        self._records.append((number, synthesis_sample % _U32, (acceleration, *displacements)))
+        self._records.append((number, synthesis_sample, (acceleration, *displacements)))
 
     def send(self) -> None:
         """Send every frame that is whole."""
@@ -69,9 +69,9 @@ class Accelerations:
         """A frame ends at a gap, since only its first sample is numbered."""
         first, at, _ = self._records[0]
         count = 1
-        while count < min(self._whole, len(self._records)) and self._records[count][0] == (first + count) % _U32:
+        while count < min(self._whole, len(self._records)) and self._records[count][0] == first + count:
             count += 1
         values = tuple(value for _, _, record in self._records[:count] for value in record)
         del self._records[:count]
-        self._reports.send(Acceleration(self._frame, first, at, len(values), values))
-        self._frame = (self._frame + 1) % _U16
+        self._reports.send(Acceleration(self._frame % _U16, first % _U32, at % _U32, len(values), values))
+        self._frame += 1

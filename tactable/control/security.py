@@ -66,7 +66,6 @@ def quiet_server(app: Starlette, longest_message: int) -> uvicorn.Server:
         ws_max_size=longest_message,
         ws_per_message_deflate=False,
         log_level="error",
-        access_log=False,
         server_header=False,
         date_header=False,
         timeout_graceful_shutdown=GRACE_S,

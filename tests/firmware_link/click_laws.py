@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import zlib
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,15 @@ def law_a_basis_is_kept_until_the_device_boots(tier: Tier) -> None:
     assert host.greet().held_basis_hash == CLICKS.basis.hash
     tier.reboot()
     assert Host(tier).greet().held_basis_hash == 0
+
+
+def law_a_basis_whose_checksum_is_0_is_held_as_1(tier: Tier) -> None:
+    data = Basis(1_000, (BasisSet(np.array([[0, 13_060, -27_743, 0]], np.int16), np.zeros(1, np.uint8)),)).data
+    assert zlib.crc32(data) == 0
+    host = Host(tier)
+    host.greet()
+    assert host.offer(data) is Result.OK
+    assert host.greet().held_basis_hash == 1
 
 
 def law_a_basis_that_is_not_whole_is_refused(tier: Tier) -> None:

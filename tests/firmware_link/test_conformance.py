@@ -9,6 +9,7 @@ from base.arrays import Array
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.emulator.synthesis import synthesise
+from firmware_link.protocol.messages import MAXIMUM_ACTUATORS
 from tests.firmware_link.conformance import LAWS, WAVE_LAWS
 from tests.firmware_link.law_host import Law, WaveLaw
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SAMPLE_RATE_HZ, SENSING_LAWS
@@ -28,7 +29,8 @@ class VirtualTier:
 
     def __init__(self, actuators: int = 2) -> None:
         clock = VirtualClock(123_456_789_000)
-        configuration = DeviceConfiguration(0, number_of_actuators=actuators, **ACCELEROMETER_OF_LAWS)
+        sensor = {} if actuators == MAXIMUM_ACTUATORS else ACCELEROMETER_OF_LAWS  # which has no room for so many
+        configuration = DeviceConfiguration(0, number_of_actuators=actuators, **sensor)
         self.line = self.kind(configuration, delay_ns=0, booted_ns=clock.time_ns, clock=clock)
         clock.actors.append(self)
 

@@ -164,14 +164,14 @@ static int64_t zone_of(const Fast *fast, Point point) {
 
 /* ---- fingers to what is felt, as engine/effects/effect_player.py ---- */
 
-typedef struct { Point held; int64_t level, click_ns, is_lifted; } Present;
+typedef struct { Point held; int64_t level, click_ns, touches; } Present;
 
 /* What the fingers bring: the wanted level, when its click began, and the fingers, those that have lifted included. */
 typedef struct { int64_t level, click_ns, count; Present finger[3 * MOST_CONTACTS]; } Felt;
 
 /* The click that began last is all that is felt; of equal ones, and of steady levels, the greatest level. */
-static void feel(Felt *felt, Point held, int64_t level, int64_t click_ns, int64_t is_lifted) {
-    felt->finger[felt->count++] = (Present){held, level, click_ns, is_lifted};
+static void feel(Felt *felt, Point held, int64_t level, int64_t click_ns, int64_t touches) {
+    felt->finger[felt->count++] = (Present){held, level, click_ns, touches};
     if (level == NONE) return;
     if (click_ns == felt->click_ns) {
         if (level > felt->level) felt->level = level;
@@ -210,11 +210,11 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
         here[touching++] = active[i].contact_id;
         if (finger != NULL) {
             if (fast->follows_moves && distance_m(point, finger->position) != 0.0) return 0; /* a drag, or the end of a hold */
-            feel(felt, held_of(fast, finger, point), finger->level, finger->click_ns, 0);
+            feel(felt, held_of(fast, finger, point), finger->level, finger->click_ns, 1);
         } else {
             const Rule *rule = rule_for(fast, TOUCH, zone_of(fast, point), point);
             changed = 1;
-            feel(felt, point, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 0);
+            feel(felt, point, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 1);
         }
     }
     /* Fingers that have just lifted, by their lift rule; then those lifted before, whose effect goes on. */
@@ -227,9 +227,9 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
             changed = 1;
             const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position);
             if (rule == NULL) continue;
-            feel(felt, finger->held, rule->level, rule->is_click ? time_ns : NONE, 1);
+            feel(felt, finger->held, rule->level, rule->is_click ? time_ns : NONE, 0);
         } else {
-            feel(felt, finger->held, finger->level, finger->click_ns, 1);
+            feel(felt, finger->held, finger->level, finger->click_ns, 0);
         }
     }
     return changed;
@@ -257,7 +257,7 @@ static int64_t row_of(const Fast *fast, const Felt *felt) {
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
         const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
-        if (finger->is_lifted && !is_felt) continue;
+        if (!finger->touches && !is_felt) continue;
         if (count == MOST_FINGERS) return NONE;
         held[0] = held[1], code[0] = code[1], count++;
         held[1] = finger->held, code[1] = 1 + 2 * place_of(fast, finger->held) + is_felt;
@@ -289,7 +289,7 @@ static int64_t combination_of(const Fast *fast, const Felt *felt) {
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
         const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
-        if (finger->is_lifted && !is_felt) continue;
+        if (!finger->touches && !is_felt) continue;
         if (count == MOST_PLACED) return NONE; /* some are left out */
         for (int k = 0; k < count; k++)
             if (distance_m(held[k], finger->held) < fast->closest_m) return NONE; /* one finger to the surface */

@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_link.emulator.device_state import DeviceConfiguration
+from firmware_link.emulator.device_state import Device, DeviceConfiguration
 from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.firmware import EmulatedFirmware
+from firmware_link.emulator.sense import Accelerations
 from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import Arm, ChannelDrive, Result, encode_drive
 from tests.firmware_link.law_host import Host
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
@@ -62,6 +64,29 @@ def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
         host.tier.wait(applied_us + after_us - host.device_us())
         host.send(host.set_message(DRIVE))
         assert firmware.received[-1].outcome is outcome
+
+
+class LastReports:
+    """Keeps the last two messages; a device would encode them all."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+
+    def send(self, message: Message) -> None:
+        self.sent = [*self.sent[-1:], message]
+
+
+def test_the_numbers_of_frames_and_of_samples_begin_again_where_their_fields_end() -> None:
+    reports = LastReports()
+    stream = Accelerations(Device(DeviceConfiguration(BOOT_ID, sensor_rate_mhz=1)), reports)  # type: ignore[arg-type]  # which sends
+    for number in range(2**16 + 1):
+        stream.end_us = 0
+        stream.take_sample(0, [0, 0], 2**32 + number)
+        stream.end()
+    assert [(each.frame, each.number, each.synthesis_sample) for each in reports.sent] == [
+        (2**16 - 1, 2**16 - 1, 2**16 - 1),
+        (0, 2**16, 2**16),
+    ]
 
 
 def test_a_board_that_cannot_be_is_refused() -> None:

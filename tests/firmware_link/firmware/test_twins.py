@@ -9,6 +9,7 @@ import pytest
 from hypothesis import settings
 
 from firmware_link.protocol.messages import FULL_SCALE_WORD, Arm, ChannelDrive, DeviceState, Set, SetFlag, encode_drive
+from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT
 from tests.firmware_link.firmware.twins import (
     ACTUATORS,
     CONFIGURATION,
@@ -35,9 +36,15 @@ def compared() -> Iterator[Twins]:
         twins.compare_samples()
 
 
+def sound(twins: Twins, frequency_hz: float, phase_rad: float, *amplitudes: float) -> None:
+    drive = encode_drive([ChannelDrive(frequency_hz, each, phase_rad) for each in amplitudes], RESOLUTION_HZ)
+    twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+
+
 def test_random_sessions_are_the_same_to_both() -> None:
     counts = run_sessions(seed=1, first=0, frames=100 * settings().max_examples)
     # The sessions are such that every command is taken, is late and is refused, and transfers end both ways.
+    assert all(counts[f"{kind} accepted"] for kind in ("ACK", "HELLO_REQ", "SENSE", "STOP", "TIME_REQ"))
     for kind in ("SET", "PLAY", "KEEPALIVE"):
         assert all(counts[f"{kind} {outcome}"] for outcome in ("accepted", "stale", "refused"))
     for kind in ("ARM", "BASIS_BEGIN", "BASIS_CHUNK", "BASIS_COMMIT"):
@@ -57,8 +64,7 @@ def test_what_comes_between_two_samples_begins_at_the_second(wait_us: int) -> No
     with compared() as twins:
         for pause_us, phase_rad in ((wait_us, 0.0), (2_000, 1.0), (0, 3.0)):
             twins.wait(pause_us)
-            drive = encode_drive([ChannelDrive(655.35, 1.0, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
-            twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+            sound(twins, 655.35, phase_rad, 1.0, 1.0)
 
 
 def test_an_onset_that_waits_for_the_rest_of_a_fall_comes_a_sample_late_at_most() -> None:
@@ -66,9 +72,19 @@ def test_an_onset_that_waits_for_the_rest_of_a_fall_comes_a_sample_late_at_most(
         # Silence cuts a crossfade short, for 61.04 samples; what is left of it then is to fall anew.
         cut_short = ((0.30518, 0.0, 20_000), (0.30518, 1.0, 400), (0.0, 0.0, 1_525))
         for amplitude, phase_rad, pause_us in (*cut_short, (1.0, 0.0, 0), (0.0, 0.0, 0), (1.0, 1.6, 0)):
-            drive = encode_drive([ChannelDrive(60.0, amplitude, phase_rad)] * ACTUATORS, RESOLUTION_HZ)
-            twins.drive(Set(reference(twins.now_us), SetFlag.WRITE_PHASE, 40, drive))
+            sound(twins, 60.0, phase_rad, amplitude, amplitude)
             twins.wait(pause_us)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_onset_that_waits_for_unequal_falls_begins_where_the_longer_one_ends(order: int) -> None:
+    """Not at the next sample: that would be off by up to a step of the slew, 160 steps of the output."""
+    with compared() as twins:
+        falls = ((0.7, 0.3, 20_000), (0.9, 0.2, 1_000), (0.0, 0.0, 0))
+        for phase_rad, (*amplitudes, pause_us) in enumerate((*falls, (1.0, 1.0, 30_000))):
+            sound(twins, 60.0, phase_rad, *amplitudes[::order])
+            twins.wait(pause_us)
+        twins.compare_samples(2 / FULL_OUTPUT)
 
 
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))

@@ -1,10 +1,13 @@
 """Who may see the page."""
 
+import asyncio
+import logging
 import sys
 
 import pytest
+from starlette.applications import Starlette
 
-from tactable.control.security import HEADERS, POLICY, AccessPolicy, new_token, user_of
+from tactable.control.security import HEADERS, POLICY, AccessPolicy, new_token, quiet_server, user_of
 
 LOOPBACK = AccessPolicy("127.0.0.1", 8000, "secret")
 OPEN = AccessPolicy("0.0.0.0", 8000, "secret")
@@ -23,6 +26,15 @@ def test_the_token_is_in_the_address_and_in_no_text_of_the_door_nor_of_a_command
     assert "secret" not in repr(LOOPBACK)
     assert "secret" not in LOOPBACK.opening_url and LOOPBACK.ticket in LOOPBACK.opening_url
     assert LOOPBACK.ticket != OPEN.ticket
+
+
+def test_a_server_tells_its_log_no_request_and_its_visitors_neither_its_name_nor_its_clock() -> None:
+    server = quiet_server(Starlette(), 1)
+    server.config.load()
+    asyncio.run(server.on_tick(0))
+    assert server.server_state.default_headers == []
+    # The token is in the path of every request.
+    assert not logging.getLogger("uvicorn.access").isEnabledFor(logging.INFO)
 
 
 @pytest.mark.parametrize(

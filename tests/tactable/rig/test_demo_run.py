@@ -119,13 +119,11 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
-@pytest.mark.parametrize("surface", ["table", pytest.param("plate", marks=pytest.mark.long)])
 @pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1)[::4])
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
-    path: Path, surface: str, request: pytest.FixtureRequest
+    path: Path, table: Table, reporter: Reporter
 ) -> None:
-    table, recording = request.getfixturevalue(surface), read_recording(path)
-    reporter = Reporter(table)
+    recording = read_recording(path)
     duration_s = recording.reports[-1].time_s - recording.reports[0].time_s if recording.reports else 0.0
     for effects in (DEFAULT_EFFECTS, HELD):
         run = play(table, recording, max(1.0, duration_s / SHORTEST_S), effects)
