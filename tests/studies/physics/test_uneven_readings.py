@@ -7,6 +7,6 @@ from tests.studies.physics.uneven_readings import measure_coverage
 
 @pytest.mark.long
 def test_intervals_of_uneven_readings_hold_and_those_that_take_them_as_even_are_narrower() -> None:
-    found = measure_coverage(25)
+    found = measure_coverage(12)
     assert found.held.mean() >= 0.93
     assert found.held_even.sum() < found.held.sum()

@@ -12,7 +12,7 @@ from tests.tactable.cli.in_process import run_here, summary_of
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """With bar.toml, of two zones."""
-    text = reference_text({"count = 5": "count = 2", 'step = "1 Hz"': 'step = "8 Hz"'})
+    text = reference_text({"count = 5": "count = 2", 'step = "1 Hz"': 'step = "20 Hz"'})
     (tmp_path / "bar.toml").write_text(text, encoding="utf-8")
     return tmp_path
 

@@ -8,7 +8,6 @@ import pytest
 
 from tactable.control.requests import MOST_BYTES, ControlError, Request, decode_line, read_request
 from tactable.shipped import find_device, named_effects
-from tests.quick import first_quick
 from tests.tactable.control.messages import HELLO, MESSAGE, SCHEMA, VALID, edited
 
 DEVICE, EFFECTS = find_device("reference-a"), named_effects()
@@ -34,9 +33,8 @@ def test_the_schema_has_every_message_and_each_of_its_keys_is_read() -> None:
         assert seen | {"id"} == set(part["properties"]), kind
 
 
-@pytest.mark.parametrize("seed", first_quick([11, 12, 13]))
-def test_what_the_schema_refuses_the_reader_refuses(seed: int) -> None:
-    random_, read_ones, refused = random.Random(seed), 0, 0
+def test_what_the_schema_refuses_the_reader_refuses() -> None:
+    random_, read_ones, refused = random.Random(11), 0, 0
     for _ in range(2000):
         message = edited(random_)
         try:

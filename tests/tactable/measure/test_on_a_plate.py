@@ -55,7 +55,7 @@ def test_a_walk_over_points_reads_what_the_model_says_and_goes_on_after_an_inter
 
 @pytest.mark.long
 def test_what_is_promised_at_a_point_is_the_loaded_plate_and_the_range_over_others() -> None:
-    device = replace(PLATE, sweep=replace(PLATE.sweep, step_hz=4.0))
+    device = replace(PLATE, sweep=replace(PLATE.sweep, step_hz=40.0))
     asked = AskedDrive((118.0,) * 3, (0.5, 0.0, 0.3), (0.0, 0.0, 1.0))
     played, at_m = Played(Placement.on(device, [0.1 + 0.1j], []), asked, None), 0.2 + 0.05j
     sensor = replace(device.finger, mass_kg=2e-3, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0)

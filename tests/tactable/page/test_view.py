@@ -257,8 +257,8 @@ def test_of_clicks_in_quick_order_some_and_the_last_are_seen(rig: Rig) -> None:
 
 
 @pytest.mark.long
-def test_a_quarter_of_an_hour_of_touches_leaves_nothing_behind(rig: Rig) -> None:
-    """Accelerated: as many touches as one every ten seconds, one a second; simulated, shown, encoded."""
+def test_many_touches_leave_nothing_behind(rig: Rig) -> None:
+    """Simulated, shown, encoded; a picture alone has a hundred times the bytes that a touch may leave."""
     placement = Placement.named(rig.table.device, ["35 mm"], ["III"])
 
     def tap(number: int) -> None:
@@ -268,13 +268,13 @@ def test_a_quarter_of_an_hour_of_touches_leaves_nothing_behind(rig: Rig) -> None
                 rig.view.move(rig.view.bar.now_us + 250_000, is_loaded=True)
                 encode_picture(rig.view.picture())
 
-    for number in range(40):
+    for number in range(20):
         tap(number)
     before = resident_bytes()
-    for number in range(90):
+    for number in range(45):
         tap(number)
-    assert rig.view.bar.now_us > 90e6
-    assert resident_bytes() < before + (1 << 20)
+    assert rig.view.bar.now_us > 45e6
+    assert resident_bytes() < before + (1 << 19)
 
 
 def resident_bytes() -> int:
