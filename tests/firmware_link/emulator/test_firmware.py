@@ -81,11 +81,11 @@ def test_the_numbers_of_frames_and_of_samples_begin_again_where_their_fields_end
     stream = Accelerations(Device(DeviceConfiguration(BOOT_ID, sensor_rate_mhz=1)), reports)  # type: ignore[arg-type]  # which sends
     for number in range(2**16 + 1):
         stream.end_us = 0
-        stream.take_sample(0, [0, 0], 2**32 + number)
+        stream.take_sample(0, [0, 0], 3 * 2**31 + number)
         stream.end()
     assert [(each.frame, each.number, each.synthesis_sample) for each in reports.sent] == [
-        (2**16 - 1, 2**16 - 1, 2**16 - 1),
-        (0, 2**16, 2**16),
+        (2**16 - 1, 2**16 - 1, 2**31 + 2**16 - 1),
+        (0, 2**16, 2**31 + 2**16),
     ]
 
 

@@ -87,6 +87,19 @@ def test_an_onset_that_waits_for_unequal_falls_begins_where_the_longer_one_ends(
         twins.compare_samples(2 / FULL_OUTPUT)
 
 
+@pytest.mark.parametrize(("words", "fallen_us"), [(2, SAMPLE_US), (4, 2 * SAMPLE_US)])
+def test_less_than_half_of_the_least_amplitude_is_silence_to_both(words: int, fallen_us: int) -> None:
+    """At the lowest slew 1.64 words fall in a sample: what has 0.72 left goes on in phase, what has 0.36 does not."""
+    with Twins() as twins:
+        twins.send(greeting())
+        twins.send(Arm(BOOT_ID, 1, 40, 0, (FULL_SCALE_WORD,) * ACTUATORS))
+        before = ((words / FULL_SCALE_WORD, 1_000), (0.0, fallen_us))
+        for phase_rad, (amplitude, pause_us) in enumerate((*before, (1.0, 30_000))):
+            sound(twins, 60.0, phase_rad, amplitude, amplitude)
+            twins.wait(pause_us)
+        twins.compare_samples(2 / FULL_OUTPUT)
+
+
 @pytest.mark.parametrize("wait_us", range(0, 20_000, 500))
 def test_both_have_room_for_a_click_again_at_the_same_instant(wait_us: int) -> None:
     with compared() as twins:

@@ -62,7 +62,7 @@ def test_a_misread_place_of_an_actuator_is_named_with_the_point() -> None:
     plate = tablet()
     moved = replace(plate.actuators[1], position_m=0.264 + 0.035j)
     true = replace(plate, actuators=(plate.actuators[0], moved, plate.actuators[2]))
-    read = read_bar(true, {}, DRIVES_HZ[::2], Flaws(noise=0.01), points=6, kind=Kind.RESPONSE)
+    read = read_bar(true, {}, DRIVES_HZ[::4], Flaws(noise=0.01), points=4, kind=Kind.RESPONSE)
     names = ["plate.youngs_modulus", "actuator.full_scale"]
     report = adequacy_report(plate, calibrate(plate, read, names, starts=1), {})
     assert report["remedy"]["name"] == "actuator[2].position"

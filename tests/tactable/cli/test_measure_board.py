@@ -49,7 +49,7 @@ def test_a_board_over_a_terminal_is_measured_by_its_own_accelerometer(tmp_path: 
 
 
 def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer_whose_gain_gravity_shows(tmp_path: Path) -> None:
-    words = ("--places", "1", "--frequencies", "205,209,213", "--method", "sweep", "--least", "100 %", "--json")
+    words = ("--places", "1", "--frequencies", "209", "--method", "sweep", "--least", "100 %", "--json")
     flaws = ("--gravity", "--flaws", "drift=-15000,gain=4%")
     done = run_here(tmp_path, "measure", "reference-a", "-o", "bar.csv", *SIMULATED, *words, *flaws)
     assert done.returncode in (0, 3), done.stderr
