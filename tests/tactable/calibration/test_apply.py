@@ -25,7 +25,7 @@ from tests.precompute.builder.test_table_build import ONE_LEVEL
 
 pytestmark = pytest.mark.long
 
-CHEAP = ClickOptions(pitch_m=93.2e-3, pool=90, judged=10)
+CHEAP = ClickOptions(pitch_m=280e-3, pool=90, judged=10)
 WISHES: dict[str, Any] = {"clicks_up_to": 2, "click_options": CHEAP}
 TWO_ZONES = ONE_LEVEL.replace("count = 3", "count = 2")
 DEVICE = Device.parse(TWO_ZONES, "bar.toml")
