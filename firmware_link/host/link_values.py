@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from firmware_link import BIT_RATE_HZ
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.messages import (
     Acceleration,
@@ -50,7 +51,7 @@ class LinkConfiguration:
     amplitude_limits: tuple[float, ...] | None = None
     slew_limit_per_s: int = 200
     lease_ms: int = 40
-    bit_rate_hz: int = 115_200
+    bit_rate_hz: int = BIT_RATE_HZ
     handshake_timeout_s: float = 5.0
     longest_drive_s: int = 0
     basis: Basis | None = None

@@ -11,6 +11,7 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.emulator_registry import find_announced
 from firmware_link.protocol.link_errors import LinkError
@@ -69,7 +70,7 @@ class SerialPort(DescriptorPort):
     notes: tuple[str, ...] = ()
     """What a user should know of the port, one sentence each."""
 
-    def __init__(self, name: str, bit_rate_hz: int = 115_200) -> None:
+    def __init__(self, name: str, bit_rate_hz: int = BIT_RATE_HZ) -> None:
         self.path = path_of(name)
         self.bit_rate_hz = bit_rate_hz
         try:

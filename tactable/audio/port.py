@@ -5,13 +5,14 @@ from collections.abc import Callable
 from typing import Self
 
 from base.child import START_TIMEOUT_S, Child, ChildError
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.link_errors import LinkLostError
 from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder
 
-BIT_RATE_HZ = 8_000_000
+CARD_BIT_RATE_HZ = 8_000_000
 """Bit rate that is told to the link: at this rate the longest frame takes less time than a block of the card."""
 _CHILD = "tactable.audio.output_process"
 
@@ -22,7 +23,7 @@ class AudioPort(DescriptorPort):
     card: the whole name of the card, where the one that was open before is opened again.
     """
 
-    bit_rate_hz = BIT_RATE_HZ
+    bit_rate_hz = CARD_BIT_RATE_HZ
 
     def __init__(self, text: str, card: str | None = None) -> None:
         self._text, self._output, self.card = text, parse_output(text), card
@@ -98,6 +99,6 @@ OpenPort = SerialPort | AudioPort
 """What a port's name opens."""
 
 
-def open_port(name: str, bit_rate_hz: int = 115_200) -> OpenPort:
+def open_port(name: str, bit_rate_hz: int = BIT_RATE_HZ) -> OpenPort:
     """The port of this name: a sound card for "audio:...", else a serial port. Raises LinkError."""
     return AudioPort(name).greet() if is_audio(name) else SerialPort(name, bit_rate_hz)

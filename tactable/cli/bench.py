@@ -133,10 +133,23 @@ def latency(
         )
     if before is not None:
         document["comparison"] = to_plain(compare_with(run, before))
+    document["finger_waits"] = _finger_waits(document, bit_rate_hz)
     write_report(document, run, output)
     show(document, as_json, lambda _, found: _print_summary(found, output))
     if got_worse(document.get("comparison", {})):
         raise typer.Exit(EXIT_WORSE)
+
+
+def _finger_waits(document: dict[str, Any], bit_rate_hz: int) -> str:
+    """What a finger waits for with the engine at the lowest rate, of the first background load."""
+    from tactable.doctor.layers import wait_text
+
+    first = document["conditions"][0]
+    panel = 1e3 / first["rate_hz"], f"computed: the next frame of {first['rate_hz']} a second"
+    engine_ms = first["stages"][document["whole"]]["p50_us"] / 1e3
+    return wait_text(
+        panel, (engine_ms, f"measured: {first['name']}, median"), bit_rate_hz, Path(document["table"]["path"])
+    )
 
 
 def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Sequence[Path]) -> list[tuple[int, Stream]]:
@@ -169,6 +182,7 @@ def _on_progress(text: str) -> None:
 
 
 def _print_summary(document: dict[str, Any], folder: Path) -> None:
+    say(f"touch to felt click: {document['finger_waits']}")
     if document["simulated"]:
         say(f"SIMULATED: {', '.join(document['simulated'])}")
     for condition in document["conditions"]:

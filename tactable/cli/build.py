@@ -119,12 +119,13 @@ def _build(
         measured = read_responses(responses, device, sensor_mass_kg, scales_forces=scales_forces)
     # Clicks are computed by the model in time: with measured responses only where they are asked for.
     fingers = clicks_up_to if clicks_up_to is not None else 0 if measured else None
-    if not as_json:
-        remark(f"{path}: {_expected_text(device, fingers, pitch_m)}")
+    expected = [] if as_json else [f"{path}: {_expected_text(device, fingers, pitch_m)}"]
     with shown_progress(as_json) as show:
 
         def progress(step: str, fraction: float) -> None:
             show(step, fraction)
+            if fraction and expected:  # nothing refuses the build any more
+                remark(expected.pop())
             if step == EARLY_IN_PLACE and not as_json:
                 remark(f"{path}: usable, with the clicks of one finger; those of two follow")
 

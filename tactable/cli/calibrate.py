@@ -11,6 +11,7 @@ import typer
 
 from base.files import replace_file
 from engine.table.history import previous_of
+from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say, show, shown_progress
 from tactable.cli.measure import (
     FlawsText,
@@ -109,7 +110,7 @@ def calibrate(
     most: Most = "100 %",
     flaws: FlawsText = "",
     change: Change = None,
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     modes: Annotated[
         bool, typer.Option("--modes", help="MEASUREMENTS are natural frequencies and damping ratios alone.")
     ] = False,

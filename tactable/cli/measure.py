@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from base.points import point_text
+from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import EXIT_DOUBTFUL, note, remark, say, show
 from tactable.cli.options import (
     AsJson,
@@ -90,7 +91,7 @@ def measure(
     flaws: FlawsText = "",
     change: Change = None,
     seed: Seed = 0,
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     as_json: AsJson = False,
 ) -> None:
     """Drive a bar or plate and record its responses, for calibrate and build.

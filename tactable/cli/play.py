@@ -7,6 +7,7 @@ import typer
 
 from base.plain import to_plain
 from base.points import point_of_json, point_text
+from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import OUT, note, remark, show
 from tactable.cli.options import AsJson, BitRate, DeviceArgument, OptionError, PortName, read_option
 from tactable.shipped import find_device
@@ -28,7 +29,7 @@ def play(
     amplitude: Annotated[str, typer.Option(help=f"Of full scale. {_EACH}, such as '20 %' or '20 %,5 %'.")],
     phase: Annotated[str, typer.Option(help=f"{_EACH}, such as 0deg,90deg or 1.57rad.")] = "0deg",
     seconds: Annotated[str, typer.Option("--for", metavar="TIME", help="End after this time, such as 2s.")] = "",
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     as_json: AsJson = False,
 ) -> None:
     """Hold one drive by hand: a frequency, amplitude and phase for each actuator.

@@ -25,6 +25,7 @@ from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import read_recording
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.link_errors import LinkError
@@ -117,7 +118,7 @@ def run(
     refuses: Refuses = False,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
     device_name: RequiredDevice = None,
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     reconnect: Reconnect = False,
     steps: RealTimeSteps = "collector",
     ring_path: RingPath = None,

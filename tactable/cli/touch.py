@@ -10,6 +10,7 @@ import typer
 from rich.table import Table as Grid
 
 from base.points import sides_of
+from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
 from tactable.cli.options import AsJson, BitRate, need_switch
 from tactable.digitizers.axis_map import LearntAxis, digitizer_table
@@ -131,7 +132,7 @@ def doctor(
     tables: Annotated[
         list[Path] | None, typer.Option("--table", help="Also check this table; default: those in this folder.")
     ] = None,
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     measures: Annotated[bool, typer.Option("--measure/--no-measure", help="Measure which layer is slowest.")] = True,
     as_json: AsJson = False,
 ) -> None:

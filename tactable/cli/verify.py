@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from base.points import json_of, point_of_json, point_text
+from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, say, show
 from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, ask, with_simulation
 from tactable.cli.options import (
@@ -57,7 +58,7 @@ def verify(
     flaws: FlawsText = "",
     change: Change = None,
     seed: Seed = 0,
-    bit_rate_hz: BitRate = 115_200,
+    bit_rate_hz: BitRate = BIT_RATE_HZ,
     as_json: AsJson = False,
 ) -> None:
     """Play drives and clicks of a table, and compare a sensor with the promise.

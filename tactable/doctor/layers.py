@@ -1,5 +1,6 @@
 """Measures each layer between touch and drive for about a second, and names the one that costs most."""
 
+import contextlib
 import os
 import select
 import statistics
@@ -101,40 +102,43 @@ def layers_of(bit_rate_hz: int, table: Path | None) -> list[Check]:
     """
     try:
         layers = measure_layers(bit_rate_hz)
-        return [Check("touch to felt click", wait_text(layers, table, _felt_after_ms(table))), *check_layers(layers)]
     except LinkError as error:
         finding, _, remedy = str(error).partition("): ")
         return [Check("pseudo-terminals", f"{finding})", f"{remedy}; `emulate` and `demo` need them", needed=False)]
+    engine_ms = sum(layer.typical_us for layer in layers if layer.name in ("host", "engine")) / _US
+    panel, engine = (_PANEL_MS, "ASSUMED: a frame of 125 a second"), (engine_ms, "measured: wake-up and decoding")
+    return [Check("touch to felt click", wait_text(panel, engine, bit_rate_hz, table)), *check_layers(layers)]
 
 
-def wait_text(layers: Sequence[Layer], table: Path | None, bar_ms: float | None) -> str:
-    """What the finger waits for in one line: panel, engine, line and bar in ms, each with where its figure is from."""
-    typical_ms = {layer.name: layer.typical_us / _US for layer in layers}
-    engine_ms, line_ms = typical_ms["host"] + typical_ms["engine"], typical_ms["line for a click"]
-    parts = [
-        f"panel {_PANEL_MS:g} (ASSUMED: a frame of 125 a second)",
-        f"engine {engine_ms:.2g} (measured: wake-up and decoding)",
-        f"line {line_ms:.2g} (computed: a click of two actuators)",
-    ]
-    whole_ms = _PANEL_MS + engine_ms + line_ms
-    if bar_ms is None:
-        return f"{whole_ms:.1f} ms without the bar: {' + '.join(parts)}; a whole table with clicks tells the bar's"
-    parts.append(f"bar {bar_ms:.2g} (SIMULATED: until the threshold, {table})")
-    return f"{whole_ms + bar_ms:.1f} ms: {' + '.join(parts)}"
+def wait_text(panel: tuple[float, str], engine: tuple[float, str], bit_rate_hz: int, table: Path | None) -> str:
+    """What the finger waits for in one line: panel, engine, line and bar in ms, each with where its figure is from.
+
+    panel, engine: ms, and where they are from.
+    """
+    actuators, bar_ms = _told_by(table)
+    line = play_ns(actuators * _CLICK_WEIGHTS, bit_rate_hz) / 1e6, f"computed: a click of {actuators} actuators"
+    parts = {"panel": panel, "engine": engine, "line": line}
+    if bar_ms is not None:
+        parts["bar"] = bar_ms, f"SIMULATED: until the threshold, {table}"
+    whole = f"{sum(ms for ms, _ in parts.values()):.1f} ms{' without the bar' if bar_ms is None else ''}"
+    beside = "" if bar_ms is not None else "; a whole table with clicks tells the bar's"
+    return f"{whole}: {' + '.join(f'{name} {ms:.2g} ({source})' for name, (ms, source) in parts.items())}{beside}"
 
 
-def _felt_after_ms(path: Path | None) -> float | None:
-    """Median time after which a click of 20 dB in the middle of a zone passes the threshold, as a table says."""
-    try:
-        if path is None:
-            return None
-        with Table.open(path) as table:
-            placements = [Placement.on(table.device, [zone.middle_m], []) for zone in table.device.zones]
-            clicks = [table.click_at(placement, DEFAULT_LEVEL_DB) for placement in placements]
-        after_s = [at_s for click in clicks if click is not None and (at_s := click.exceeds_at_s()) is not None]
-    except (TableError, OSError):  # `check_tables` says what is wrong with it
-        return None
-    return 1e3 * statistics.median(after_s) if after_s else None
+def _told_by(path: Path | None) -> tuple[int, float | None]:
+    """The number of actuators of a table, and the median time after which its clicks are felt.
+
+    The clicks are those of 20 dB in the middle of each zone, felt as they pass the threshold.
+    """
+    actuators, after_s = _ACTUATORS, list[float]()
+    with contextlib.suppress(TableError, OSError):  # `check_tables` says what is wrong with it
+        if path is not None:
+            with Table.open(path) as table:
+                actuators = len(table.device.actuators)
+                placements = [Placement.on(table.device, [zone.middle_m], []) for zone in table.device.zones]
+                clicks = [table.click_at(placement, DEFAULT_LEVEL_DB) for placement in placements]
+            after_s = [at_s for click in clicks if click is not None and (at_s := click.exceeds_at_s()) is not None]
+    return actuators, 1e3 * statistics.median(after_s) if after_s else None
 
 
 def check_layers(layers: Sequence[Layer]) -> list[Check]:

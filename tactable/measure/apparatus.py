@@ -10,6 +10,7 @@ from typing import Any
 from base.points import point_text
 from engine.device import Device
 from engine.loop.loop import SystemClock
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import Basis
 from precompute.measurements.parameters import with_changes
@@ -28,7 +29,6 @@ from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, Sim
 from tactable.shipped import cache_folder
 
 SIMULATED = "simulated"
-_BIT_RATE_HZ, _BOARD_BIT_RATE_HZ = 115_200, 1_000_000  # of simulated lines; an accelerometer needs the faster one
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ApparatusOptions:
     port: str
     sensor: str
     most: float
-    bit_rate_hz: int = 115_200
+    bit_rate_hz: int = BIT_RATE_HZ
     sensor_mass_kg: float = 0.0
     flaws: ConverterFlaws = field(default_factory=ConverterFlaws)
     changes: Mapping[str, float] = field(default_factory=dict)
@@ -98,7 +98,7 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
             port, bit_rate_hz = opened, opened.bit_rate_hz
             stack.callback(opened.close)
         else:
-            port, bit_rate_hz = bench, _BOARD_BIT_RATE_HZ if is_own else _BIT_RATE_HZ
+            port, bit_rate_hz = bench, options.bit_rate_hz
         clock = bench or SystemClock()
         own = open_board_sensor(device, port, clock, bit_rate_hz) if is_own else None
         sensor = own or (SimulatedSensor(bench) if isinstance(bench, SimulatedBench) else _open_sensor(options, device))

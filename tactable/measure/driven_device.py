@@ -17,6 +17,7 @@ from engine.loop.loop import Clock, connect
 from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.limits import Drive, encode_scaled, link_configuration
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import BOARD_EMULATED, Event, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
@@ -55,7 +56,7 @@ class DrivenDevice:
         port: Port,
         clock: Clock,
         most: Sequence[float],
-        bit_rate_hz: int = 115_200,
+        bit_rate_hz: int = BIT_RATE_HZ,
         clicks: Basis | None = None,
         accelerometer: Listener | None = None,
     ) -> None:

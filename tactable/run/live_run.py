@@ -28,6 +28,7 @@ from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
 from engine.table import Table
 from engine.touch.sources import Source
+from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.host.session import Port, Session
@@ -43,7 +44,7 @@ class LiveOptions:
     """Silence where a level is not reached, in place of the strongest drive or click that there is."""
     reconnect: bool = False
     """A device that stopped itself is greeted and armed again; otherwise that ends the run."""
-    bit_rate_hz: int = 115_200
+    bit_rate_hz: int = BIT_RATE_HZ
     steps: tuple[Step, ...] = (Step.COLLECTOR,)
     """Real-time settings. The collector is off by default: the loop makes no cycles, and a collection takes 0.1 s."""
     processor: int | None = None

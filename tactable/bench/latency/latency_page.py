@@ -57,6 +57,8 @@ def markdown_lines(document: Mapping[str, Any]) -> list[str]:
     conditions = document["conditions"]
     blocks = [f"SIMULATED: {', '.join(document['simulated'])}."] if document["simulated"] else []
     whole = document["whole"]
+    if "finger_waits" in document:
+        blocks.append(f"Touch to felt click: {document['finger_waits']}.")
     blocks += [document["method"], f"## {whole.capitalize()}, us", _conditions_table(conditions, whole)]
     if document["ratios"]:
         blocks += ["## Against what the system costs", document["floor_note"], _ratios_table(document["ratios"])]

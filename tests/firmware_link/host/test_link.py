@@ -254,7 +254,7 @@ def test_a_basis_that_the_device_holds_is_not_sent_again() -> None:
 
 def test_a_long_transfer_on_a_slow_line_does_not_end_the_patience() -> None:
     basis = Clicks(20_000, [np.zeros((16_000, 2))]).basis
-    rig = VirtualRig(LinkConfiguration(2, basis=basis, handshake_timeout_s=1.0))
+    rig = VirtualRig(LinkConfiguration(2, bit_rate_hz=115_200, basis=basis, handshake_timeout_s=1.0))
     started_ns = rig.now_ns
     rig.connect()
     assert rig.now_ns - started_ns > 5_000 * MS

@@ -20,7 +20,7 @@ from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError, parse_output
 from tactable.audio.output_process import Feeder
-from tactable.audio.port import BIT_RATE_HZ, CardReopening
+from tactable.audio.port import CARD_BIT_RATE_HZ, CardReopening
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.audio.streams import wait_while_called
 from tactable.measure.audio_sensor import AudioSensor
@@ -53,7 +53,7 @@ def test_a_card_is_greeted_and_armed_like_a_board_and_latches_when_its_host_lets
     ours, theirs = socket.socketpair()
     board, port = AudioBoard(core(), output, 1), DescriptorPort("card", ours.detach())
     feeder = Feeder(board, output, theirs, clock.now_ns)
-    session = Session(Link(LinkConfiguration(actuators, bit_rate_hz=BIT_RATE_HZ)), port, clock.now_ns)
+    session = Session(Link(LinkConfiguration(actuators, bit_rate_hz=CARD_BIT_RATE_HZ)), port, clock.now_ns)
     out = np.zeros((output.block, max(output.channels) + 1), np.float32)
     greatest = np.zeros(out.shape[1])
     wanted = np.zeros(out.shape[1])

@@ -220,7 +220,7 @@ def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again(
 
 @pytest.mark.parametrize("has_loopback", first_quick([False, True]))
 def test_a_drive_that_goes_on_lapsing_spoils_its_reading(has_loopback: bool) -> None:
-    reading = read_while_busy(1_100 * MS, 60_000 * MS, has_loopback=has_loopback)
+    reading = read_while_busy(700 * MS, 60_000 * MS, has_loopback=has_loopback)
     assert reading.is_spoiled
     assert reading.faults == (Fault.LAPSED,)
 
@@ -228,7 +228,7 @@ def test_a_drive_that_goes_on_lapsing_spoils_its_reading(has_loopback: bool) -> 
 def test_a_bar_that_rings_after_a_lapse_is_waited_for_again() -> None:
     reading = read_while_busy(400 * MS, 3_000 * MS)
     assert reading.faults == ()
-    assert reading.earlier == (Fault.LAPSED,)
+    assert Fault.LAPSED in reading.earlier
     assert errors(reading)[0] < 0.05
 
 
