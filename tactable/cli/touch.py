@@ -12,8 +12,8 @@ from rich.table import Table as Grid
 from base.points import sides_of
 from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import ERRORS, OUT, note, print_json, say, show
-from tactable.cli.options import AsJson, BitRate, need_switch
-from tactable.digitizers.axis_map import LearntAxis, digitizer_table
+from tactable.cli.options import AsJson, BitRate, OptionError, need_switch
+from tactable.digitizers.axis_map import LearntAxis, digitizer_table, write_digitizer
 from tactable.digitizers.listing import list_devices as find_devices
 from tactable.doctor.touch_check import Machine
 from tactable.shipped import cache_folder, find_device
@@ -185,6 +185,7 @@ def map_axis(
     device_name: Annotated[
         str | None, typer.Option("--device", help="The device file or shipped name, for the sides of its surface.")
     ] = None,
+    writes: Annotated[bool, typer.Option("--write", help="Write the table into the file of --device.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Learn how the digitizer lies on the surface from strokes of a finger.
@@ -192,6 +193,8 @@ def map_axis(
     Draw from the bar's start to its end. On a plate draw twice from its first corner: along it, then across it. What is
     printed is the [digitizer] table of the device file.
     """
+    if writes and not (device_name and Path(device_name).is_file()):
+        raise OptionError("--write: needs the device file to write to: give it by --device")
     from tactable.digitizers.record import learn_from_recording, learn_live, recording_named
 
     device = None if device_name is None else find_device(device_name)
@@ -212,6 +215,9 @@ def map_axis(
         print_json(map_json(learnt, before))
     else:
         print(digitizer_table(learnt, before))  # noqa: T201  # for a file
+    if writes and device_name:
+        write_digitizer(Path(device_name), digitizer_table(learnt, before))
+        note(f"written into {device_name}; a table that was built of it is stale: build it again")
     for text in (*learnt.notes, *(f"across: {text}" for text in (learnt.across.notes if learnt.across else ()))):
         note(text)
 

@@ -5,8 +5,10 @@ On a bar it takes one stroke from end to end. On a plate it takes two, the first
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from base.files import replace_file
 from engine.touch import Digitizer, DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
 
@@ -192,6 +194,22 @@ def digitizer_table(learnt: LearntAxis, before: "TouchAxis | None" = None) -> st
             *(f'{key} = "{1e3 * time_s:g} ms"' for key, time_s in times_s if time_s),
         )
     )
+
+
+def write_digitizer(path: Path, table: str) -> None:
+    """Put the text of a [digitizer] table into a device file, in place of one that is there.
+
+    The rest of the file stays as it is. Raises DeviceError where the file would be none any more.
+    """
+    from engine.device import Device  # only who writes a file needs it
+    from engine.device.texts import document_of
+
+    document = document_of(path.read_text(encoding="utf-8"), str(path))
+    document["digitizer"] = document_of(table, str(path))["digitizer"]
+    text = document.as_string()
+    Device.parse(text, str(path))
+    with replace_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def _lines(learnt: LearntAxis, suffix: str) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from firmware_link.host.serial_port import PortDescription
 from tactable.audio.interfaces import Interface
 from tactable.audio.names import AudioError
 from tactable.cli.main import app
+from tactable.cli.options import OptionError
 from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn, learn_axis
 from tactable.digitizers.record import learn_from_recording, learn_live, record_source
@@ -447,3 +448,24 @@ def test_map_of_a_live_device_ends_with_the_stroke(bench: Bench) -> None:
     learnt = bench.json("map", "04f3:200a")
     assert (learnt["axis"], learnt["flip"], learnt["logical_at_end"]) == ("x", False, 1000)
     assert learnt["table"].startswith("[digitizer]")
+
+
+@pytest.mark.parametrize("has_table", [True, False])
+def test_map_writes_what_it_learnt_into_the_device_file_and_leaves_the_rest(
+    bench: Bench, tmp_path: Path, has_table: bool
+) -> None:
+    path, text = tmp_path / "bar.toml", (device_folder() / "reference-a.toml").read_text()
+    before, table, after = text.partition("[digitizer]")
+    rest = after[after.index("\n[") :]
+    path.write_text(f'{before}{table}\naxis = "y"\n{rest}' if has_table else before + rest)
+    kept = Device.read(path)
+    bench.run("map", str(DEMO_RECORDING), "--device", str(path), "--write")
+    written = Device.read(path)
+    assert written.touch_axis.axis == "x"
+    assert (written.bar, written.actuators, written.zones) == (kept.bar, kept.actuators, kept.zones)
+    assert path.read_text().replace(before, "").count("[digitizer] # learned") == 1
+    assert all(line in path.read_text() for line in (before + rest).splitlines())
+
+
+def test_map_writes_into_no_shipped_device(bench: Bench) -> None:
+    assert isinstance(bench.run("map", "simulated", "--device", "reference-a", "--write").exception, OptionError)
