@@ -39,9 +39,9 @@ def step(
     recordings: Annotated[
         list[Path] | None, typer.Option("--recording", help="In hid-recorder format; default: the shipped one.")
     ] = None,
-    effects_path: Annotated[
+    rules_path: Annotated[
         Path | None,
-        typer.Option("--effects", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+        typer.Option("--rules", help="Also with the rules of this file, such as tables/effects/slider.toml."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -55,8 +55,8 @@ def step(
     read = {path.name: read_recording(path) for path in recordings or [DEMO_RECORDING]}
     with open_table(table_path) as table:
         rules = dict(RULES)
-        if effects_path is not None:
-            rules[effects_path.name] = read_effects(effects_path, table.device, named_effects())
+        if rules_path is not None:
+            rules[rules_path.name] = read_effects(rules_path, table.device, named_effects())
         show(run_step_bench(table, read, rules), as_json, print_step_bench)
 
 

@@ -18,8 +18,8 @@ from tactable.cli.options import (
     ControlPort,
     ControlSocket,
     DrivesOf,
-    EffectsPath,
     OptionError,
+    RulesPath,
     need_switch,
     read_drives_of,
     read_rules,
@@ -44,7 +44,7 @@ def demo(
     table_path: Annotated[
         Path | None, typer.Option("--table", help="The table, built if it is missing; default: in a cache.")
     ] = None,
-    effects_path: EffectsPath = None,
+    rules_path: RulesPath = None,
     drives: DrivesOf = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="The report's picture; default: tactable-demo.png.")
@@ -93,17 +93,15 @@ def demo(
                 from tactable.page.processes.engine_process import ProgramsAt
 
                 programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
-            if drives is not None and effects_path is not None:
+            if drives is not None and rules_path is not None:
                 raise OptionError(
                     "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
                 )
             first = None if drives is None else read_drives_of(drives)
-            show_demo(device_name, device, effects_path, cache_folder(), address, remark, first, programs)
+            show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
-    report_demo(
-        device, recording_path, table_path, (effects_path, drives), figure or Path("tactable-demo.png"), as_json
-    )
+    report_demo(device, recording_path, table_path, (rules_path, drives), figure or Path("tactable-demo.png"), as_json)
 
 
 def report_demo(
@@ -116,7 +114,7 @@ def report_demo(
 ) -> None:
     """Play a recording through the simulated chain, draw and print what came of it.
 
-    rules: the options --effects and --drives.
+    rules: the options --rules and --drives.
     """
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo_picture import draw_demo

@@ -40,8 +40,8 @@ PictureOutputs = Annotated[
     list[Path] | None,
     typer.Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
 ]
-EffectsPath = Annotated[
-    Path | None, typer.Option("--effects", help="Rule file; default: a click at 20 dB for every touch.")
+RulesPath = Annotated[
+    Path | None, typer.Option("--rules", help="Rule file; default: a click at 20 dB for every touch.")
 ]
 DrivesOf = Annotated[
     str | None,

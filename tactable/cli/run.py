@@ -38,8 +38,8 @@ from tactable.cli.options import (
     ControlPort,
     ControlSocket,
     DrivesOf,
-    EffectsPath,
     PortName,
+    RulesPath,
     need_switch,
     read_rules,
 )
@@ -113,7 +113,7 @@ def run(
     ],
     touch: TouchName,
     port_name: PortName,
-    effects_path: EffectsPath = None,
+    rules_path: RulesPath = None,
     drives: DrivesOf = None,
     refuses: Refuses = False,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
@@ -146,7 +146,7 @@ def run(
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
     with Table.open(table_path, device=device) as table, ExitStack() as stack:
-        effects = _effects(effects_path, table.device, drives, with_others=control)
+        effects = _effects(rules_path, table.device, drives, with_others=control)
         realtime = real_time_steps(steps)
         with _opened(machine_of(context), touch) as source:
             # What is wrong is told before kernels are compiled; what is touched meanwhile is not of the run.

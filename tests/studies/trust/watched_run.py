@@ -28,7 +28,7 @@ class WatchedRun:
         effects, self._ring_path = folder / "held.toml", folder / "ring"
         self._ring_path.unlink(missing_ok=True)  # a run that was killed leaves its ring
         effects.write_text(HELD, encoding="utf-8")
-        words = ["run", str(table), "--touch", str(recording), "--port", port, "--effects", str(effects)]
+        words = ["run", str(table), "--touch", str(recording), "--port", port, "--rules", str(effects)]
         words += ["--bit-rate", "2000000", "--ring", str(self._ring_path), "--reconnect", "--realtime", "all", "--json"]
         command = [sys.executable, "-c", "from tactable.cli.main import main; main()", *words]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -92,7 +92,7 @@ def test_touches_of_a_recording_are_played_and_counted(folder: Path, line: Line)
 def test_what_is_not_achieved_is_refused_or_played(
     folder: Path, line: Line, when: list[str], played_fingers: int
 ) -> None:
-    summary, _ = played(folder, *when, "--effects", "held.toml")
+    summary, _ = played(folder, *when, "--rules", "held.toml")
     assert summary["not_achieved"] == 2
     assert sounds(line.log) == [True, False] * played_fingers
 
@@ -110,7 +110,7 @@ def test_the_option_replaces_what_the_file_says(folder: Path) -> None:
 
 
 def test_a_run_ends_after_its_time_in_silence(folder: Path, line: Line) -> None:
-    summary, _ = played(folder, "--for", "0.5", "--effects", "held.toml", touch="resting.hid")
+    summary, _ = played(folder, "--for", "0.5", "--rules", "held.toml", touch="resting.hid")
     assert 0.5 <= summary["duration_s"] < 0.6
     assert sounds(line.log) == [True, False]
 
@@ -118,7 +118,7 @@ def test_a_run_ends_after_its_time_in_silence(folder: Path, line: Line) -> None:
 def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, line: Line) -> None:
     line.cable_pulled_ns = line.time_ns + 300 * MS
     line.cable_back_ns = line.cable_pulled_ns + 300 * MS
-    summary, said = played(folder, "--effects", "held.toml", touch="resting.hid", status=1)
+    summary, said = played(folder, "--rules", "held.toml", touch="resting.hid", status=1)
     assert summary["touches"].endswith("(SIMULATED)") and summary["duration_s"] >= 0.2
     assert said.splitlines()[-1].startswith("tactable: ")
     assert sounds(line.log) == [True, False]
@@ -127,7 +127,7 @@ def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, line: Li
 def test_a_run_that_reconnects_plays_on_when_the_port_is_back(folder: Path, line: Line) -> None:
     line.cable_pulled_ns = line.time_ns + 300 * MS
     line.cable_back_ns = line.cable_pulled_ns + 300 * MS
-    words = ("--reconnect", "--for", "1.5", "--effects", "held.toml")
+    words = ("--reconnect", "--for", "1.5", "--rules", "held.toml")
     summary, said = played(folder, *words, touch="resting.hid")
     assert (summary["losses_of_the_port"], summary["reconnects"]) == (1, 1)
     assert "is lost, and looked for" in said and "is open again" in said
@@ -141,8 +141,8 @@ def test_a_run_that_reconnects_plays_on_when_the_port_is_back(folder: Path, line
         ("bar.nc --touch no-such-panel", DigitizerError, ["no-such-panel", "tactable list"]),
         ("missing.nc --touch simulated", TableError, ["missing.nc", "tactable build"]),
         ("bar.nc --touch simulated --device reference-d", TableError, ["bar.nc", "is a table of", "reference-d"]),
-        ("bar.nc --touch simulated --effects missing.toml", OSError, ["missing.toml"]),
-        ("bar.nc --touch simulated --effects wrong.toml", TactableError, ["wrong.toml", "'VI'"]),
+        ("bar.nc --touch simulated --rules missing.toml", OSError, ["missing.toml"]),
+        ("bar.nc --touch simulated --rules wrong.toml", TactableError, ["wrong.toml", "'VI'"]),
         ("bar.nc --touch held.toml", RecordingError, ["held.toml"]),
         ("bar.nc --touch simulated", LinkError, ["no-such-port", "tactable list"]),
         ("bar.nc --touch simulated --realtime nice", SystemExit, []),
@@ -176,7 +176,7 @@ def test_an_unplugged_device_plays_on_under_another_name_and_ctrl_c_ends_the_run
     with run_emulator() as emulator:
         before = Path(emulator.stable_port).readlink()
         paths = ("bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--ring", str(ring))
-        command = [TACTABLE, "run", *paths, "--reconnect", "--effects", "held.toml", "--json"]
+        command = [TACTABLE, "run", *paths, "--reconnect", "--rules", "held.toml", "--json"]
         with subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe) as process:
             assert process.stderr is not None
             while "Ctrl-C ends" not in process.stderr.readline():

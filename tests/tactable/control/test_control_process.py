@@ -60,7 +60,7 @@ def running(tmp_path: Path) -> Iterator[ControlledRun]:
     (tmp_path / "none.toml").write_text(NO_RULES, encoding="utf-8")
     write_table(tmp_path / "bar.nc", DEVICE, response=0.05)
     write_recording(make_recording((Stroke(0.0, 600.0, 0.2, 0.2),)), tmp_path / "taps.hid")
-    words = ["--touch", "taps.hid", "--effects", "none.toml", "--reconnect", "--json"]
+    words = ["--touch", "taps.hid", "--rules", "none.toml", "--reconnect", "--json"]
     words += ["--control", "--control-socket", "control.sock", "--control-osc", "0"]
     with run_emulator() as emulator:
         command = [str(Path(sys.executable).parent / "tactable"), "run", "bar.nc", "--port", emulator.port, *words]

@@ -76,7 +76,7 @@ def test_drives_and_a_control_channel_are_the_page_s_as_they_were_asked_for(open
     demo("--no-open", "--drives", "zones")
     for words in (("--no-open",), ("--control",)):
         assert "--control are the page's" in demo("--headless", *words)
-    assert "its key `drives`" in demo("--no-open", "--drives", "zones", "--effects", "rules.toml")
+    assert "its key `drives`" in demo("--no-open", "--drives", "zones", "--rules", "rules.toml")
     assert [values[-2:] for values in opened] == [(None, ProgramsAt("/tmp/some.sock", 0, None)), (Drives.ZONES, None)]
 
 

@@ -48,7 +48,7 @@ class Run:
         write(self.path, 1.0)
         (folder / "held.toml").write_text(HELD, encoding="utf-8")
         write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
-        words = ["bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--effects", "held.toml"]
+        words = ["bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--rules", "held.toml"]
         command, pipe = [TACTABLE, "run", *words, "--reconnect", "--json"], subprocess.PIPE
         self.process = subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe)
         self.first = self.wait_for_other_than(None)
