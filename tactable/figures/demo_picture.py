@@ -33,6 +33,8 @@ from tactable.rig.demo_run import DemoReport
 from tactable.rig.simulated_surface import Felt, is_felt
 
 _MOST_DRAWN = 6  # three rows of two
+_CLICK_ROOM = -1.2, 1.9
+"""From the least to the greatest value of a click's panel, of its peak: the legend lies above the curves."""
 _SHOWN_S = 0.1  # a click and its ring-down
 _STYLES = ("-", "--", "-.")
 
@@ -147,7 +149,9 @@ def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
     time_ms = 1e3 * simulated.time_s[shown]
     right = axes.twinx()
     right.plot(time_ms, 100 * simulated.drive[shown], color=GREY, lw=0.6)
-    right.set(ylim=(-110, 110), ylabel="base (% of full scale)")
+    most = max(abs(simulated.acceleration[shown]).max(), *found.promise.acceleration_m_per_s2)
+    low, high = _CLICK_ROOM
+    right.set(ylim=(100 * low, 100 * high), yticks=range(-100, 101, 50), ylabel="base (% of full scale)")
     for finger, name in enumerate(finger_roles(device, placement)):
         colour, style = VERMILLION if placement.is_felt[finger] else BLUE, _STYLES[finger % len(_STYLES)]
         axes.plot(time_ms, simulated.acceleration[shown, finger], style, lw=1.2, color=colour, label=name)
@@ -156,8 +160,7 @@ def _draw_click(axes: Axes, device: Device, found: ClickReport) -> None:
             axes.axhline(sign * peak, color=colour, lw=0.8, ls=":")
     title = f"{_fingers_text(device, found)}\nclick at {100 * click.amplitude:.0f} %; dotted: promised peaks"
     axes.set_title(title, fontsize="small", loc="left")
-    axes.set(xlabel="time (ms)", ylabel="under the finger (m/s²)")
-    axes.margins(y=0.2)
+    axes.set(xlabel="time (ms)", ylabel="under the finger (m/s²)", ylim=(low * most, high * most))
     axes.set_zorder(right.get_zorder() + 1)
     axes.patch.set_visible(False)
     axes.legend(fontsize="x-small", loc="upper right", ncols=2)
