@@ -106,6 +106,11 @@ def test_each_address_is_a_message_of_the_channel(name: str) -> None:
     read_request(message, find_device("reference-a"), named_effects(), 1)
 
 
+@pytest.mark.parametrize("switch", [1, 0.5, True, 0, False])
+def test_a_switch_is_a_truth_or_a_number(switch: Value) -> None:
+    assert message_of(f"{PREFIX}quiet", [3, switch])["role"] == ("quiet" if switch else "by rules")
+
+
 def test_places_on_a_plate_are_texts_and_touches_there_have_both_coordinates() -> None:
     asked: dict[str, list[Value]] = {
         "trigger_at": ["error", "60 x 40 mm"],

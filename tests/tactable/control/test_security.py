@@ -28,11 +28,11 @@ def test_the_token_is_in_the_address_and_in_no_text_of_the_door_nor_of_a_command
     assert LOOPBACK.ticket != OPEN.ticket
 
 
-def test_a_server_tells_its_log_no_request_and_its_visitors_neither_its_name_nor_its_clock() -> None:
+def test_a_server_logs_no_request_tells_neither_its_name_nor_its_clock_and_compresses_no_secret() -> None:
     server = quiet_server(Starlette(), 1)
     server.config.load()
     asyncio.run(server.on_tick(0))
-    assert server.server_state.default_headers == []
+    assert server.server_state.default_headers == [] and not server.config.ws_per_message_deflate
     # The token is in the path of every request.
     assert not logging.getLogger("uvicorn.access").isEnabledFor(logging.INFO)
 

@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from tests.engine.loop.rig import DESCRIPTOR, DEVICE, Rig, held, recording_of, r
 from tests.engine.made_clicks import every_click
 from tests.engine.shared_recordings import recording_params
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
+from tests.tools.guard import allowed
 from tests.tools.virtual import MS, VirtualClock
 
 CLICKS = every_click(DEVICE)
@@ -137,6 +139,15 @@ def test_a_report_that_is_not_the_last_is_left_to_the_loop(fast_library: ctypes.
         assert session.answer is None
         with pytest.raises(BlockingIOError):
             device.recv(4096)
+
+
+def test_its_times_are_of_the_clock_that_the_loop_reads(fast_library: ctypes.CDLL) -> None:
+    with allowed("compares two readings of one clock"), on_sockets(fast_library) as (fast, _, ours, touch, _, port):
+        fast_library.fast_set_time(NONE)
+        ours.send(struct.pack("<qq", 0, 0) + report((1, 0.1)))
+        before_ns = time.monotonic_ns()
+        fast.wait(None, (touch.fileno(), port.fileno()), ())
+        assert fast.source.taken is not None and before_ns <= fast.source.taken.read_ns <= time.monotonic_ns()
 
 
 def test_time_stands_at_a_report_until_its_answer_is_confirmed(fast_library: ctypes.CDLL) -> None:
