@@ -161,7 +161,9 @@ def law_a_basis_stays_unless_an_idle_device_needs_its_room_for_another(tier: Tie
     capacity = host.hello.basis_capacity_bytes
     assert host.ask(BasisBegin(5, 100)) is Result.OK
     assert host.ask(BasisCommit(5)) is Result.WRONG_HASH
-    assert host.ask(BasisBegin(7, capacity)) is Result.NO_ROOM
+    rest = capacity - len(CLICKS.basis.data)
+    for size, result in ((rest, Result.OK), (rest + 1, Result.NO_ROOM), (capacity, Result.NO_ROOM)):
+        assert host.ask(BasisBegin(7, size)) is result
     assert host.greet().held_basis_hash == CLICKS.basis.hash
     assert host.ask(BasisBegin(7, capacity)) is Result.OK
     assert host.greet().held_basis_hash == 0

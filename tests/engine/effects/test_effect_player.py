@@ -188,11 +188,13 @@ def test_what_a_hold_holds_ends_when_the_finger_moves_on() -> None:
     ]
 
 
-def test_a_drag_is_felt_at_marks_that_stay_where_they_are() -> None:
-    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM))
+@pytest.mark.parametrize(("along", "across_mm"), [(0.0, 0.0), (1.0, 0.0), (1.0, 7.0)])
+def test_a_drag_is_felt_at_marks_that_stay_where_they_are(along: float, across_mm: float) -> None:
+    """On a plate the way along it alone counts where a rule says so."""
+    seen = story(Rule(Trigger.DRAG, burst(20.0, 5), every_m=5 * MM, along=along))
     path_mm = [10, 12, 14, 16, 18, 14.5, 9.9, 14.9, 15.1, 26]
     for frame, place_mm in enumerate(path_mm):
-        seen.at(10 * frame, touch(1, place_mm))
+        seen.at(10 * frame, Touch(1, (place_mm + 1j * across_mm * frame) * MM, 0))
     felt_ms = [time_ms for time_ms, _, level_db in seen.moments if level_db is not None]
     # Marks at 10, 15, 20, 25 mm, each felt when it is reached from another one: 15, 10, 15, then 25 past 20.
     assert felt_ms == [30, 60, 80, 90]

@@ -1,18 +1,20 @@
 """Laws of the firmware: it drives only what was armed, for as long as it is told, and falls silent by itself."""
 
-from typing import Any
+from collections import deque
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_link.emulator.device_reports import Reports
 from firmware_link.emulator.device_state import Device, DeviceConfiguration
 from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.sense import Accelerations
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import Arm, ChannelDrive, Result, encode_drive
+from firmware_link.protocol.messages import Acceleration, Arm, ChannelDrive, Result, encode_drive
 from tests.firmware_link.law_host import Host
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
 from tests.firmware_link.test_conformance import VirtualTier
@@ -66,24 +68,15 @@ def test_a_frame_that_can_be_no_copy_is_fresh_whatever_its_number() -> None:
         assert firmware.received[-1].outcome is outcome
 
 
-class LastReports:
-    """Keeps the last two messages; a device would encode them all."""
-
-    def __init__(self) -> None:
-        self.sent: list[Any] = []
-
-    def send(self, message: Message) -> None:
-        self.sent = [*self.sent[-1:], message]
-
-
 def test_the_numbers_of_frames_and_of_samples_begin_again_where_their_fields_end() -> None:
-    reports = LastReports()
-    stream = Accelerations(Device(DeviceConfiguration(BOOT_ID, sensor_rate_mhz=1)), reports)  # type: ignore[arg-type]  # which sends
+    sent = deque[Acceleration](maxlen=2)
+    reports = cast("Reports", SimpleNamespace(send=sent.append))  # a device would encode them all
+    stream = Accelerations(Device(DeviceConfiguration(BOOT_ID)), reports)
     for number in range(2**16 + 1):
         stream.end_us = 0
         stream.take_sample(0, [0, 0], 3 * 2**31 + number)
         stream.end()
-    assert [(each.frame, each.number, each.synthesis_sample) for each in reports.sent] == [
+    assert [(each.frame, each.number, each.synthesis_sample) for each in sent] == [
         (2**16 - 1, 2**16 - 1, 2**31 + 2**16 - 1),
         (0, 2**16, 2**31 + 2**16),
     ]

@@ -36,8 +36,8 @@ FULL_OUTPUT = 32_767
 US_PER_S = 1_000_000
 
 
-def make(folder: Path, *arguments: str) -> str:
-    """Run make in the firmware's folder; what it said. Fails the test with that where make fails."""
+def make(folder: Path, *arguments: str) -> None:
+    """Run make in the firmware's folder; fails the test with what it said where make fails."""
     with allowed("compiles the C core"):
         done = subprocess.run(
             ["make", "-C", str(FIRMWARE), f"BUILD={folder}", f"EXTRA={EXTRA}", *arguments],
@@ -46,7 +46,6 @@ def make(folder: Path, *arguments: str) -> str:
             check=False,
         )
     assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def need(*commands: str) -> None:

@@ -10,11 +10,7 @@ IMAGES = ("mps2_an385.elf", "mps2_four.elf", "stm32f405.elf", "stm32f405_qemu.el
 
 
 @pytest.mark.long
-def test_all_boards_build_without_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_boards_build_without_a_warning(tmp_path: Path) -> None:
     need("make", "cc", "arm-none-eabi-gcc", "arm-none-eabi-g++")
-    said = make(tmp_path, "check")
+    make(tmp_path, "check")
     assert all((tmp_path / image).is_file() for image in IMAGES)
-    sizes = [line for line in said.splitlines() if line.endswith(".elf") and line.lstrip()[0].isdigit()]
-    assert len(sizes) == len(IMAGES)
-    with capsys.disabled():
-        print("\n  text data bss: " + "; ".join(" ".join(line.split()[:3]) for line in sizes))  # noqa: T201

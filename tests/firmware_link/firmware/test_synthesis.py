@@ -94,7 +94,8 @@ def test_a_click_is_what_its_weights_are_defined_to_be_bit_for_bit(
     each = BasisSet(
         np.rint(FULL_OUTPUT * wave).astype(np.int16), noise.integers(0, ACTUATORS, functions).astype(np.uint8)
     )
-    weights = noise.integers(-(2**15), 2**15 - 1, functions, endpoint=True).tolist()
+    most = 2 ** min(fraction_bits, 15)  # so that limits do not cut all of it, and many sums of few bits have no rest
+    weights = noise.integers(-most, most - 1, functions, endpoint=True).tolist()
     device = Played(RATE_HZ, limits, 200, Basis(RATE_HZ, (each,)))
     play = Play(reference(device.now_us), 0, fraction_bits, FULL_SCALE_WORD, functions, tuple(weights))
     device.send(play)

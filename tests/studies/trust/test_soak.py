@@ -1,8 +1,5 @@
 """Sessions of seconds with harsh faults, and one without."""
 
-import pytest
-
-from tests.quick import first_quick
 from tests.studies.trust.soak import COMMANDS_PER_S, Soak, check_that_counters_reconcile
 
 HARSH = (
@@ -11,9 +8,8 @@ HARSH = (
 )
 
 
-@pytest.mark.parametrize("seed", first_quick([1, 2]))
-def test_nothing_stale_is_applied_and_every_counter_reconciles(seed: int) -> None:
-    figures = Soak(HARSH, seed).run(12.0)
+def test_nothing_stale_is_applied_and_every_counter_reconciles() -> None:
+    figures = Soak(HARSH, 1).run(12.0)
     check_that_counters_reconcile(figures)
     assert figures.applied_commands > 2.5 * COMMANDS_PER_S
     assert figures.applied_plays > 0.05 * figures.applied_commands
