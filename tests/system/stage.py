@@ -61,12 +61,16 @@ class Stage:
         """The engine has answered so many reports of its run."""
         self._taken.value = reports
 
+    def taken(self) -> int:
+        """Reports of its run that the engine has answered."""
+        return int(self._taken.value)
+
     def wait_until_taken(self, reports: int) -> None:
         """Until the engine has answered so many reports; raises TimeoutError when it does not."""
         end_s = time.monotonic() + PATIENCE_S
-        while self._taken.value < reports:
+        while self.taken() < reports:
             if time.monotonic() > end_s:
-                raise TimeoutError(f"the engine took {self._taken.value} of {reports} reports")
+                raise TimeoutError(f"the engine took {self.taken()} of {reports} reports")
             time.sleep(_POLL_S)
 
     def note(self, name: str) -> None:

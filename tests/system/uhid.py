@@ -5,7 +5,6 @@ import os
 import select
 import struct
 import threading
-import time
 from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
@@ -100,14 +99,6 @@ class VirtualDevice:
         # The kernel may have given up on the question, or the device been unplugged meanwhile.
         with contextlib.suppress(OSError):
             os.write(self._descriptor, event)
-
-
-def play(device: VirtualDevice, recording: Recording, speed: float) -> None:
-    """Send the reports of a recording at `speed` times their pace."""
-    start_s = time.monotonic()
-    for report in recording.reports:
-        time.sleep(max(0.0, start_s + report.time_s / speed - time.monotonic()))
-        device.send(report.data)
 
 
 def kernel_path_of(vendor_id: int, product_id: int) -> Path:
