@@ -34,6 +34,9 @@ SLOWEST = (
     "tests/tactable/rig/test_demo_run.py",
     "tests/test_docs.py",
     "tests/test_notebooks.py",
+    # Not while the browser of the page's tests is open: they keep time.
+    "tests/system/test_guest.py",
+    "tests/system/test_qemu_firmware.py",
 )
 """Files that a run begins with, so that the workers end together."""
 KERNELS = (

@@ -144,9 +144,9 @@ class Visit:
         self.page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.7 * box["height"])
 
     def _points(self, fingers: dict[int, float]) -> list[dict[str, float]]:
-        self.bar()
         left, top, width = self.ask(
-            """(() => { const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
+            """(() => { tactable.bar.canvas.scrollIntoViewIfNeeded();
+            const p = tactable.bar.place(), box = tactable.bar.canvas.getBoundingClientRect();
             return [box.left + p.left, box.top + 0.76 * box.height, p.width]; })()"""
         )
         return [{"x": left + width * place, "y": top, "id": number} for number, place in fingers.items()]

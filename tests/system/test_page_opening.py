@@ -11,7 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import expect, sync_playwright
+from playwright.sync_api import Playwright, expect
 
 from tests.system.page import CHROMIUM, IN_CHROMIUM, PATIENCE_S, Demo, Visit
 
@@ -20,24 +20,24 @@ PORT_FILE = "DevToolsActivePort"
 
 
 @pytest.fixture
-def opened(demo_folder: Path, tmp_path: Path) -> Iterator[tuple[Demo, Visit]]:
+def opened(playwright: Playwright, demo_folder: Path, tmp_path: Path) -> Iterator[tuple[Demo, Visit]]:
     """A demo, and the page that is shown by the browser that it opened, as it says in $BROWSER."""
     profile = tmp_path / "profile"
     words = [str(CHROMIUM), "--headless=new", "--remote-debugging-port=0", f"--user-data-dir={profile}"]
     words += ["--no-sandbox"] if os.geteuid() == 0 else []
     demo = Demo(demo_folder, browser=f"{shlex.join(words)} %s &")
     try:
-        with sync_playwright() as playwright:
-            while not (profile / PORT_FILE).is_file() or not (port := (profile / PORT_FILE).read_text().split()[:1]):
-                assert demo.process is not None and demo.process.poll() is None
-                time.sleep(0.05)
+        while not (profile / PORT_FILE).is_file() or not (port := (profile / PORT_FILE).read_text().split()[:1]):
+            assert demo.process is not None and demo.process.poll() is None
+            time.sleep(0.05)
+        browser = playwright.chromium.connect_over_cdp(f"http://127.0.0.1:{port[0]}")
+        while not (browser.contexts and browser.contexts[0].pages):  # it has opened its port before its page
+            time.sleep(0.05)
+            browser.close()
             browser = playwright.chromium.connect_over_cdp(f"http://127.0.0.1:{port[0]}")
-            while not (browser.contexts and browser.contexts[0].pages):  # it has opened its port before its page
-                time.sleep(0.05)
-                browser.close()
-                browser = playwright.chromium.connect_over_cdp(f"http://127.0.0.1:{port[0]}")
-            page = browser.contexts[0].pages[0]
-            yield demo, Visit(page, browser.contexts[0].new_cdp_session(page), [], {})
+        page = browser.contexts[0].pages[0]
+        yield demo, Visit(page, browser.contexts[0].new_cdp_session(page), [], {})
+        browser.close()
     finally:
         # A browser that lives on would hold what the demo prints to.
         for process, line in command_lines():
