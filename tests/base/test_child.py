@@ -13,7 +13,7 @@ import pytest
 
 from base.child import Child, ChildError
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.machine(stall_s=None)
 PATIENCE_S = 60.0
 
 

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.machine
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-# Only against a guest that hangs: it is done within 2 minutes, on a crowded machine within 4.
+# Only against a guest that hangs: it is done within a minute, on a crowded machine within 4.
 GUEST_LIMIT_S = 600
 # A sequence number is used again after 256 frames, which take more than 3 s.
 SAME_SEQUENCE_NS = 2_000_000_000

@@ -337,11 +337,12 @@ def all_of_it_is_seen_and_kept(visit: Visit, path: Path) -> None:
     assert bar["y"] + bar["height"] < visit.page.viewport_size["height"]
 
 
+@pytest.mark.machine(stall_s=None)
 def test_the_page_of_a_run_that_ended_says_so(demo_folder: Path, browser: Browser) -> None:
     table = cached_table(find_device(str(demo_folder / "small.toml")), demo_folder / "tactable")
     write_recording(make_recording([Stroke(0.0, 200.0, FIRST, FIRST)]), demo_folder / "rest.hid")
     with run_emulator() as emulator:
-        words = ["--touch", "rest.hid", "--port", emulator.port, "--no-watch", "--no-solve", "--page"]
+        words = ["--touch", "rest.hid", "--port", emulator.port, "--reconnect", "--no-watch", "--no-solve", "--page"]
         run = subprocess.Popen(
             [TACTABLE, "run", str(table), *words], cwd=demo_folder, stderr=subprocess.PIPE, text=True
         )

@@ -59,6 +59,7 @@ def command_lines() -> list[tuple[int, str]]:
     return found
 
 
+@pytest.mark.machine(stall_s=None)
 def test_the_page_that_is_opened_plays_and_no_command_line_holds_its_token(opened: tuple[Demo, Visit]) -> None:
     demo, visit = opened
     expect(visit.page).to_have_url(re.compile(re.escape(demo.url)), timeout=1e3 * PATIENCE_S)

@@ -14,6 +14,7 @@ from tests.firmware_link.driving_host import ENDED, LEASE_MS, SLEW_PER_S, Proces
 from tests.firmware_link.firmware.compiled_core import make, need
 from tests.firmware_link.law_host import DISARM_US, LOUD, Host, Law
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
+from tests.tools.once import once_a_run
 
 pytestmark = pytest.mark.machine
 LEASE_US = 1_000 * LEASE_MS
@@ -25,12 +26,10 @@ ALL_LAWS = os.environ.get("TACTABLE_IMAGE_LAWS") == "all"
 MACHINES = {"mps2_an385": "mps2-an385", "mps2_four": "mps2-an385", "stm32f405_qemu": "netduinoplus2"}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     need("make", "arm-none-eabi-gcc", "qemu-system-arm")
-    folder = tmp_path_factory.mktemp("images")
-    make(folder, "-j2")
-    return folder
+    return once_a_run(tmp_path_factory, "images", lambda folder: make(folder, "-j2"))
 
 
 def reset(image: FirmwareImage) -> None:

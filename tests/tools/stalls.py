@@ -14,6 +14,7 @@ PERIOD_S = 0.005
 PROCESSES_PERIOD_S = 0.02
 STALL_S = 0.05
 """Longer than a processor that is shared fairly lets a process wait, and half of the shortest lease."""
+MOST_TOLD = 5
 MOST_THREADS = 12
 """An emulator computes in other threads than its first; to look at all of a browser's would cost too much."""
 _NS_PER_S = 1e9
@@ -36,7 +37,8 @@ class Evidence:
         return bool(self.longest_s)
 
     def __str__(self) -> str:
-        return "; ".join(f"{what} {duration_s:.2f} s" for what, duration_s in self.longest_s.items())
+        longest = sorted(self.longest_s.items(), key=lambda found: found[1], reverse=True)[:MOST_TOLD]
+        return "; ".join(f"{what} {duration_s:.2f} s" for what, duration_s in longest)
 
 
 class _Process:

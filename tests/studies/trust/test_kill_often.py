@@ -18,7 +18,7 @@ def kill(what: str, times: int, folder: Path) -> None:
     assert sum(reached.values()) == times
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_killed_at_any_instant_a_swap_leaves_whole_tables_and_the_run_goes_on(tmp_path: Path) -> None:
     kill("swap", 2, tmp_path)
 

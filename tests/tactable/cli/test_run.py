@@ -170,7 +170,7 @@ def wait_for(emulator: RunningEmulator, sets: int) -> EmulatorLog:
         time.sleep(0.05)
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_an_unplugged_device_plays_on_under_another_name_and_ctrl_c_ends_the_run(folder: Path, tmp_path: Path) -> None:
     ring, pipe = tmp_path / "ring", subprocess.PIPE
     with run_emulator() as emulator:

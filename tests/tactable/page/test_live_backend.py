@@ -23,7 +23,7 @@ from tactable.page.page_messages import Kind
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
-pytestmark = pytest.mark.machine
+pytestmark = pytest.mark.machine(stall_s=None)
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 

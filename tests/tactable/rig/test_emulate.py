@@ -62,7 +62,7 @@ def ready_link(name: str) -> Link:
         return session.link
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_either_core_is_listed_as_simulated_and_any_host_can_open_it_by_its_link_and_it_counts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

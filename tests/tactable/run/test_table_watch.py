@@ -90,7 +90,7 @@ class Run:
         return dict(json.loads(told))
 
 
-@pytest.mark.machine
+@pytest.mark.machine(stall_s=None)
 def test_a_run_changes_over_to_each_new_table_and_back_and_outlives_the_process_that_looks_for_them(
     tmp_path: Path, emulator: RunningEmulator
 ) -> None:
