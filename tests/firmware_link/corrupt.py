@@ -1,11 +1,9 @@
-"""Frames damaged in every way that a line knows; firmware/compare_decoders.py shows them to both decoders."""
+"""Frames damaged in every way that a line knows, and what a decoder makes of them."""
 
 import random
 import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from inspect import isfunction
 
 from cobs import cobs
 
@@ -14,26 +12,19 @@ from firmware_link.protocol.layout import Layout
 from firmware_link.protocol.messages import MESSAGES, Hello, has_exact_length, seed_of
 
 ACTUATORS = 2
-BATCH = 2_000
 FRAMES_OF_A_TYPE = 8
 
 Chance = random.Random
-Damage = Callable[[bytes, Chance], bytes]
 
 
-def flip_one_bit(frame: bytes, chance: Chance) -> bytes:
-    return _flip(frame, 1, chance)
+def _flip(frame: bytes, chance: Chance, bits: int) -> bytes:
+    pattern = 0
+    for _ in range(bits):
+        pattern |= 1 << chance.randrange(8 * len(frame))
+    return (int.from_bytes(frame, "little") ^ pattern).to_bytes(len(frame), "little")
 
 
-def flip_two_bits(frame: bytes, chance: Chance) -> bytes:
-    return _flip(frame, 2, chance)
-
-
-def flip_some_bits(frame: bytes, chance: Chance) -> bytes:
-    return _flip(frame, chance.randint(3, 9), chance)
-
-
-def burst_of_bits(frame: bytes, chance: Chance) -> bytes:
+def _burst(frame: bytes, chance: Chance) -> bytes:
     """Up to 40 bits in a row, more than the CRC is wide."""
     width = chance.randint(2, 40)
     at = chance.randrange(max(1, 8 * len(frame) - width))
@@ -41,123 +32,82 @@ def burst_of_bits(frame: bytes, chance: Chance) -> bytes:
     return (int.from_bytes(frame, "little") ^ pattern << at).to_bytes(len(frame) + 5, "little")[: len(frame)]
 
 
-def replace_a_byte(frame: bytes, chance: Chance) -> bytes:
+def _edit(frame: bytes, chance: Chance, lost: int, inserted: bytes) -> bytes:
     at = chance.randrange(len(frame))
-    return frame[:at] + bytes([chance.randrange(256)]) + frame[at + 1 :]
+    return frame[:at] + inserted + frame[at + lost :]
 
 
-def truncate(frame: bytes, chance: Chance) -> bytes:
-    return frame[: chance.randrange(len(frame))]
-
-
-def lose_the_beginning(frame: bytes, chance: Chance) -> bytes:
-    return frame[chance.randint(1, len(frame)) :]
-
-
-def lose_bytes(frame: bytes, chance: Chance) -> bytes:
-    at = chance.randrange(len(frame))
-    return frame[:at] + frame[at + chance.randint(1, 4) :]
-
-
-def insert_bytes(frame: bytes, chance: Chance) -> bytes:
-    at = chance.randint(0, len(frame))
-    return frame[:at] + chance.randbytes(chance.randint(1, 4)) + frame[at:]
-
-
-def double_a_byte(frame: bytes, chance: Chance) -> bytes:
+def _double(frame: bytes, chance: Chance) -> bytes:
     at = chance.randrange(len(frame))
     return frame[: at + 1] + frame[at:]
 
 
-def swap_bytes(frame: bytes, chance: Chance) -> bytes:
+def _swap(frame: bytes, chance: Chance) -> bytes:
     data = bytearray(frame)
     i, j = chance.randrange(len(data)), chance.randrange(len(data))
     data[i], data[j] = data[j], data[i]
     return bytes(data)
 
 
-def zero_bytes(frame: bytes, chance: Chance) -> bytes:
-    at = chance.randrange(len(frame))
-    width = min(chance.randint(1, 4), len(frame) - at)
-    return frame[:at] + bytes(width) + frame[at + width :]
-
-
-def splice_two_frames(frame: bytes, chance: Chance) -> bytes:
+def _splice(frame: bytes, chance: Chance) -> bytes:
     other = chance.choice(FRAMES)
     spliced = frame[: chance.randrange(1, len(frame))] + other[chance.randrange(1, len(other)) :]
     # Two frames may begin alike: then this would be the other one, whole.
     return spliced if spliced != other else frame
 
 
-def noise(frame: bytes, chance: Chance) -> bytes:
-    return chance.randbytes(len(frame))
-
-
-def checksum_of_another_definition(frame: bytes, chance: Chance) -> bytes:
-    body = _body(frame)
-    seed = chance.getrandbits(32)
-    stuffed: bytes = cobs.encode(body + zlib.crc32(body, seed).to_bytes(4, "little"))
+def _give_another_checksum(frame: bytes, chance: Chance) -> bytes:
+    body = BODIES[frame]
+    stuffed: bytes = cobs.encode(body + zlib.crc32(body, chance.getrandbits(32)).to_bytes(4, "little"))
     return stuffed + b"\0"
 
 
-def another_length(frame: bytes, chance: Chance) -> bytes:
+def _give_another_length(frame: bytes, chance: Chance) -> bytes:
     """With its right checksum."""
-    body = _body(frame)
+    body = BODIES[frame]
     changed = body[: chance.randint(2, len(body) - 1)] if chance.random() < 0.5 and len(body) > 2 else body + b"\0"
     return encode_frame(changed) if not has_exact_length(changed, ACTUATORS) else frame[:-2] + b"\0"
 
 
-DAMAGES: tuple[Damage, ...] = tuple(
-    each for each in list(globals().values()) if isfunction(each) and each.__module__ == __name__
-)
-"""All that stand above."""
+DAMAGES: dict[str, Callable[[bytes, Chance], bytes]] = {
+    "a bit flipped": lambda frame, chance: _flip(frame, chance, 1),
+    "two bits flipped": lambda frame, chance: _flip(frame, chance, 2),
+    "some bits flipped": lambda frame, chance: _flip(frame, chance, chance.randint(3, 9)),
+    "a burst": _burst,
+    "a byte replaced": lambda frame, chance: _edit(frame, chance, 1, chance.randbytes(1)),
+    "the end lost": lambda frame, chance: frame[: chance.randrange(len(frame))],
+    "the beginning lost": lambda frame, chance: frame[chance.randint(1, len(frame)) :],
+    "bytes lost": lambda frame, chance: _edit(frame, chance, chance.randint(1, 4), b""),
+    "bytes inserted": lambda frame, chance: _edit(frame, chance, 0, chance.randbytes(chance.randint(1, 4))),
+    "bytes of zeros": lambda frame, chance: _edit(frame, chance, width := chance.randint(1, 4), bytes(width)),
+    "a byte doubled": _double,
+    "bytes swapped": _swap,
+    "two frames spliced": _splice,
+    "noise": lambda frame, chance: chance.randbytes(len(frame)),
+    "another checksum": _give_another_checksum,
+    "another length": _give_another_length,
+}
 
 
-@dataclass(frozen=True)
-class Batch:
-    """A stream of damaged frames, each followed by a delimiter and a whole frame, and what those were."""
-
-    stream: bytes
-    damaged: list[bytes]
-    whole: list[bytes]
+def draw_batch(size: int, chance: Chance) -> list[tuple[bytes, bytes]]:
+    """Frames to damage, each with the one that follows whole."""
+    return list(zip(chance.choices(FRAMES, k=size), chance.choices(WHOLE_FRAMES, k=size), strict=True))
 
 
-def make_batch(damage: Damage, size: int, chance: Chance) -> Batch:
-    """`size` damaged frames; bodies of what they were, and of the whole ones between them."""
-    frames, whole = chance.choices(FRAMES, k=size), chance.choices(WHOLE_FRAMES, k=size)
-    parts = [damage(frame, chance) + b"\0" + good for frame, good in zip(frames, whole, strict=True)]
-    return Batch(b"".join(parts), [BODIES[f] for f in frames], [BODIES[f] for f in whole])
-
-
-def count_outcomes(batch: Batch, received: Sequence[bytes | Signal]) -> Counter[str]:
-    """What became of a batch; raises AssertionError for a frame that was not sent, or a whole one that was lost."""
+def count_outcomes(batch: Sequence[tuple[bytes, bytes]], received: Sequence[bytes | Signal]) -> Counter[str]:
+    """What became of damaged frames; raises AssertionError for one that was not sent, or a whole one that was lost."""
     outcomes, at = Counter[str](), 0
-    for damaged, whole in zip(batch.damaged, batch.whole, strict=True):
-        first = received[at] if at < len(received) else None
-        second = received[at + 1] if at + 1 < len(received) else None
-        if first == whole:
+    for damaged, whole in batch:
+        if received[at] == BODIES[whole]:
             outcomes["refused"] += 1
-            at += 1
-        elif first == damaged and second == whole:
-            # The damage was to the delimiter, or it changed nothing.
-            outcomes["what was sent"] += 1
-            at += 2
         else:
-            raise AssertionError(f"after {damaged.hex(' ')}: {first!r}, {second!r} instead of {whole.hex(' ')}")
+            # The damage was to the delimiter, or it changed nothing.
+            assert received[at] == BODIES[damaged] and received[at + 1] == BODIES[whole], damaged.hex(" ")
+            outcomes["what was sent"] += 1
+            at += 1
+        at += 1
     assert at == len(received), f"{len(received) - at} frames more than were sent"
     return outcomes
-
-
-def _flip(frame: bytes, bits: int, chance: Chance) -> bytes:
-    pattern = 0
-    for _ in range(bits):
-        pattern |= 1 << chance.randrange(8 * len(frame))
-    return (int.from_bytes(frame, "little") ^ pattern).to_bytes(len(frame), "little")
-
-
-def _body(frame: bytes) -> bytes:
-    content: bytes = cobs.decode(frame[:-1])
-    return content[:-4]
 
 
 def _random_body(layout: Layout, chance: Chance) -> bytes:
