@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import gc
+import math
 import resource
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,8 @@ from engine.loop.observer import Timing
 from engine.loop.pipeline import open_pipeline
 from engine.loop.realtime import Step, real_time
 from engine.render.limits import link_configuration
-from engine.touch.sources.recording import Recording, Report, read_recording
+from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Recording, read_recording
 from firmware_link.emulator.device_state import DeviceCounters
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link import Link
@@ -29,7 +31,6 @@ from tests.tools.virtual import VirtualLine
 
 DEVICE = find_device("reference-a")
 BURSTS = Effects((Rule(Trigger.TOUCH, burst(LEVEL_DB, 50)),))
-NS_PER_S = 1_000_000_000
 PAUSE_S = 1.0
 LOGGED = 1_000
 
@@ -50,44 +51,15 @@ class Machine(VirtualLine):
         return found
 
 
-class Repeated:
-    """A recording as a Source, again and again until a time, with a pause between."""
-
-    def __init__(self, recording: Recording, clock: Machine, stop_ns: int) -> None:
-        self.name, self.descriptor, self.report_id = recording.name, recording.descriptor, None
-        self.vendor_id, self.product_id = recording.vendor_id, recording.product_id
-        self.report_index, self.report_time_ns = -1, 0
-        self._reports: tuple[Report, ...] = recording.reports
-        self._times_ns = [round(NS_PER_S * report.time_s) for report in recording.reports]
-        self._start_ns, self._stop_ns, self._next = clock.time_ns, stop_ns, 0
-
-    @property
-    def ended(self) -> bool:
-        return self._start_ns >= self._stop_ns
-
-    def fileno(self) -> None:
-        return None
-
-    def next_time_ns(self) -> int | None:
-        return None if self.ended else self._start_ns + self._times_ns[self._next]
-
-    def read(self, now_ns: int) -> bytes | None:
-        due_ns = self.next_time_ns()
-        if due_ns is None or now_ns < due_ns:
-            return None
-        self.report_index, self.report_time_ns = self.report_index + 1, due_ns
-        data = self._reports[self._next].data
-        self._next += 1
-        if self._next == len(self._reports):
-            self._next = 0
-            self._start_ns = due_ns + round(PAUSE_S * NS_PER_S)
-        return data
-
-    def source_time_ns(self, now_ns: int) -> int:
-        return now_ns
-
-    def clock_time_ns(self, source_time_ns: int) -> int:
-        return source_time_ns
+def repeated(recording: Recording, seconds: float) -> Recording:
+    """Again and again for a time, with a pause between."""
+    period_s = recording.reports[-1].time_s + PAUSE_S
+    reports = [
+        replace(report, time_s=report.time_s + period_s * turn)
+        for turn in range(math.ceil(seconds / period_s))
+        for report in recording.reports
+    ]
+    return replace(recording, reports=tuple(reports))
 
 
 @dataclass
@@ -95,14 +67,13 @@ class Day:
     """What was found; memory after each piece."""
 
     reports: int = 0
-    frames: int = 0
     commands: int = 0
     renewals: int = 0
     expired_leases: int = 0
-    counters: DeviceCounters | None = None
+    counters: DeviceCounters = field(default_factory=DeviceCounters)
     collections: int = 0
     unreachable: int = 0
-    memory_mib: tuple[float, ...] = ()
+    memory_mib: list[float] = field(default_factory=list)
 
 
 def memory_mib() -> float:
@@ -114,18 +85,16 @@ def memory_mib() -> float:
 def replay(recording: Recording, seconds: float, pieces: int) -> Day:
     """The recording for a time, in pieces; one session from the first to the last."""
     gc.collect()  # what was left before is not of this day
-    machine, day = Machine(), Day(counters=DeviceCounters())
-    link = Link(link_configuration(DEVICE, 1_000_000))
-    session = Session(link, machine, machine.now_ns)
+    machine, day = Machine(), Day()
+    session = Session(Link(link_configuration(DEVICE, 1_000_000)), machine, machine.now_ns)
     collections: list[str] = []
 
     def note(phase: str, _: dict[str, int]) -> None:
         collections.append(phase)
 
-    memory = list[float]()
     for _ in range(pieces):
         capabilities = connect(session, machine)
-        source = Repeated(recording, machine, machine.time_ns + round(seconds / pieces * NS_PER_S))
+        source = Playback(repeated(recording, seconds / pieces))
         pipeline = open_pipeline(source, DEVICE, BURSTS, made_renderer(DEVICE, capabilities))
         loop = Loop(pipeline, Dispatcher(session, machine.now_ns), source, machine, Timing())
         trips = machine.firmware.counters.trips
@@ -136,17 +105,13 @@ def replay(recording: Recording, seconds: float, pieces: int) -> Day:
             finally:
                 gc.callbacks.remove(note)
         # A run ends with STOP, which is none.
-        day.expired_leases += machine.expired
-        machine.expired = 0
-        day.counters = replace(machine.firmware.counters)
+        day.expired_leases, day.counters = machine.expired, replace(machine.firmware.counters)
         assert machine.firmware.counters.trips == trips
         day.reports += loop.counters.reports
-        day.frames += loop.counters.frames
         day.commands += loop.counters.commands
         day.unreachable += gc.collect()
-        memory.append(memory_mib())
-    day.renewals, day.collections = link.counters.renewed, len(collections)
-    day.memory_mib = tuple(memory)
+        day.memory_mib.append(memory_mib())
+    day.renewals, day.collections = session.link.counters.renewed, len(collections)
     return day
 
 
@@ -156,7 +121,6 @@ def test_no_lease_runs_out_and_nothing_is_collected() -> None:
     assert day.commands > 50
     assert day.renewals > 250
     assert day.expired_leases == 0
-    assert day.counters is not None
     assert (day.counters.stale, day.counters.refused) == (0, 0)
     assert day.collections == 0
     assert day.unreachable == 0  # no cycles: nothing waits for a collector that never comes
