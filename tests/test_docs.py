@@ -1,5 +1,6 @@
 """The pages in docs/ do what they say: every command, every snippet, every link."""
 
+import json
 import os
 import re
 import shutil
@@ -8,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import DeviceError
-from engine.device.named_files import text_with_threshold
-from tactable import Device, build_table, find_device
+from tactable import Device, build_table
 from tests.documents import (
     ROOT,
     Block,
@@ -96,31 +96,18 @@ def test_every_page_is_in_the_index() -> None:
     assert {path.resolve() for path in PAGES} <= {*listed, (ROOT / "docs" / "README.md").resolve()}
 
 
-def known_keys(section: str) -> list[str]:
-    """The keys that a description of a bar or a plate may have in `section`, as the refusal of another key says."""
-    text = small_text()
-    if section == "zone":
-        text = text.replace("count = 3", "").replace('inferred = ["count", "hysteresis"]', "")
-        text += '[[zone]]\nname = "I"\nstart = "0 mm"\nstop = "9 mm"\nqqqqqq = 1\n'
-    elif section == "electrodes":
-        table = '[actuator.electrodes]\nnumber = 1\nbias = "50 %"\nqqqqqq = 1\n'
-        text = text.replace("[zones]", f"{table}[zones]", 1)
-    elif section == "threshold":
-        text = text_with_threshold(text, ROOT / "tables" / "thresholds" / "android.toml", "my-bar.toml")
-        text = text.replace("[threshold]", "[threshold]\nmeasured_hz = [100.0]\npeople_db = 8\nqqqqqq = 1")
-    elif section == "":
-        text = f"qqqqqq = 1\n{text}"
-    else:
-        place = "[[actuator]]" if section == "actuator" else f"[{section}]"
-        both = [each for each in (text, find_device("reference-p").text) if place in each]
-        return [key for each in both for key in refused_keys(each.replace(place, f"{place}\nqqqqqq = 1", 1))]
-    return refused_keys(text)
-
-
-def refused_keys(text: str) -> list[str]:
+def known_keys() -> dict[str, set[str]]:
+    """The keys of a description by section: those of the schema, which has the reader's (test_schemas.py)."""
+    schema = json.loads((ROOT / "tables" / "schemas" / "device.schema.json").read_text(encoding="utf-8"))
+    parts = {key: part.get("items", part) for key, part in schema["properties"].items()}
+    parts |= {key: schema["$defs"][key] for key, part in parts.items() if "anyOf" in part}
+    keys = {section: set(part["properties"]) for section, part in parts.items() if "properties" in part}
+    table = '[actuator.electrodes]\nnumber = 1\nbias = "50 %"\nqqqqqq = 1\n[zones]'
     with pytest.raises(DeviceError, match="known keys are") as refused:
-        Device.parse(text, "my-bar.toml")
-    return str(refused.value).partition("known keys are ")[2].split(", ")
+        Device.parse(small_text().replace("[zones]", table, 1), "my-bar.toml")
+    keys["electrodes"] = set(str(refused.value).partition("known keys are ")[2].split(", "))
+    keys[""] = parts.keys() - (keys.keys() - {"threshold"}) - {"calibration"}
+    return {section: own - {"inferred"} for section, own in keys.items()}
 
 
 def documented_keys() -> dict[str, list[str]]:
@@ -138,11 +125,7 @@ def documented_keys() -> dict[str, list[str]]:
 
 
 def test_the_page_about_devices_has_every_key_and_no_other() -> None:
-    documented = {section: set(keys) for section, keys in documented_keys().items()}
-    assert {"zone", "electrodes"} < documented.keys()  # the other sections are keys at the top
-    tables = documented.keys() - {"", "threshold"}  # which is a name at the top, or a table
-    read = {section: set(known_keys(section)) for section in documented}
-    assert documented == {section: keys if section else keys - tables for section, keys in read.items()}
+    assert {section: set(keys) for section, keys in documented_keys().items()} == known_keys()
 
 
 def test_a_block_of_a_console_is_its_commands_with_what_they_print() -> None:
