@@ -36,6 +36,8 @@ MADE_UP = (
     application(finger(), finger(), finger(), report_id=None),
     application(finger(), COUNT_MAXIMUM_5) + application(descriptors.CONTACT_COUNT, report_id=3),
 )
+NUMBERS = ((0, 0), (0x1FF7, 0x13), (0x0486, 0x185), (0x093A, 0x8002), (0x0EEF, 0x72FA), (0x0596, 0x500))
+"""Of devices of different classes."""
 # Values that break arithmetic: signs, carries, sizes and counts beyond every bound.
 TELLING = (0, 1, 7, 8, 31, 32, 33, 64, 127, 128, 255, 256, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 
@@ -87,7 +89,8 @@ class Seed:
 def read_seeds() -> list[Seed]:
     """Devices made up here; with the shared recordings also 45 more, most of them real."""
     paths = [path for folder in ("touch", "synthetic") for path in sorted((RECORDINGS / folder).glob("*.hid"))]
-    return [*(Seed(descriptor, 0, 0, ()) for descriptor in MADE_UP), *map(read_seed, paths)]
+    made_up = (Seed(descriptor, *number, ()) for descriptor in MADE_UP for number in NUMBERS)
+    return [*made_up, *map(read_seed, paths)]
 
 
 def read_seed(path: Path) -> Seed:

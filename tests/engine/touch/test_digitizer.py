@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from engine.touch import Contact, DescriptorError, Digitizer, DigitizerError, TouchFrame, open_digitizer
 from engine.touch.descriptor import SurfaceKind
@@ -205,28 +203,6 @@ def test_a_chosen_surface_stays_and_one_notice_names_the_reports_that_come_and_t
 def test_a_device_without_surface_or_of_another_driver_is_refused(descriptor: bytes, vendor_id: int, says: str) -> None:
     with pytest.raises(DigitizerError, match=says):
         open_digitizer(descriptor, vendor_id, 1)
-
-
-devices = st.sampled_from(
-    [
-        (descriptor, *device)
-        for descriptor in (HYBRID, CERTIFIED, SERIAL, application(finger(), report_id=None))
-        for device in ((0, 0), (0x1FF7, 0x13), (0x0486, 0x185), (0x093A, 0x8002), (0x0EEF, 0x72FA), (0x0596, 0x500))
-    ]
-)
-bodies = st.binary(max_size=24) | st.binary(min_size=16, max_size=16).map(lambda body: b"\x01" + body)
-timed_reports = st.lists(st.tuples(bodies, st.integers(0, 60 * MS)), max_size=30)
-
-
-@given(devices, timed_reports)
-def test_any_reports_give_bounded_contacts_inside_the_surface(
-    device: tuple[bytes, int, int], reports: list[tuple[bytes, int]]
-) -> None:
-    digitizer, now_ns = open_digitizer(*device), 0
-    for report, pause_ns in reports:
-        now_ns += pause_ns
-        for frame in (digitizer.expire(now_ns), digitizer.decode_report(report, now_ns)):
-            check_frame(digitizer, frame)
 
 
 # ---- recordings ------------------------------------------------------------------------------------------
