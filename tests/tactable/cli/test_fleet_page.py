@@ -1,4 +1,4 @@
-"""The walk-through of fleets: its manifest and its study are what the command reads."""
+"""The walk-through of fleets: its manifest is what the command reads, and its figures are those of the summary."""
 
 import re
 from pathlib import Path
@@ -11,25 +11,14 @@ from precompute.fleet.units import Unit
 PAGE = (Path(__file__).parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
 
 
-def units(folder: Path, kind: str, index: int) -> list[Unit]:
-    path = folder / f"fleet.{kind}"
-    path.write_text(re.findall(rf"```{kind}[^\n]*\n(.*?)```", PAGE, re.DOTALL)[index], encoding="utf-8")
-    return plan_fleet(path)
-
-
 def test_the_manifest_of_the_page_is_one(tmp_path: Path) -> None:
-    expected = [
+    """Its study is run by test_docs.py."""
+    path = tmp_path / "line.csv"
+    path.write_text(re.findall(r"```csv[^\n]*\n(.*?)```", PAGE, re.DOTALL)[0], encoding="utf-8")
+    assert plan_fleet(path) == [
         Unit("4000", tmp_path / "bars/4000.toml", tmp_path / "measured/4000.csv"),
         Unit("4001", tmp_path / "bars/nominal.toml", None, {"actuator[1].stiffness": "18.2 kN/m"}),
     ]
-    assert units(tmp_path, "csv", 0) == expected
-
-
-def test_the_study_of_the_page_is_one(tmp_path: Path) -> None:
-    found = units(tmp_path, "toml", 0)
-    assert len(found) == 4
-    assert {unit.evaluated_table for unit in found} == {tmp_path / "my-bar.nc"}
-    assert set(found[0].values) == {"bar.thickness", "actuator.stiffness", "finger.mass"}
 
 
 @pytest.mark.parametrize("figure", re.findall(r"`(\w+_(?:db|s)|out_of_reach|clicks)`", PAGE))
