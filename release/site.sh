@@ -18,5 +18,5 @@ print("# Python\n\nWhat `import tactable` offers, from its docstrings.\n")
 for name, home in sorted(tactable._HOMES.items()):
     print(f"::: {home}.{name}\n")
 P
-"$python" -m mkdocs build --quiet --strict --site-dir "$target"
+"$python" -m mkdocs build --strict --site-dir "$target"
 echo "the site: $target/index.html"
