@@ -9,6 +9,8 @@ trap 'rm -rf "$work"' EXIT
 mkdir "$work/pages"
 git archive HEAD | tar -x -C "$work/pages"
 cp release/mkdocs.yml "$work"
+# Words behind the language of a block, such as `sh slow`, are for the documents' own tests.
+find "$work/pages" -name "*.md" -exec sed -i -E 's/^```([a-z]+) .+/```\1/' {} +
 cd "$work"
 python=${PYTHON:-python3}
 PYTHONPATH=pages "$python" - > pages/docs/python.md <<'P'
