@@ -131,6 +131,7 @@ async def test_a_program_that_reads_too_slowly_loses_events_and_is_told_how_many
 ) -> None:
     line = Program(reads=reads).begin(server)
     await line.ask({"type": "subscribe", "to": ["touches"]})
+    assert server.wanted_streams == {"touches"}
     event = {"event": "touches", "time_ns": 1, "fingers": FINGERS * 50}
     server.publish([event] * 200)
     got = len(line.said) - 2

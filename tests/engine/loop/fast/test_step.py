@@ -273,6 +273,15 @@ def test_a_finger_that_comes_after_another_lifted_in_the_same_report_is_answered
     assert answered_whole([(0.1, report({1: 0.1})), (0.2, b"\x01" + slots + b"\x02")]) == TWO
 
 
+def test_the_report_that_completes_a_frame_is_answered_for_the_contacts_of_those_before_too() -> None:
+    panel = application(finger(flags="0942 0932 0947"), CONTACT_COUNT, BLOB)
+    slots = [
+        struct.pack("<BBBHHB", 1, 7, contact, place, 500, count) for contact, place, count in ((1, 100, 2), (2, 600, 0))
+    ]
+    found = answered_whole([(0.1, slots[0]), (0.102, slots[1])], descriptor=panel)
+    assert found == [((27.9, 167.6), (True, True))]
+
+
 def test_a_contact_that_a_panel_no_longer_mentions_has_lifted() -> None:
     frames = [(0.1, report({1: 0.1})), (0.15, report({2: 0.6})), (0.2, report({}))]
     assert answered_whole(frames, vendor_id=0x17EF, product_id=0x60FE) == TWO
