@@ -321,7 +321,7 @@ void fast_start(void) {
 
 /* Fill in sequence and clock reference, append the checksum, and stuff by COBS; the length of the frame. */
 static int64_t encode(const Fast *fast, const Command *command, int64_t reference, uint8_t *frame) {
-    uint8_t body[LONGEST_BODY + 4];
+    uint8_t body[sizeof fast->frame]; /* it gets the checksum too, and a frame is longer yet */
     int64_t size = command->size;
     memcpy(body, command->body, (size_t)size);
     body[1] = (uint8_t)(fast->sequence + 1);
