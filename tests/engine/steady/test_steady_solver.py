@@ -1,7 +1,5 @@
 """Laws of drives at positions: near a proved bound, true in a dense model, within limits."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +14,7 @@ from engine.touch.placement import MOST_FINGERS
 from tests.engine.steady.bound import bound_db, mean_forms, ratio_db
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import SHIPPED, shipped
+from tests.precompute.devices import shipped
 from tests.precompute.sampled import threshold
 from tests.quick import first_quick
 
@@ -175,29 +173,3 @@ def test_with_nothing_quiet_the_share_of_the_felt_zone_is_maximised() -> None:
 def test_a_wrong_placement_is_refused(positions_m: list[float], felt: list[bool], level_db: float, words: str) -> None:
     with pytest.raises(SteadyError, match=words):
         designer_of(shipped("reference-a")).solver.solve(positions_m, felt, level_db)
-
-
-@pytest.mark.machine(stall_s=None)
-def test_the_solver_needs_no_scipy_and_the_modes_no_compiler() -> None:
-    program = """
-import sys
-sys.modules["scipy"] = None
-import numpy as np
-from engine.device import Device
-from engine.steady import Modes
-from engine.touch.places import Places
-assert "numba" not in sys.modules
-from engine.steady.steady_solver import SteadySolver
-hz, places = np.arange(60.0, 300.0), Places(0.2794, 57)
-random = np.random.default_rng(1)
-def fields(*shape):
-    return ((random.normal(size=shape) + 1j * random.normal(size=shape)) * 1e-6).astype(np.complex64)
-shape = random.normal(size=(57, 5)).astype(np.float32)
-own = np.linspace(50.0, 900.0, 5), np.full(5, 60.0), random.normal(size=(5, 2)), np.full(2, 0.05)
-table = Modes(hz, np.full(len(hz), 0.2), places, shape, fields(5, 2, len(hz)), *own)
-solver = SteadySolver(Device.read(sys.argv[1]), table)
-solver.solve([0.05, 0.1], [True, False], 10.0)
-solver.solve([0.05, 0.1, 0.2], [True, False, False], 10.0)
-assert "precompute" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", program, str(SHIPPED / "reference-a.toml")], check=True)
