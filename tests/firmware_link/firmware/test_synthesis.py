@@ -46,7 +46,7 @@ commands = st.lists(
 
 
 @pytest.mark.parametrize("rate_hz", [8_000, 48_000])
-@pytest.mark.parametrize("frequency_hz", [60.0, 187.53, 655.35])
+@pytest.mark.parametrize("frequency_hz", [60.0, 187.33, 655.35])  # at 48 kHz the second lies 0.66 steps above one
 def test_a_tone_is_pure_and_both_channels_keep_their_angle(rate_hz: int, frequency_hz: float) -> None:
     quality = measure(rate_hz, frequency_hz, 1.0, 1.0)
     # Half a step of the 32-bit phase, and what the fit itself is off by.
