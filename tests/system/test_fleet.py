@@ -18,7 +18,7 @@ from tests.tactable.cli.in_process import run_here
 pytestmark = pytest.mark.machine(stall_s=None)
 
 BIN = Path(sys.executable).parent
-GOOD = 6
+GOOD = 4
 # Only against processes that hang: a minute does on a crowded machine.
 LIMIT_S = 600.0
 
@@ -109,7 +109,7 @@ def test_a_scheduler_that_is_not_there_is_named_and_a_killed_worker_or_command_c
     first.wait()
     built = len(outcomes(bars))
     crew.worker()
-    wait_for(lambda: len(outcomes(bars)) > built)
+    wait_for(lambda: len(outcomes(bars)) > min(built, GOOD - 1))  # the first may have built all before it was killed
     process.send_signal(signal.SIGKILL)
     process.communicate()
     statuses = assert_done(bars, start(bars, crew.address))
