@@ -21,6 +21,8 @@ MOST_READINGS = 10_000
 """A fit of 2000 readings takes 23 s of a processor; repeated readings say no more than their mean and scatter."""
 OUTLIER = 4.0
 """Standard deviations of the noise beyond which a reading counts as wrong."""
+_WITHIN_SENSOR = 0.01
+"""Nor does one within 1 %, the best that an accelerometer is calibrated to: the noise of a clean fit is far less."""
 _AT_BOUND = 1e-3  # of the width of the bounds
 _ROUGH_FACTOR = 2.0
 
@@ -91,7 +93,7 @@ class Calibration(FittedDevice):
     """A device fitted to accelerations.
 
     predicted (row,): m/s^2. log_residual (row,): ln of measured over predicted magnitude. is_wrong (row,): readings
-    that are further off than OUTLIER standard deviations.
+    that are further off than OUTLIER standard deviations, and than a sensor is.
     """
 
     measurements: Measurements
@@ -200,7 +202,7 @@ def _conclude(device: Device, measurements: Measurements, found: Fit) -> Calibra
         measurements=measurements,
         predicted=np.exp(model.predict(values).log_acceleration),
         log_residual=-residual,
-        is_wrong=size > OUTLIER * found.noise,
+        is_wrong=size > max(OUTLIER * found.noise, _WITHIN_SENSOR),
     )
 
 

@@ -50,6 +50,13 @@ def test_a_tenth_of_the_readings_may_be_wrong_by_3(loss: Loss) -> None:
     assert (found.is_wrong == (np.abs(flawed.acceleration / flawless.acceleration - 1) > 0.5)).all()
 
 
+def test_a_reading_is_not_wrong_within_what_a_sensor_is_good_for() -> None:
+    """A clean fit has next to no noise, so that every rounding would be far beyond it."""
+    read = read_bar(DEVICE, TRUTH, PAIRS_HZ[:5])
+    read.acceleration[[3, 40]] *= 1.008, 1.02
+    assert np.flatnonzero(calibrate(DEVICE, read, PAPERS_SIX, starts=2).is_wrong).tolist() == [40]
+
+
 def test_responses_per_newton_give_the_bar_but_no_full_scale(tmp_path: Path) -> None:
     truth = {name: value for name, value in TRUTH.items() if "full_scale" not in name} | {"bar.youngs_modulus": 67e9}
     csv, uff = tmp_path / "bar.csv", tmp_path / "bar.uff"
