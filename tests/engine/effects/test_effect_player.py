@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.effect_player import DRAG_REST_NS, STILL_M, EffectPlayer
+from engine.effects.effect_player import DRAG_REST_NS, EffectPlayer
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS
@@ -164,7 +164,7 @@ def test_of_several_levels_the_greatest_is_played() -> None:
 def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
     seen = story(Rule(Trigger.HOLD, burst(20.0, 50), after_ns=300 * MS))
     for time_ms in range(0, 1000, 100):
-        seen.at(time_ms, touch(1, STILL_M / MM * (time_ms // 100 % 2)))
+        seen.at(time_ms, touch(1, 1.9 * (time_ms // 100 % 2)))
     for time_ms in range(1000, 1500, 100):
         seen.at(time_ms, touch(1, 20))
     assert seen.moments == [(300, "F----", 20.0), (350, "-----", None), (1300, "F----", 20.0), (1350, "-----", None)]
