@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.effect_player import DRAG_REST_NS, EffectPlayer
+from engine.effects.effect_player import EffectPlayer
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS
@@ -205,7 +205,7 @@ def test_what_a_drag_holds_lasts_until_it_rests() -> None:
     for frame in range(20):
         seen.at(50 * frame, touch(1, 10 + 1.5 * frame))
     last_mark_ms = 950
-    assert seen.until(5000).moments == [(50, "F----", 20.0), (last_mark_ms + DRAG_REST_NS / MS, "-----", None)]
+    assert seen.until(5000).moments == [(50, "F----", 20.0), (last_mark_ms + 100, "-----", None)]
 
 
 def test_the_way_to_a_drag_rule_does_not_count() -> None:

@@ -6,7 +6,7 @@ from engine.effects.control_step import SceneSettings
 from engine.effects.effect_player import EffectPlayer
 from engine.effects.rules import Effect, Effects, Rule, Trigger, click
 from engine.touch import Touch
-from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
+from tactable.control.program_scene import Scene
 from tactable.control.requests import ControlError, Region
 from tactable.control.steps import StepDecoder, StepEncoder
 from tactable.shipped import named_effects
@@ -69,7 +69,7 @@ def test_effects_end_with_the_program_that_defined_them_and_regions_keep_theirs(
     scene.end_lease(1)
     assert set(scene.effects) - set(NAMED) == {"taken over"}
     assert felt_at(scene, 50) == 10.0
-    for number in range(MOST_DEFINED - 1):
+    for number in range(63):
         scene.define(Effect(f"e{number}", NAMED["press"].envelope), 3)
     scene.end_lease(3)
     scene.define(Effect("room again", NAMED["press"].envelope), 2)
@@ -77,7 +77,7 @@ def test_effects_end_with_the_program_that_defined_them_and_regions_keep_theirs(
 
 def test_a_scene_has_bounds() -> None:
     scene = Scene(NAMED)
-    for number in range(MOST_REGIONS):
+    for number in range(32):
         scene.set_region(region(f"r{number}", 0, 50), 1)
     scene.set_region(region("r3", 10, 50), 1)
     with pytest.raises(ControlError, match="remove one first"):
@@ -86,7 +86,7 @@ def test_a_scene_has_bounds() -> None:
         scene.remove_region("x")
     with pytest.raises(ControlError, match=r"'x'.*there is none"):
         Scene(NAMED).remove_region("x")
-    for number in range(MOST_DEFINED):
+    for number in range(64):
         scene.define(Effect(f"e{number}", NAMED["press"].envelope), 1)
     with pytest.raises(ControlError, match="define one anew"):
         scene.define(Effect("one more", NAMED["press"].envelope), 1)
