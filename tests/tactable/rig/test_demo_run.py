@@ -121,7 +121,7 @@ def some_of(applied: dict[Wanted, DriveEvent], most: int = 12) -> list[tuple[Wan
     return [commands[k * len(commands) // most] for k in range(most)] if len(commands) > most else commands
 
 
-@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1)[::8])
+@pytest.mark.parametrize("path", recording_params("touch", "*.hid", long_but=1)[::16])
 def test_a_real_recording_renders_what_was_promised_for_its_positions(
     path: Path, table: Table, reporter: Reporter
 ) -> None:
