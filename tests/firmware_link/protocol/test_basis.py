@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firmware_link.protocol.basis import (
@@ -93,6 +93,7 @@ def test_a_click_that_does_not_fit_its_set_is_refused() -> None:
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=50))
+@example([SAMPLE_FULL_SCALE / 2**14])
 def test_weights_are_words_of_the_finest_step_that_has_room_or_are_refused(weights: list[float]) -> None:
     words, fraction_bits = quantise_weights(np.array(weights))
     np.testing.assert_allclose(words / 2**fraction_bits, weights, rtol=0, atol=0.5 / 2**fraction_bits)
