@@ -14,9 +14,8 @@ from engine.effects.files.hjif_out import EffectPlace, encode_hjif
 from engine.effects.files.json_part import Part
 from engine.effects.files.pattern import Event, Kind, Pattern
 from engine.effects.files.read import decode_effect_file
-from engine.effects.rules import NS_PER_MS, Effect, EffectError, Rule, Segment, Trigger
+from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.shipped import named_effects
-from tests.engine.effects.test_effect_player import story, touch
 
 MS = NS_PER_MS
 
@@ -130,26 +129,12 @@ def test_every_event_has_a_report_and_no_two_segments_overlap(events: list[Event
     assert bool(made.segments) == any(report.fate in (Fate.KEPT, Fate.CHANGED) for report in made.reports)
 
 
-def test_the_player_plays_the_clicks_and_drives_at_their_times() -> None:
-    made = converted(tap(10), hum((100, 0.5), (200, 0.5)), tap(150))
-    played = story(Rule(Trigger.TOUCH, made.effect))
-    played.at(0, touch(1, 10))
-    assert played.until(1000).moments == [
-        (10, "C----", 25.0),
-        (40, "-----", None),
-        (100, "F----", 19.0),
-        (150, "C----", 25.0),
-        (180, "F----", 19.0),
-        (200, "-----", None),
-    ]
-
-
 @pytest.mark.parametrize("name", [name for name in named_effects() if name != "buzz"])
 def test_a_named_effect_written_as_hjif_is_read_as_the_same_effect(name: str) -> None:
     effect = named_effects()[name]
     document = encode_hjif(effect, 25.0, 1000, "2026-01-31")
     back = decode_effect_file(Part("written", "", document), "hjif", name, 25.0)
-    assert spans(back.segments) == spans(effect.envelope)
+    assert spans(back.effect.envelope) == spans(effect.envelope) and back.effect.name == name
     assert back.number(Fate.KEPT) == len(back.reports)
 
 
