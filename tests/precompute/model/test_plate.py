@@ -1,4 +1,4 @@
-"""Laws of the plate: published and independent solutions, a beam, convergence, reciprocity, power, mirrors, clicks."""
+"""Laws of the plate: published and independent solutions, a beam, convergence, reciprocity, power, clicks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ import scipy.signal
 from skfem import Basis, BilinearForm, ElementTriArgyris, MeshTri
 
 from base.arrays import Array, even_points
-from engine.device import Actuator, Device, Finger, Zone
+from engine.device import Actuator, Device, Finger
 from engine.device.parts import Plate
 from engine.touch import Placement
 from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
@@ -127,26 +127,6 @@ def test_zones_share_what_the_whole_plate_has_and_a_zones_integral_is_that_of_it
     seen = plant.sampler(zones[1].start_m + (x_m[:, None] + 1j * y_m).ravel()).sample(field)
     area = 0.25 * span_m.real * span_m.imag * np.outer(weight, weight).ravel()
     assert gram[:, 1] == pytest.approx(np.einsum("fap,p,fbp->fab", seen.conj(), area, seen), rel=1e-9, abs=1e-20)
-
-
-def test_a_mirrored_plate_moves_as_the_mirror_shows_it() -> None:
-    width_m = 1j * TABLET.surface.width_m
-
-    def mirror(point_m: complex) -> complex:
-        return point_m.conjugate() + width_m
-
-    zones = tuple(
-        Zone(zone.name, complex(a.real, b.imag), complex(b.real, a.imag))
-        for zone in TABLET.zones
-        for a, b in [(mirror(zone.start_m), mirror(zone.stop_m))]
-    )
-    actuators = tuple(replace(each, position_m=mirror(each.position_m)) for each in TABLET.actuators)
-    mirrored = plant_of(replace(TABLET, zones=zones, actuators=actuators))
-    own = solve_response(plant_of(TABLET), HZ)
-    other = solve_response(mirrored, HZ)
-    expected = own.acceleration(POINTS_M)
-    found = other.acceleration(np.array([mirror(point_m) for point_m in POINTS_M.tolist()]))
-    assert found == pytest.approx(expected, rel=1e-5, abs=1e-7 * abs(expected).max())
 
 
 def _bending(u: Any, v: Any, w: Any) -> Any:
