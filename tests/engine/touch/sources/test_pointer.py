@@ -52,19 +52,6 @@ def test_each_event_is_a_frame_of_all_that_is_pressed(pipe: Pipe) -> None:
     assert (source.report_index, source.report_time_ns) == (4, 5 * MS)
 
 
-def test_events_that_happen_at_once_are_one_frame(pipe: Pipe) -> None:
-    source, feed = pipe
-    digitizer, found = open_digitizer(source.descriptor), list[list[int]]()
-    down = [PointerEvent(number, 0.1 * number, 0.5, Phase.DOWN) for number in range(3)]
-    feed.send(*down)
-    feed.send(PointerEvent(0, 0.0, 0.5, Phase.UP), PointerEvent(1, 0.4, 0.5, Phase.MOVE))
-    while (report := source.read(5 * MS)) is not None:
-        frame = digitizer.decode_report(report, source.report_time_ns)
-        if frame is not None:
-            found.append(ids(frame))
-    assert found == [[0, 1, 2], [1, 2]]
-
-
 def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
     source, feed = pipe
     descriptor = source.fileno()
