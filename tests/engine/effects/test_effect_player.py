@@ -104,14 +104,6 @@ def test_each_finger_has_its_own_time() -> None:
     ]
 
 
-def test_a_finger_takes_its_effect_along_into_other_zones() -> None:
-    seen = Story(BURSTS)
-    seen.at(0, touch(1, 10))
-    seen.at(16, touch(1, 60))
-    seen.at(64, touch(1, 110))
-    assert seen.moments == [(0, "F----", 20.0), (16, "-F---", 20.0), (50, "-----", None)]
-
-
 def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone() -> None:
     seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.05)))
     seen.at(0, Touch(1, 0.02, None), Touch(2, 0.03, 0), Touch(3, 0.06, 0), Touch(4, 0.12, None))
@@ -149,16 +141,6 @@ def test_the_first_rule_that_covers_the_finger_wins() -> None:
         seen.at(0, touch(1, place_mm))
         levels.append(seen.player.level_db)
     assert levels == [1.0, 3.0, 3.0, 4.0]
-
-
-def test_of_several_levels_the_greatest_is_played() -> None:
-    seen = story(
-        Rule(Trigger.TOUCH, pulse((None, 10.0)), zones=frozenset({0})),
-        Rule(Trigger.TOUCH, pulse((40, 30.0), (None, 5.0))),
-    )
-    seen.at(0, touch(1, 10))
-    seen.at(10, touch(1, 10), touch(2, 60))
-    assert seen.until(100).moments == [(0, "F----", 10.0), (10, "FF---", 30.0), (50, "FF---", 10.0)]
 
 
 def test_a_finger_that_rests_feels_a_hold_once_and_anew_after_it_moved_on() -> None:
