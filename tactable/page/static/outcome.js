@@ -2,9 +2,8 @@
 
 import { NO_NUMBER, NOTHING } from "./wire.js";
 import { pointText } from "./points.js";
-import { Role, levelText } from "./surface.js";
+import { LOWEST_DB, Role, isSettled, levelText } from "./surface.js";
 
-const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the levels say what was felt.
 const COURSE_S = 0.06;
 const MOST_NAMED = 3;
 
@@ -30,19 +29,25 @@ function levelsOf(picture) {
   return { felt, quiet, weakest, strongest: quiet.length ? Math.max(...quiet.map((finger) => finger.simulated)) / 100 : null };
 }
 
+// How much more the felt fingers get than the quiet ones, dB, as the labels have the levels.
+function apartText({ weakest, strongest }) {
+  const least = strongest < LOWEST_DB ? "at least " : "";
+  return `${least}${Math.round(weakest - Math.max(strongest, LOWEST_DB))} dB`.replace("-", "−");
+}
+
 // What the paper's drive does at the same time, after the words for ours.
 function besides(paper) {
   const levels = paper.hasPaper ? levelsOf(paper) : null;
   if (!levels) return "";
   if (levels.weakest < 0) return "; the paper’s drive is not felt";
   if (levels.strongest === null) return `; the paper’s drive: ${levelText(levels.weakest)}`;
-  return `; the paper’s drive: ${Math.round(levels.weakest - levels.strongest)} dB`.replace("-", "−");
+  return `; the paper’s drive: ${apartText(levels)}`;
 }
 
 // The outcome of the last command in words, or null while it is not known yet. `isTour`: its touches never overlap by
 // themselves, and that of its resting finger alone, which comes again where a run begins anew, is no outcome.
 export function outcomeOf(picture, paper, isTour) {
-  if (!picture.command || picture.age_s < SETTLED_S[picture.drive] || (isTour && picture.madeCount < 2)) return null;
+  if (!picture.command || !isSettled(picture) || (isTour && picture.madeCount < 2)) return null;
   if (picture.isLate || (picture.isMixed && isTour)) return "The machine was late: not judged.";
   if (picture.isMixed) return "Two clicks overlapped: touch one finger after the other to compare them.";
   const levels = levelsOf(picture);
@@ -52,10 +57,10 @@ export function outcomeOf(picture, paper, isTour) {
   const names = listed(felt);
   if (weakest < 0) return sentence(`${names} ${felt.length > 1 ? "do" : "does"} not feel ${what}${besides(paper)}.`);
   if (!quiet.length) return sentence(`${names} ${verb} ${what}, ${levelText(weakest)} above threshold${besides(paper)}.`);
-  const apart = Math.round(weakest - strongest), others = listed(quiet);
+  const others = listed(quiet);
   const rest = strongest < 0 ? `, which feel${quiet.length > 1 ? "" : "s"} nothing` : "";
-  if (apart < 1) return sentence(`${names} ${verb} ${what} no more than ${others}${besides(paper)}.`);
-  return sentence(`${names} ${verb} ${what} ${apart} dB more than ${others}${rest}${besides(paper)}.`);
+  if (Math.round(weakest - strongest) < 1) return sentence(`${names} ${verb} ${what} no more than ${others}${besides(paper)}.`);
+  return sentence(`${names} ${verb} ${what} ${apartText(levels)} more than ${others}${rest}${besides(paper)}.`);
 }
 
 export class Courses {

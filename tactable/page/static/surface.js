@@ -23,7 +23,15 @@ export function isFresh(picture) { return freshness(picture) > 0; }
 
 export function line(c, x0, y0, x1, y1) { c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1, y1); c.stroke(); }
 
-export function levelText(db) { return db <= -59.9 ? "nothing" : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`; }
+const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the levels say what was felt.
+
+export function isSettled(picture) { return !picture.command || picture.age_s >= SETTLED_S[picture.drive]; }
+
+// A level of the simulated surface. So deep a null is the model's own: no surface shows it, and nobody feels a difference.
+export function levelText(db) {
+  if (db <= -59.9) return "nothing";
+  return db < LOWEST_DB ? `below −${-LOWEST_DB} dB` : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`;
+}
 
 // What a finger perceives, whatever was asked for: 0 dB is the detection threshold.
 function outcomeText(db) { return db >= 0 ? "felt" : "not felt"; }
@@ -211,9 +219,11 @@ export class SurfaceView {
 
   // Draw the level in words, its top at `label_y` unless another label is there; labels do not overlap.
   _drawLabel(c, slot, x, label_y, tone, labels) {
-    const colour = this._colour, text = levelText(slot.level_db);
+    // Before a command has told all that it does, a finger that felt nothing yet may still feel it.
+    const isKnown = slot.level_db >= 0 || isSettled(this.picture), colour = this._colour;
+    const text = isKnown ? levelText(slot.level_db) : "…", word = isKnown ? outcomeText(slot.level_db) : "wait";
     c.font = `600 13px ${colour.font}`;
-    const word = outcomeText(slot.level_db), box = Math.max(c.measureText(text).width, 46) + 12;
+    const box = Math.max(c.measureText(text).width, 46) + 12;
     const label_x = Math.min(Math.max(x, this._left + box / 2), this._right - box / 2);
     for (let i = 0; i < labels; i++) {
       const apart = Math.abs(this._labels[3 * i] - label_x) < (this._labels[3 * i + 2] + box) / 2;
