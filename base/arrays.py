@@ -18,7 +18,7 @@ Points = Array | Complex
 
 
 def even_points(start_m: complex, stop_m: complex, along: int, across: int = 1) -> Any:
-    """Even points from corner to corner, edges included, as an array (along * across,): row by row on a plate."""
+    """Evenly spaced points from corner to corner, both included, as an array (along * across,), row by row."""
     x = np.linspace(start_m.real, stop_m.real, along)
     if not isinstance(start_m, complex):
         return x
@@ -32,7 +32,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Field:
-    """Even points over a surface up to `corner_m`: `across` rows of `along` points."""
+    """Evenly spaced points over a surface up to `corner_m`: `across` rows of `along` points."""
 
     corner_m: complex
     along: int

@@ -31,7 +31,7 @@ class Mode:
 
 
 def seen_points(device: Device) -> Points:
-    """Even points (point,) that shapes are seen at: along a bar, on a plate rows of POINTS from edge to edge."""
+    """Evenly spaced points (point,) that shapes are seen at: along a bar, on a plate rows of POINTS."""
     corner_m = device.surface.corner_m
     return np.asarray(even_points(0 * corner_m, corner_m, POINTS, _ACROSS))
 

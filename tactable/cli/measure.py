@@ -75,7 +75,8 @@ def measure(
         typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
     ] = None,
     places: Annotated[
-        int, typer.Option(min=1, max=1000, help="Even points of the sensor; on a plate at most this many.")
+        int,
+        typer.Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 8,
     frequencies: Annotated[
         str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")

@@ -48,7 +48,8 @@ def verify(
     port_name: PortName,
     sensor_path: SensorPath,
     places: Annotated[
-        int, typer.Option(min=1, max=100, help="Even points of the sensor; on a plate at most this many.")
+        int,
+        typer.Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 4,
     placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",

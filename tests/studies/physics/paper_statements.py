@@ -273,7 +273,7 @@ STATEMENTS: list[tuple[str, str, Predicate]] = [
     ("7c", "150 & 230 Hz neutralizes it", lambda f: _is_neutralized(f.dual[200.0], f.dual[230.0], f.around(2))),
     ("7d", "near 6 in 150 & 230 Hz is stronger than 150 & 130 Hz", _stronger_at_six),
     ("7e", "two actuators are significantly stronger than one", _two_beat_one),
-    ("7f", "more than 1.5 g can be had at every place", _reach),
+    ("7f", "more than 1.5 g is reached at every place", _reach),
     ("8a", "the optimum for I + III + V is 0.8626", lambda f: _optimum(f)[0]),
     ("8b", "there I, III, V have significantly higher factors than II, IV", lambda f: _optimum(f)[1]),
     ("8c", "there I, III, V have significantly higher peaks than II, IV", lambda f: _optimum(f)[2]),
