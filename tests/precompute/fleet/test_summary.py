@@ -65,6 +65,20 @@ def test_one_that_differs_from_others_stands_out_if_they_are_enough(
     assert [outlier.unit for outlier in summarise(units_of(many), many).outliers] == stand_out
 
 
+def test_a_drift_is_told_by_its_size_and_next_to_never_where_there_is_none() -> None:
+    """40 units with a spread of 100 N/m, which gain 400 N/m in all or nothing."""
+
+    def drift_of(gained: float, seed: int) -> float | None:
+        values = 18900.0 + 100.0 * np.random.default_rng(seed).standard_normal(40) + np.linspace(0, gained, 40)
+        many = [outcome(f"u{i}", value) for i, value in enumerate(values.tolist())]
+        return summarise(units_of(many), many).columns[0].drift
+
+    found = [drift or 0.0 for drift in (drift_of(400.0, seed) for seed in range(20))]
+    assert min(found) > 200
+    assert np.mean(found) == pytest.approx(400, rel=0.15)
+    assert sum(drift_of(0.0, seed) is not None for seed in range(200)) <= 4  # 1 in the mean
+
+
 def test_what_was_chosen_to_vary_does_not_stand_out() -> None:
     many = [*fleet(20), outcome("odd", 1.0, 90.0)]
     for key in ("actuator[1].stiffness", "actuator.stiffness"):
