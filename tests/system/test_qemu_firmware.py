@@ -65,12 +65,6 @@ BRIEF_LAWS = (
     click_laws.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
     click_laws.law_a_click_ends_by_itself,
 )
-# The same image with four actuators: what depends on their number.
-FOUR_LAWS = (
-    drive_laws.law_nothing_drives_before_it_is_armed,
-    drive_laws.law_a_drive_ends_with_its_lease,
-    click_laws.law_an_armed_device_plays_its_basis_until_the_next_is_whole,
-)
 BRIEF_SENSING_LAWS = (
     sensing_laws.sensing_law_a_stream_ends_with_its_lease,
     sensing_laws.sensing_law_frames_and_samples_are_numbered_without_a_gap,
@@ -100,7 +94,7 @@ def keep_laws(elf: Path, laws: Sequence[Law], sensing: Sequence[Law]) -> None:
 @pytest.mark.machine(stall_s=0.01)  # bytes are lost where QEMU waits for longer: its terminals hold a few milliseconds
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_image_keeps_the_laws(name: str, images: Path) -> None:
-    keep_laws(images / f"{name}.elf", FOUR_LAWS if name == "mps2_four" else BRIEF_LAWS, BRIEF_SENSING_LAWS)
+    keep_laws(images / f"{name}.elf", BRIEF_LAWS, BRIEF_SENSING_LAWS)
 
 
 @pytest.mark.skipif(not ALL_LAWS, reason="long run: set TACTABLE_IMAGE_LAWS=all (3 minutes)")
