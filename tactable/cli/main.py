@@ -34,8 +34,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "": {
         "Set up": {
             "quickstart": Entry(
-                "quickstart:quickstart",
-                "Go from wiring to a felt click by questions; each step is a command of its own.",
+                "quickstart:quickstart", "Go from wiring to a felt click by questions, each step a command."
             ),
             "list": Entry(
                 "touch:list_devices", "List the touch digitizers, serial ports and sound cards of this machine."

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import typer
 
+from base.errors import TactableError
 from base.files import replace_file
 from tactable.cli.console import say
 from tactable.digitizers.listing import SIMULATED
@@ -22,7 +23,7 @@ _BACK, _QUIT, _NO = "back", "quit", "no"
 _RUN_S = 10
 
 
-class _BackError(Exception):
+class _BackError(TactableError):
     """The person goes back a step."""
 
 
