@@ -43,20 +43,21 @@ class Command:
     is_stalled: bool = False
     """Whether a part of its time was left out, the machine having stalled."""
     is_mixed: bool = False
-    """Whether one of its quiet fingers still felt a click of its own when it began."""
+    """Whether one of its quiet fingers still felt a click or a drive of its own when it began."""
 
     def role(self, finger: int) -> Role:
         """Role of a finger in the placement of the command."""
         return Role.FELT if self.placement.is_felt[finger] else Role.QUIET
 
     def cuts(self, before: "Command | None") -> bool:
-        """Whether a finger that is quiet now was felt in a click before, which has not rung down."""
-        if before is None or before.drive is not Drive.CLICK or self.drive is not Drive.CLICK:
+        """Whether this is a click of which a quiet finger was felt in what came before, and has not rung down."""
+        if before is None or self.drive is not Drive.CLICK:
             return False
         felt = {number for number, finger in before.fingers.items() if before.placement.is_felt[finger]}
         quiet = {number for number, finger in self.fingers.items() if not self.placement.is_felt[finger]}
-        over_us = before.at_us + (before.length_s + RINGING_S) * US_PER_S
-        return self.at_us < over_us and bool(felt & quiet)
+        is_click = before.drive is Drive.CLICK
+        over_us = before.at_us + before.length_s * US_PER_S if is_click else before.ended_us
+        return self.at_us < over_us + RINGING_S * US_PER_S and bool(felt & quiet)
 
 
 class CommandReader:

@@ -198,8 +198,10 @@ def test_what_a_stall_cut_off_and_what_the_firmware_refused_is_not_judged(rig: R
     assert rig.view.picture().is_late
 
 
-def test_a_click_that_cuts_that_of_another_finger_is_no_comparison(rig: Rig) -> None:
-    rig.play(0.02, is_click=True)
+@pytest.mark.parametrize("was_click", [True, False])
+def test_a_click_that_cuts_that_of_another_finger_is_no_comparison(rig: Rig, was_click: bool) -> None:
+    """Nor one that cuts the steady drive which stands in for a click that is not solved yet."""
+    rig.play(0.02, is_click=was_click)
     rig.play(0.3, placement=TURNED, is_click=True)
     assert rig.view.picture().is_mixed
     rig.play(0.3, is_click=True)
