@@ -28,6 +28,7 @@ from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_dev
 
 if TYPE_CHECKING:
     from engine.device import Device
+    from tactable.page.opening import Address
     from tactable.rig.accelerometer import SensedSurface
     from tactable.rig.emulate import Emulated
 
@@ -67,9 +68,9 @@ def demo(
     The report compares what the table predicts with what the simulated bar does; exit status 3: they disagree. It
     takes the page's place without a browser, and with --headless, --json, --figure, --recording or --table.
     """
-    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     from tactable.rig.ready import take_built
 
+    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     device, device_file = find_device(device_name), find_device_file(device_name)
     remove_all_partials(cache_folder())
     if device_file == Path(device_name) and (built := take_built(device, device_file, cache_folder())):
@@ -82,26 +83,42 @@ def demo(
             "--recording and --table ask for the report instead: give options of one of the two"
         )
     if not is_report:
-        from tactable.page.opening import Address, has_browser, show_demo
+        from tactable.page.opening import Address, has_browser
 
         opens_browser = not no_open and host is None and has_browser()
         if opens_browser or is_asked_for:
+            programs = (control_socket, control_port, control_osc) if control else None
             address = Address(host or "127.0.0.1", page_port, opens_browser)
-            programs = None
-            if control:
-                from tactable.control.client import default_socket
-                from tactable.page.processes.engine_process import ProgramsAt
-
-                programs = ProgramsAt(str((control_socket or default_socket()).absolute()), control_port, control_osc)
-            if drives is not None and rules_path is not None:
-                raise OptionError(
-                    "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
-                )
-            first = None if drives is None else read_drives_of(drives)
-            show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
+            _show_page(device_name, device, address, (rules_path, drives), programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
     report_demo(device, recording_path, table_path, (rules_path, drives), figure or Path("tactable-demo.png"), as_json)
+
+
+def _show_page(
+    device_name: str,
+    device: "Device",
+    address: "Address",
+    rules: tuple[Path | None, str | None],
+    control: tuple[Path | None, int | None, int | None] | None,
+) -> None:
+    """Serve the page until Ctrl-C.
+
+    rules: the options --rules and --drives. control: socket and ports of the control channel; None: there is none.
+    """
+    from tactable.control.client import default_socket
+    from tactable.page.opening import show_demo
+    from tactable.page.processes.engine_process import ProgramsAt
+
+    rules_path, drives = rules
+    if drives is not None and rules_path is not None:
+        raise OptionError("--drives: the page plays the rule file as it is; write its key `drives` in place of it")
+    programs = None
+    if control is not None:
+        socket, port, osc = control
+        programs = ProgramsAt(str((socket or default_socket()).absolute()), port, osc)
+    first = None if drives is None else read_drives_of(drives)
+    show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
 
 
 def report_demo(
