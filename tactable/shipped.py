@@ -86,12 +86,16 @@ def find_table(path: Path) -> Path:
         return path
     from engine.table import Table, TableError
 
-    device = find_device(str(path))
+    device, problem = find_device(str(path)), ""
     for built in built_paths(device, path):
         if built.is_file():
-            Table.open(built, device=device, verify=False).close()
-            return built
-    raise TableError(f"{path}: is a device file, and no table of it lies here or beside it: tactable build {path}")
+            try:
+                Table.open(built, device=device, verify=False).close()
+            except TableError as error:
+                problem = f" ({error})"
+            else:
+                return built
+    raise TableError(f"{path}: no table of this device file lies here or beside it{problem}: tactable build {path}")
 
 
 def cache_folder() -> Path:

@@ -1,6 +1,6 @@
 """Command `quickstart`: from wiring to a felt click by questions; each step is a command, shown before it runs.
 
-A step that is gone back from is undone: what its command wrote is as it was before, and an emulated board ends.
+Going back undoes a step: the file that its command wrote gets its earlier content, and an emulated board ends.
 """
 
 import shlex
@@ -116,7 +116,7 @@ def command_of(words: list[str]) -> list[str]:
 
 
 def _restoring(path: Path | None) -> Callable[[], None]:
-    """A function that makes the file what it is now; a file or folder that is not there yet goes."""
+    """A function that gives the file its present content again, and removes a file or folder that was made since."""
     if path is None or path.is_dir():
         return lambda: None
     content = path.read_bytes() if path.exists() else None
@@ -194,12 +194,18 @@ def _ask_run(answers: Answers) -> list[str]:
     return ["run", f"{answers.name}.nc", "--touch", answers.panel, "--port", answers.board, "--for", seconds]
 
 
+def _new_table(answers: Answers) -> Path | None:
+    """The table, where none is there yet; `build` keeps an earlier one itself, for `tactable rollback`."""
+    path = Path(f"{answers.name}.nc")
+    return None if path.exists() else path
+
+
 STEPS = (
     Step("the panel", _ask_panel),
     Step("the bar", _ask_bar, lambda answers: answers.device),
     Step("how the panel lies on the bar", _ask_stroke, lambda answers: answers.device),
     Step("the board", _ask_port),
     Step("the bar as it is", _ask_sensor, lambda answers: answers.calibrated),
-    Step("the table", _ask_build, lambda answers: Path(f"{answers.name}.nc")),
+    Step("the table", _ask_build, _new_table),
     Step("a click", _ask_run),
 )

@@ -46,14 +46,17 @@ def cached_table(device: Device, folder: Path) -> Path:
 def take_built(device: Device, device_file: Path, folder: Path) -> Path | None:
     """Put the table that `tactable build` made of a device file into the cache in `folder`; None where there is none.
 
-    It is looked for here and beside the device file, and must be of this device and this code.
+    It is looked for here and beside the device file. It must be of this device and this code, and have clicks.
     """
     cached = cached_table(device, folder)
     for path in built_paths(device, device_file):
         with contextlib.suppress(TableError):
             if path.is_file():
-                Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False).close()
+                with Table.open(path, device=device, code_fingerprint=code_fingerprint(), verify=False) as table:
+                    if not table.clicks:
+                        continue
                 cached.parent.mkdir(parents=True, exist_ok=True)
+                cached.unlink(missing_ok=True)  # its permissions are not those of the user's file
                 with replace_file(cached) as partial:
                     try:
                         partial.hardlink_to(path)

@@ -56,7 +56,11 @@ def test_a_shipped_table_plays_what_it_was_made_of_until_one_was_built_here(buil
         assert not table.is_shipped
 
 
-def test_a_table_that_was_built_of_a_device_file_is_taken_until_the_file_changes(built: Table, tmp_path: Path) -> None:
+def test_a_table_that_was_built_of_a_device_file_is_taken_until_the_file_changes(
+    built: Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
     file = tmp_path / "bar.toml"
     file.write_text(built.device.text, encoding="utf-8")
     device = Device.read(file)
@@ -65,6 +69,16 @@ def test_a_table_that_was_built_of_a_device_file_is_taken_until_the_file_changes
         find_table(file)
     lies_beside = tmp_path / f"{device.name}.nc"
     lies_beside.write_bytes(built.path.read_bytes())
+    lies_beside.chmod(0o600)
+    cached_table(device, tmp_path / "cache").parent.mkdir()
+    cached_table(device, tmp_path / "cache").write_bytes(b"an earlier one")
+    for _ in range(2):
+        assert take_built(device, file, tmp_path / "cache") == find_table(file) == lies_beside
+    assert lies_beside.stat().st_mode & 0o777 == 0o600
+    without_clicks = Path(f"{device.name}.nc")
+    build_table(device, without_clicks, clicks_up_to=0)
+    assert (take_built(device, file, tmp_path / "cache"), find_table(file)) == (lies_beside, without_clicks)
+    without_clicks.write_bytes(b"no table")  # here; that beside the file is one
     assert take_built(device, file, tmp_path / "cache") == find_table(file) == lies_beside
     with open_cached(device, cached_table(device, tmp_path / "cache")) or pytest.fail("was built") as table:
         assert len(table.clicks) == len(built.clicks)
