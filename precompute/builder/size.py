@@ -37,7 +37,7 @@ def memory_bytes(device: Device) -> int:
 
 
 def expected_s(device: Device, clicks: int) -> float:
-    """Processor time of a build with so many clicks, in s, without that of compiling its kernels. ESTIMATE."""
+    """Processor time in s that a build with `clicks` clicks takes once its kernels are compiled. ESTIMATE."""
     of_click_s = _PLATE_CLICK_S if device.surface.corner_m.imag else _CLICK_S
     return clicks * len(device.actuators) * of_click_s + table_bytes(device) / _SWEPT_BYTES_PER_S
 

@@ -22,7 +22,7 @@ MOST_READINGS = 10_000
 OUTLIER = 4.0
 """Standard deviations of the noise beyond which a reading counts as wrong."""
 _WITHIN_SENSOR = 0.01
-"""Nor does one within 1 %, the best that an accelerometer is calibrated to: the noise of a clean fit is far less."""
+"""A reading within 1 % of the fit is never wrong: accelerometers are not calibrated better than that."""
 _AT_BOUND = 1e-3  # of the width of the bounds
 _ROUGH_FACTOR = 2.0
 
@@ -93,7 +93,7 @@ class Calibration(FittedDevice):
     """A device fitted to accelerations.
 
     predicted (row,): m/s^2. log_residual (row,): ln of measured over predicted magnitude. is_wrong (row,): readings
-    that are further off than OUTLIER standard deviations, and than a sensor is.
+    that are further off than OUTLIER standard deviations and than _WITHIN_SENSOR.
     """
 
     measurements: Measurements

@@ -197,9 +197,10 @@ def digitizer_table(learnt: LearntAxis, before: "TouchAxis | None" = None) -> st
 
 
 def write_digitizer(path: Path, table: str) -> None:
-    """Put the text of a [digitizer] table into a device file, in place of one that is there.
+    """Write the text of a [digitizer] table into a device file; it replaces an earlier [digitizer] table.
 
-    The rest of the file stays as it is. Raises DeviceError where the file would be none any more.
+    The rest of the file stays as it is. Raises DeviceError where the new text is no valid device file; then nothing is
+    written.
     """
     from engine.device import Device  # only who writes a file needs it
     from engine.device.texts import document_of

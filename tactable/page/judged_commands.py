@@ -50,7 +50,7 @@ class Command:
         return Role.FELT if self.placement.is_felt[finger] else Role.QUIET
 
     def cuts(self, before: "Command | None") -> bool:
-        """Whether this is a click of which a quiet finger was felt in what came before, and has not rung down."""
+        """Whether a quiet finger of this click still feels the command before it, in which it was a felt finger."""
         if before is None or self.drive is not Drive.CLICK:
             return False
         felt = {number for number, finger in before.fingers.items() if before.placement.is_felt[finger]}

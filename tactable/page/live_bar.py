@@ -39,7 +39,7 @@ LONGEST_STEP_S = KEPT_S
 STILL_M = 2e-4
 """A smaller move of a finger leaves the plant unchanged."""
 MOVED_US = 50_000
-"""A finger that moves loads the plant anew this often: damped modes of a plate cost as much as 50 ms of its time."""
+"""Shortest time between two updates of the modes under a moving finger: to compute those of a plate takes as long."""
 _SMOOTH = 160
 """Spectra have a multiple of this length: of a power of two, columns compete for the same lines of the cache."""
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing

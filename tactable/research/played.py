@@ -25,7 +25,7 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
 @dataclass(frozen=True)
 class _Asked(ABC):
-    """Something that was asked for some positions; `table` is None where it was solved without one."""
+    """A drive or click, and the positions that it was asked for; `table` is None for one solved without a table."""
 
     device: Device = field(kw_only=True, repr=False)
     asked: Placement = field(kw_only=True)

@@ -6,7 +6,7 @@ from engine.touch.sources.recording import Recording
 
 NS_PER_S = 1_000_000_000
 PAUSE_NS = NS_PER_S
-"""Between two turns of a recording that is repeated."""
+"""Pause between two repetitions of a recording."""
 # Any clock is past this.
 _AT_ONCE_NS = 0
 
@@ -57,7 +57,7 @@ class Playback:
         return self.clock_time_ns(self._time_ns(self._next))
 
     def _time_ns(self, index: int) -> int:
-        """Time in the recording of a report, and of those of its later turns."""
+        """Time of a report on the recording's axis, which goes on through all repetitions."""
         turn, each = divmod(index, len(self._reports))
         return self._times_ns[each] + turn * (self._times_ns[-1] - self._times_ns[0] + PAUSE_NS)
 

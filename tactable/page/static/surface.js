@@ -27,7 +27,7 @@ const SETTLED_S = { 1: 0.25, 2: 0.06 }; // By kind of drive: from then on the le
 
 export function isSettled(picture) { return !picture.command || picture.age_s >= SETTLED_S[picture.drive]; }
 
-// A level of the simulated surface. So deep a null is the model's own: no surface shows it, and nobody feels a difference.
+// A level as a label says it. A deeper null than LOWEST_DB exists in the model alone; no real surface shows it.
 export function levelText(db) {
   if (db <= -59.9) return "nothing";
   return db < LOWEST_DB ? `below −${-LOWEST_DB} dB` : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`;
@@ -219,7 +219,7 @@ export class SurfaceView {
 
   // Draw the level in words, its top at `label_y` unless another label is there; labels do not overlap.
   _drawLabel(c, slot, x, label_y, tone, labels) {
-    // Before a command has told all that it does, a finger that felt nothing yet may still feel it.
+    // Until a command has settled, a finger that has felt nothing may still feel it.
     const isKnown = slot.level_db >= 0 || isSettled(this.picture), colour = this._colour;
     const text = isKnown ? levelText(slot.level_db) : "…", word = isKnown ? outcomeText(slot.level_db) : "wait";
     c.font = `600 13px ${colour.font}`;
