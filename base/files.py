@@ -164,3 +164,9 @@ def _is_alive(process: int) -> bool:
     except PermissionError:  # it belongs to another user
         return True
     return True
+
+
+def identity_of(path: Path) -> tuple[int, int, int]:
+    """Inode, modification time and size: another file has another identity. Raises OSError."""
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns, status.st_size

@@ -43,7 +43,12 @@ class RenderedClicks:
         return self.are_played and row is None and placement not in self._learned
 
     def learn(self, click: ClickEntry) -> None:
-        """Add a click that was solved for fingers; the earliest is forgotten beyond MOST_LEARNED."""
+        """Add a click that was solved for fingers; the earliest is forgotten beyond MOST_LEARNED.
+
+        One that was solved in another basis, that of an earlier table, is dropped: its weights mean nothing here.
+        """
+        if self.clicks.basis is None or click.basis.hash != self.clicks.basis.hash:
+            return
         if len(self._learned) == MOST_LEARNED:
             del self._learned[next(iter(self._learned))]
         self._learned[click.placement] = click

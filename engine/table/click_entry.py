@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from base.arrays import Array
 from engine.table.levels import LEVEL_TOLERANCE_DB, shifted
 from engine.touch import Placement
-from firmware_link.protocol.basis import Basis, Samples, weighted_sum
+from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, Samples, weighted_sum
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,11 @@ class ClickEntry(ClickFigures):
         """
         number = self.basis.number_of_actuators
         return weighted_sum(self.basis.sets[self.basis_set], self.weights, self.fraction_bits, number).astype(np.int16)
+
+    @property
+    def waveform(self) -> Array:
+        """Base displacement (sample, actuator) as played, a fraction of full scale, linear between samples."""
+        return self.amplitude / SAMPLE_FULL_SCALE * self.samples.astype(np.float64)
 
     @property
     def sample_rate_hz(self) -> int:

@@ -20,6 +20,7 @@ Everything is evaluated on the damped lines of `precompute.model.damped_lines`, 
 the courses with those of the time-domain plant.
 """
 
+from copy import copy
 from functools import lru_cache, partial
 
 import numpy as np
@@ -62,11 +63,8 @@ class SampledPlants:
         stiffness_damping = np.array([bar.stiffness_damping_s for bar in bars])
         self._compliance = (1 / square_omega[:, self.modes :]).astype(np.float32)
         square_omega = np.ascontiguousarray(square_omega[:, : self.modes])
-        self._pole = np.empty((len(scenarios), self.modes + 1, 2, len(lines.s_per_s)), np.float32)
-        own_damping = mass_damping[:, None] + stiffness_damping[:, None] * square_omega
-        s_per_s = lines.s_per_s
-        self._pole[:, -1, 0], self._pole[:, -1, 1] = 1.0, 0.0  # of the static modes
-        _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), square_omega, own_damping, self._pole)
+        self._square_omega = square_omega
+        self._own_damping = mass_damping[:, None] + stiffness_damping[:, None] * square_omega
         sampled = [scenarios.device_of(index).actuators for index in range(len(scenarios))]
         stiffness, damping, mass, spring, damper = (
             np.array([[getattr(actuator, key) for actuator in each] for each in sampled])
@@ -87,9 +85,21 @@ class SampledPlants:
         self._damper = np.zeros((*damping.shape, 3), np.float32)
         self._damper[..., 1] = damping - in_modes * np.array([[bar.damping_of == "bar"] for bar in bars])
         self._force = np.stack([spring, damper], axis=2).astype(np.float32)
-        self._factor = output_factor(lines, scenarios.device.threshold)
-        transfers = transfers_at(scenarios.device.actuators, s_per_s)
+        self._take_lines(lines.s_per_s, output_factor(lines, scenarios.device.threshold))
+
+    def _take_lines(self, s_per_s: Complex, factor: Complex) -> None:
+        self._s_per_s, self._factor = s_per_s, factor
+        self._pole = np.empty((len(self.scenarios), self.modes + 1, 2, len(s_per_s)), np.float32)
+        self._pole[:, -1, 0], self._pole[:, -1, 1] = 1.0, 0.0  # of the static modes
+        _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), self._square_omega, self._own_damping, self._pole)
+        transfers = transfers_at(self.scenarios.device.actuators, s_per_s)
         self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
+
+    def at_tones(self, hz: Array) -> "SampledPlants":
+        """The same plants, whose lines (line,) are lasting tones of these frequencies."""
+        s_per_s, tones = (2j * np.pi * hz).astype(np.complex128), copy(self)
+        tones._take_lines(s_per_s, s_per_s**2 / self.scenarios.device.threshold.peak_m_per_s2(hz))
+        return tones
 
     def transfer(self, fingers: Fingers) -> Complex32:
         """Transfer functions (scenario, finger, actuator, line) with these fingers on the bar of the first scenarios.
@@ -98,7 +108,7 @@ class SampledPlants:
         threshold.
         """
         count, touches = fingers.position_m.shape
-        s = self.lines.s_per_s.astype(np.complex64)
+        s = self._s_per_s.astype(np.complex64)
         out = np.empty((count, touches, self._actuator.shape[1], len(s)), np.complex64)
         impedance = np.stack([fingers.stiffness_n_per_m, fingers.damping_n_s_per_m, fingers.mass_kg], axis=2)
         _fill_transfer(

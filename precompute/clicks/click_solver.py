@@ -26,11 +26,12 @@ from functools import lru_cache
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from base.arrays import Array
+from base.arrays import Array, Complex32
 from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click_entry import ClickFigures
 from engine.touch import Placement
+from firmware_link.protocol.basis import Basis
 from precompute.clicks.click_basis import click_basis, drive_rows, lines_for, tones_of
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
@@ -70,16 +71,20 @@ class Plants:
 
 
 class ClickSolver:
-    """Solves clicks of one device; fingers at the same places share the responses of the sampled plants."""
+    """Solves clicks of one device; fingers at the same places share the responses of the sampled plants.
 
-    def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS) -> None:
+    basis: that of the table that the clicks are played with, which another machine may have made: the functions of a
+    basis are singular vectors, whose signs differ from one processor to the next. None: a basis of its own.
+    """
+
+    def __init__(self, device: Device, options: ClickOptions = DEFAULT_OPTIONS, basis: Basis | None = None) -> None:
         self.device, self.options = device, options
         counts = (options.pool, options.judged)
         *seeds, self._many_seed = np.random.SeedSequence(options.seed).generate_state(len(counts) + 1).tolist()
         self.scenarios = tuple(sample_scenarios(device, count, seed) for count, seed in zip(counts, seeds, strict=True))
         """Sampled plants to solve with, and to evaluate with."""
         self._threads = ThreadpoolController()
-        self.basis = click_basis(device, options)
+        self.basis = click_basis(device, options) if basis is None else basis
         self.tones = tones_of(self.basis.sets[0])
         self._levels_db = (*device.levels_db, np.inf)
         with self._one_thread():
@@ -155,6 +160,12 @@ class ClickSolver:
         pool, judged = (len(scenarios) for scenarios in self.scenarios)
         part = max(1, fingers // 2)
         return OF_ROWS + (pool - OF_ROWS) // part, 1 + (judged - 1) // part
+
+    def tones_of_plants(self, position_m: tuple[complex, ...], hz: Array) -> Complex32:
+        """Transfer functions (scenario, finger, actuator, tone) of the plants that clicks are judged with, at tones."""
+        sampled, count = self._sampled[1], self._counts(len(position_m))[1]
+        fingers = sampled.scenarios.place(position_m, self.options.tolerance_m).first(count)
+        return sampled.at_tones(hz).transfer(fingers)
 
     def _compute_plants(self, position_m: tuple[complex, ...]) -> Plants:
         pool, judged = (

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from base.child import Child
+from base.files import identity_of
 from engine.device import Device
 from engine.effects.rules import Effects
 from engine.loop.command_latency import Stage
@@ -52,7 +53,7 @@ from tactable.doctor.touch_check import Machine
 from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions, ring_for
-from tactable.run.table_watch import TableWatch, Watched, identity_of
+from tactable.run.table_watch import TableWatch, Watched
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_table, named_effects
 
 _NS_PER_S = 1_000_000_000

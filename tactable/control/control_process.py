@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from base.child import Parent
+from base.files import identity_of
 from base.printable import printable, write_note
 from engine.effects.control_step import Outcome
 from engine.loop.ring import RingReader
@@ -24,7 +25,7 @@ from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.slot import ControlOf
 from tactable.control.unix_socket import listening_socket
 from tactable.control.web import WebControl
-from tactable.run.table_watch import LOOK_S, WORD, identity_of
+from tactable.run.table_watch import LOOK_S, WORD
 from tactable.shipped import named_effects
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ import numpy as np
 from base.arrays import Array
 from engine.table import ClickEntry
 from engine.touch import Placement
-from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, interpolated
 from precompute.clicks.evaluation import decibels
 from tactable.explain.click_source import ClickSource
@@ -47,7 +46,7 @@ class Course:
 
 def compute_course(source: ClickSource, click: ClickEntry, placement: Placement) -> Course:
     """Compute the time course of a click of the source's device under the fingers of a placement."""
-    wave = played_displacement(click).T
+    wave = click.waveform.T
     responses = source.solver.plants_of(placement.position_m).judged
     drawn = interpolated(wave)
     displacement = np.zeros((len(drawn), responses.steps))
@@ -59,8 +58,3 @@ def compute_course(source: ClickSource, click: ClickEntry, placement: Placement)
         displacement=displacement,
         weighted=responses.play(wave).astype(np.float64),
     )
-
-
-def played_displacement(click: ClickEntry) -> Array:
-    """Base displacements (sample, actuator) as fractions of full scale, at the click's rate and amplitude."""
-    return click.amplitude / SAMPLE_FULL_SCALE * click.samples.astype(np.float64)

@@ -8,12 +8,16 @@ from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from base.arrays import Array, Complex
 from engine.steady.cases import TOLERANCE_M
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click_entry import ClickFinger
 from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
+from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
 from precompute.clicks.of_table import read_click_options
 
@@ -32,7 +36,7 @@ class ClickSource:
     @cached_property
     def solver(self) -> ClickSolver:
         """Solver of clicks for positions; its plants take a second."""
-        return ClickSolver(self.table.device, self.options)
+        return ClickSolver(self.table.device, self.options, self.table.clicks.basis)
 
     @cached_property
     def _nominal(self) -> NominalFingers:
@@ -65,6 +69,18 @@ class ClickSource:
     def fingers_of(self, click: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
         """Levels of a click under standard fingers at these positions, in the nominal plant."""
         return self._nominal.under(click, placement.position_m)
+
+    def levels_of_click(self, click: ClickEntry, placement: Placement) -> Array:
+        """Peak level of a click, dB above threshold, (plant, finger): the nominal plant, then those of the judge."""
+        judged = self.solver.plants_of(placement.position_m).judged
+        return decibels(judged.peaks(click.waveform.T, range(len(placement.position_m))))
+
+    def levels_of_drive(self, placement: Placement, hz: Array, amplitude: Complex) -> Array:
+        """The same of a steady drive; hz, amplitude (actuator,). Tones of different frequencies add in power."""
+        tones_hz, tone = np.unique(hz, return_inverse=True)
+        drive = np.where(tone[:, None] == np.arange(len(tones_hz)), amplitude[:, None], 0)
+        reached = np.einsum("pfak,ak->pfk", self.solver.tones_of_plants(placement.position_m, tones_hz), drive)
+        return decibels(np.linalg.norm(reached, axis=2))
 
     def solve_baseline(self, placement: Placement, name: str) -> Click:
         """A baseline, evaluated as the clicks are."""

@@ -21,9 +21,7 @@ from engine.table.click_entry import LevelSpread, played_at
 from engine.touch import Placement
 from precompute.clicks import Click, ClickOptions
 from precompute.clicks.baselines import BASELINES
-from precompute.clicks.evaluation import decibels
 from tactable.explain import words
-from tactable.explain.click_course import played_displacement
 from tactable.explain.click_source import ClickSource
 
 _TIE_DB = 0.05  # half of the last digit that is shown
@@ -103,8 +101,7 @@ def _lost_by(click: ClickEntry, rival: Click) -> str:
 
 def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) -> Array:
     """Levels (finger, 4) as Explained has them."""
-    fresh = source.solver.plants_of(placement.position_m).judged
-    peak_db = decibels(fresh.peaks(played_displacement(click).T, range(len(placement.position_m))))
+    peak_db = source.levels_of_click(click, placement)
     return np.column_stack([peak_db[0], *np.percentile(peak_db[1:], (5, 50, 95), axis=0)])
 
 
@@ -130,7 +127,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "felt_zones": zones["felt"],
             "quiet_zones": zones["quiet"],
             **{key: getattr(click, key) for key in _OWN},
-            "waveform": played_displacement(click).T,
+            "waveform": click.waveform.T,
             "threshold": device.threshold.title,
             "felt_db": _spread_json(click.felt),
             "quiet_db": _spread_json(click.quiet),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from base.arrays import Array
 from base.points import point_text
 from engine.device import Device
 from engine.steady import SteadyDrive
@@ -112,13 +111,6 @@ class Drive(_Asked, SteadyDrive):
 @dataclass(frozen=True, eq=False, repr=False)
 class Click(_Asked, ClickEntry):
     """The click that a table has for the nearest places, or one that was solved (engine.table.click_entry)."""
-
-    @property
-    def waveform(self) -> "Array":
-        """Base displacement (time, actuator) as played, a fraction of full scale, linear between samples."""
-        from tactable.explain.click_course import played_displacement
-
-        return played_displacement(self)
 
     def plot(self) -> "Figure":
         """Picture of the waveform and of what every finger feels of it, over fresh plants; takes a second.

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from base.child import Child, ChildError, Parent, decode_line
+from base.files import identity_of
 from base.points import json_of, point_of_json
 from base.printable import write_note
 from engine.device import Device
@@ -109,12 +110,12 @@ class Answers:
 
 
 def solver_of(table_path: Path) -> "ClickSolver":
-    """The solver of clicks for the device of a table, with the options of clicks that a touch waits for."""
+    """The solver of clicks in the basis of a table, with the options of clicks that a touch waits for."""
     from precompute.clicks import ClickSolver
     from precompute.clicks.of_table import read_click_options
 
     with Table.open(table_path, verify=False) as table:
-        return ClickSolver(table.device, read_click_options(table).waited_for)
+        return ClickSolver(table.device, read_click_options(table).waited_for, table.clicks.basis)
 
 
 class Service:
@@ -144,14 +145,16 @@ class Service:
 
     def _open(self) -> None:
         try:
+            self._identity = identity_of(self._path)
             self._solver = solver_of(self._path)
         except (TableError, OSError) as error:
             self._solver = None
             write_note(f"clicks of more fingers than the table holds are not solved: {error}")
 
     def _answer(self, question: dict[str, Any]) -> None:
-        if self._solver is None or self._solver.device.fingerprint != question["fingerprint"]:
-            self._open()
+        with contextlib.suppress(OSError):  # it is being replaced
+            if self._solver is None or identity_of(self._path) != self._identity:
+                self._open()
         solver = self._solver
         if solver is None or solver.device.fingerprint != question["fingerprint"]:
             return

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from base.child import Parent
+from base.files import identity_of
 from base.printable import write_note
 from engine.device import DeviceError
 from engine.effects.rules import Effects
@@ -49,12 +50,6 @@ class Watched:
     capabilities: Capabilities
     refuses: bool
     bit_rate_hz: int
-
-
-def identity_of(path: Path) -> tuple[int, int, int]:
-    """Inode, modification time and size: another file has another identity."""
-    status = path.stat()
-    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 class Messages:

@@ -70,6 +70,10 @@ def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned_for_just_
     assert renderer.fallback(placement, LEVEL_DB) == renderer.render(placement, LEVEL_DB)
     renderer.clicks.learn(click_of(REFERENCE, placement))
     assert isinstance(renderer.render(placement, LEVEL_DB, is_click=True), PlayCommand)
+    elsewhere = Placement((0.05, 0.2, 0.25), (True, False, False))
+    other_basis = replace(click_of(REFERENCE, elsewhere), basis=basis_of(2, 121, 241))
+    renderer.clicks.learn(other_basis)  # of a table before this one
+    assert renderer.render(elsewhere, LEVEL_DB, is_click=True) is None
     near = replace(placement, position_m=(0.0801, 0.2, 0.25))
     assert renderer.render(near, LEVEL_DB, is_click=True) is None
     assert renderer.clicks.number == len(CLICKS)

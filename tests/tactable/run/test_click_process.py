@@ -1,7 +1,9 @@
 """Laws of the process that solves clicks beside a loop: it answers in the table's own words, and may be lost."""
 
 import json
+import shutil
 import socket
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ from base.child import Parent
 from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.touch import Placement
+from firmware_link.protocol.basis import Basis
 from precompute.builder.table_build import build_table
-from precompute.clicks import ClickSolver
+from precompute.clicks import ClickOptions, ClickSolver
+from precompute.clicks.click_basis import click_basis
 from tactable.run.click_process import Answers, ClickProcess, Service, question_of
 from tests.small_device import small_text
 from tests.tactable.click_table import CHEAP
@@ -67,6 +71,42 @@ def test_it_solves_the_newest_question_alone_for_the_fingers_where_they_are(path
     expected = ClickSolver(DEVICE, CHEAP.at_fingers).solve_entry(placement)
     assert (click.weights == expected.weights).all() and click.fraction_bits == expected.fraction_bits
     assert (click.felt, click.quiet, click.tolerance_m) == (expected.felt, expected.quiet, expected.tolerance_m)
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The table as another machine makes it: functions are singular vectors, whose signs differ between processors."""
+
+    def other_signs(device: Device, options: ClickOptions) -> Basis:
+        basis = click_basis(device, options)
+        functions = basis.sets[0].functions.copy()
+        functions[::2] *= -1
+        return replace(basis, sets=(replace(basis.sets[0], functions=functions),))
+
+    path = tmp_path_factory.mktemp("elsewhere") / "bar.nc"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("precompute.clicks.click_solver.click_basis", other_signs)
+        build_table(DEVICE, path, created="", clicks_up_to=1, click_options=CHEAP)
+    return path
+
+
+def test_its_weights_are_of_the_basis_of_a_table_that_another_machine_made(path: Path, elsewhere: Path) -> None:
+    placement = three_fingers()
+    ((_, here),), ((_, there),) = answers(path, (placement, DEVICE)), answers(elsewhere, (placement, DEVICE))
+    assert there.basis.hash != here.basis.hash and (there.weights != here.weights).any()
+    assert there.waveform == pytest.approx(here.waveform, abs=0.01)
+
+
+def test_a_table_that_takes_the_place_of_another_is_opened(path: Path, elsewhere: Path, tmp_path: Path) -> None:
+    mine, placement, parent, decoder = tmp_path / "bar.nc", three_fingers(), FakeParent(), Answers()
+    shutil.copy(path, mine)
+    service = Service(mine, parent)
+    service.run()
+    shutil.copy(elsewhere, mine)
+    service._answer(question_of(placement, DEVICE))
+    *_, (_, click) = filter(None, map(decoder.decode, parent.answers))
+    with Table.open(mine, verify=False) as table:
+        assert table.clicks.basis is not None and click.basis.hash == table.clicks.basis.hash
 
 
 def test_a_question_for_a_device_that_the_table_is_not_of_is_dropped(path: Path) -> None:

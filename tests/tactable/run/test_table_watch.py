@@ -13,13 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from base.files import identity_of
 from engine.device import Device
 from engine.loop.fast.fast_table import FastRendering
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.emulator_process import RunningEmulator
-from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unpacked, identity_of
+from tactable.run.table_watch import Messages, TableLook, Watched, _packed, _unpacked
 from tactable.shipped import find_device
 from tests.engine.loop.fast.scripts import varied_clicks
 from tests.engine.loop.rig import BURSTS, Rig, recording_of, report
