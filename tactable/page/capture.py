@@ -49,7 +49,9 @@ class Capture:
         duration_s = CLICK_MOTION_S if is_click else STEADY_MOTION_S
         since_us = command.at_us if is_click else self._due_us - duration_s * US_PER_S
         every = RATE_HZ // _MOTION_RATE_HZ if is_click else RATE_HZ // _MOTION_RATE_HZ // 2
-        finger_m = command.placement.position_m
+        contacts = {finger: number for number, finger in command.fingers.items()}
+        places_m = enumerate(command.placement.position_m)
+        finger_m = [bars[0].place_of(contacts.get(finger), at_m) for finger, at_m in places_m]
         moments = [bar.motion(since_us, duration_s, every, finger_m) for bar in bars]
         self._keep_sounds(command, bars[0], touches)
         self._due_us, self._is_captured = now_us + 1e6, True

@@ -36,6 +36,8 @@ from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
+from tactable.rig.other_bar import OtherBar
+from tactable.rig.promises import SampledPromises
 from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
 from tactable.shipped import find_device
 
@@ -57,7 +59,15 @@ def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
         paper.rows = table.best_rows
         if before.paper is None:
             paper.begin_at_rest(bar.now_us)
-    return View(table, bar, resolution_hz, paper=paper if table.best_rows else None)
+    view = View(table, bar, resolution_hz, paper=paper if table.best_rows else None)
+    if before is not None and before.table is table:
+        view.spreads = before.spreads
+    return view
+
+
+def _played(choice: Choice) -> Choice:
+    """The choice without what is of the simulated bar alone."""
+    return replace(choice, is_loaded=True, is_other=False)
 
 
 def _is_same(one: Table, other: Table) -> bool:
@@ -106,6 +116,9 @@ class DemoBackend(PageBackend):
         """Whether older code made the shipped table that plays."""
         self._is_between = False
         """Whether one run ends and the next begins."""
+        self._other: OtherBar | None = None
+        self._others = 0
+        """How many other bars there were; each is drawn anew."""
         self._shown_solved = 0
         """How many solved clicks the browsers have heard of."""
         self._boot: tuple[int, int] = (0, 0)
@@ -137,6 +150,7 @@ class DemoBackend(PageBackend):
             "has_kernels": self._plays is not None and self._plays[1],
             "compared": self._compared,
             "what_if": self._what_if(),
+            "other": None if self._other is None else str(self._other),
             "solved": self._solved(),
         }
 
@@ -200,6 +214,11 @@ class DemoBackend(PageBackend):
             choice = replace(choice, level_db=described.levels_db[0])
         self._device = moved(described, choice)
         self._choice, self._described, self._trouble = choice, described, ""
+        if not choice.is_other:
+            self._other = None
+        elif self._other is None or self._other.nominal.fingerprint != self._device.fingerprint:
+            self._others += 1
+            self._other = OtherBar(self._device, self._others)
         self._builder.forgive()
 
     def sound(self, finger: int) -> bytes | None:
@@ -212,6 +231,9 @@ class DemoBackend(PageBackend):
         view, firmware, reader = self.view, self._firmware, self._reader
         if view is None or firmware is None or reader is None or self._is_between:
             return [], False
+        other = self._other
+        if other is not None and other.nominal.fingerprint != view.bar.device.fingerprint:
+            other = None  # the run of the device before has not ended yet
         messages = []
         for applied in firmware.take_answers():
             boot = (firmware.child.process.pid, applied.host_ns_at_device_zero)
@@ -220,7 +242,7 @@ class DemoBackend(PageBackend):
                 view.begin_at_rest(applied.until_us)
             view.read(reader.read())
             view.take_events(applied.events)
-            messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded)
+            messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded, other=other)
         if len(view.solved) != self._shown_solved:
             self._shown_solved = len(view.solved)
             self.scene_number += 1
@@ -274,7 +296,7 @@ class DemoBackend(PageBackend):
         choice, device = self._choice, self._device
         order = order_for(choice.device, self._described, self._cache, self._work)
         table = await self._best_table(device, order)
-        wanted = replace(choice, is_loaded=True), self._builder.has_compiled
+        wanted = _played(choice), self._builder.has_compiled
         if table is not self._table or wanted != self._plays:
             await self._change_over(choice, device, table)
         # For actuators that were moved kernels are compiled, and no table is built.
@@ -283,6 +305,9 @@ class DemoBackend(PageBackend):
             self._builder.order_build(order)  # only now: the table that is already there plays first
         elif table.path == order.path:
             self._builder.stop()
+        view = self.view
+        if view is not None and self._builder.has_compiled and table.clicks and view.spreads is None:
+            view.spreads = await asyncio.to_thread(SampledPromises, table)
         if table.is_shipped:
             self._is_outdated = await asyncio.to_thread(is_outdated, table)
             self.scene_number += 1
@@ -357,7 +382,7 @@ class DemoBackend(PageBackend):
         for line in lines:
             self._say(line)
         shown = self._table
-        self.view, self._table, self._plays = view, table, (replace(choice, is_loaded=True), has_kernels)
+        self.view, self._table, self._plays = view, table, (_played(choice), has_kernels)
         self._pointers.feed(self._engine.feed)
         await self._compare(device, shown, table)
         if shown is not None and shown is not table:

@@ -4,14 +4,15 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from base.arrays import Array
 from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.loop.command_latency import Stage
 from engine.loop.ring import Record
-from engine.table import Table
+from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator.synthesis import US_PER_S
-from firmware_link.protocol.messages import decode_drive
+from firmware_link.protocol.messages import ChannelDrive, decode_drive
 from tactable.page.page_messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
 from tactable.rig.solved_click import SolvedClick
@@ -35,6 +36,8 @@ class Command:
     drive: Drive
     channels: tuple[ChannelPicture, ...]
     promised_db: Sequence[float | None]
+    played: ClickEntry | Sequence[ChannelDrive] | None
+    """The click, or the drive of each actuator; None: a click that is not known."""
     length_s: float
     """Length of a click; infinite for a steady drive."""
     ended_us: float
@@ -42,6 +45,8 @@ class Command:
     """Sequence number of its frame."""
     is_stalled: bool = False
     """Whether a part of its time was left out, the machine having stalled."""
+    spread_db: Array | None = None
+    """Shape (2, finger): what sampled bars give, 5th and 95th percentile; None: not computed."""
     is_mixed: bool = False
     """Whether one of its quiet fingers still felt a click or a drive of its own when it began."""
 
@@ -79,7 +84,7 @@ class CommandReader:
         self._count += 1
         is_click = record.is_click and not record.drive
         made = (self._click if is_click else self._drive)(record, placement, level_db)
-        channels, promised_db, length_s = made
+        channels, promised_db, length_s, played = made
         at_us = time_of(record, zero_ns)
         return Command(
             number=self._count,
@@ -90,6 +95,7 @@ class CommandReader:
             drive=Drive.CLICK if is_click else Drive.STEADY,
             channels=channels,
             promised_db=promised_db,
+            played=played,
             length_s=length_s,
             ended_us=at_us + length_s * US_PER_S,
             sequence=record.drive_sequence,
@@ -101,21 +107,22 @@ class CommandReader:
         if found is None:
             solved = SolvedClick.of(record.play, self._table.clicks.basis, actuators, self._halvings)
             if solved is None:
-                return (), (None,) * len(placement.position_m), self._click_length_s
+                return (), (None,) * len(placement.position_m), self._click_length_s, None
             if placement not in self.solved:
                 self.solved.append(placement)
             found = self._promises.of_solved_click(placement, solved)
         click, promise = found
-        return (ChannelPicture(0.0, click.amplitude, 0.0),) * actuators, promise.level_db.tolist(), click.length_s
+        channels = (ChannelPicture(0.0, click.amplitude, 0.0),) * actuators
+        return channels, promise.level_db.tolist(), click.length_s, click
 
     def _drive(self, record: Record, placement: Placement, _: float) -> "_Made":
         drive = decode_drive(record.drive, self._resolution_hz)[: len(self._table.device.actuators)]
         channels = tuple(ChannelPicture(c.frequency_hz, c.amplitude, c.phase_rad) for c in drive)
-        return channels, self._promises.of_channels(placement, drive).tolist(), math.inf
+        return channels, self._promises.of_channels(placement, drive).tolist(), math.inf, drive
 
 
-_Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float]
-"""Channels, promised levels and length of a command."""
+_Made = tuple[tuple[ChannelPicture, ...], Sequence[float | None], float, ClickEntry | Sequence[ChannelDrive] | None]
+"""Channels, promised levels and length of a command, and what is played."""
 
 
 def time_of(record: Record, zero_ns: int) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from base.files import identity_of
 from engine.loop.ring import RingReader
 from engine.render.link_commands import RendererError
 from engine.table import Table, TableError
@@ -15,7 +16,8 @@ from tactable.page.page_messages import encode_picture
 from tactable.page.page_server import PageBackend
 from tactable.page.ring_drive import RingDrive
 from tactable.page.view import View, device_json
-from tactable.run.table_watch import LOOK_S, identity_of
+from tactable.rig.promises import SampledPromises
+from tactable.run.table_watch import LOOK_S
 
 BEHIND_NS = 30_000_000
 """Age of the picture; ring records are written after their command."""
@@ -73,6 +75,8 @@ class LiveBackend(PageBackend):
     async def run(self) -> None:
         """Watch for another table until cancelled."""
         while True:
+            if self._view.spreads is None and self._table.clicks:
+                self._view.spreads = await asyncio.to_thread(SampledPromises, self._table)
             await asyncio.sleep(LOOK_S)
             with contextlib.suppress(
                 OSError, TableError, RendererError

@@ -23,6 +23,7 @@ from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.page_messages import LOWEST_DB
 from tactable.rig.first_table import modes_of
+from tactable.rig.other_bar import OtherBar
 
 RATE_HZ = 12_000
 """40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
@@ -120,8 +121,8 @@ class LiveBar:
         corner_m = device.surface.corner_m
         self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
         self._modes: _Modes = _Modes(device) if twin is None else twin._modes
-        basis = self._modes.basis
-        self._grid, self._moving = (basis.at(each.position_m) for each in (self.field, self.moving))
+        self._other: OtherBar | None = None
+        self._look_at_modes()
         self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
@@ -131,6 +132,24 @@ class LiveBar:
         self._is_loaded = True
         self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
         self._rest()
+
+    def _look_at_modes(self) -> None:
+        self._grid, self._moving = (self._modes.basis.at(each.position_m) for each in (self.field, self.moving))
+
+    def become(self, other: OtherBar | None, twin: "LiveBar | None" = None) -> None:
+        """Be another bar from now on, at rest, with its fingers; None: the table's. twin: one that is it already."""
+        if other is self._other:
+            return
+        self._other = other
+        device = self.device if other is None else other.device
+        self._modes = _Modes(device) if twin is None else twin._modes
+        self._look_at_modes()
+        self._heard.clear()
+        self._rest()
+
+    def place_of(self, contact: int | None, at_m: complex) -> complex:
+        """Where the finger of a contact is that seems to be at `at_m`."""
+        return at_m if self._other is None or contact is None else self._other.finger_of(contact, at_m)[0]
 
     def begin_at_rest(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""
@@ -169,7 +188,7 @@ class LiveBar:
         self._place()
 
     def _place(self) -> None:
-        places_m = [finger.position_m for finger in self._fingers]
+        places_m = [self.place_of(finger.contact_id, finger.position_m) for finger in self._fingers]
         self._rows = np.concatenate([self._grid, self._modes.basis.at(np.array(places_m))])
         for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
             before = self._heard.pop(finger.contact_id, None)
@@ -179,13 +198,18 @@ class LiveBar:
 
     def _load(self, at_us: float) -> None:
         """Let the fingers load the plant: at once where there are others, now and then where they only move."""
-        loads = tuple((finger.position_m, self.device.finger) for finger in self._fingers) if self._is_loaded else ()
+        loads = tuple(self._load_of(finger) for finger in self._fingers) if self._is_loaded else ()
         loaders = [finger.contact_id for finger in self._fingers]
         has_moved = loaders == self._loaders and len(loads) == len(self._loads)
         if loads == self._loads or (has_moved and at_us < self._loaded_us + MOVED_US):
             return
         self._plant.take_model(self._modes.under(loads))
         self._loads, self._loaders, self._loaded_us = loads, loaders, at_us
+
+    def _load_of(self, finger: Touch) -> tuple[complex, Finger]:
+        if self._other is None:
+            return finger.position_m, self.device.finger
+        return self._other.finger_of(finger.contact_id, finger.position_m)
 
     def move_until(self, until_us: float) -> Moved | None:
         """Simulate until then; None while nothing moves."""

@@ -34,7 +34,7 @@ from base.arrays import Array
 from base.points import sides_of
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 7  # raise it with any change of these bytes: an old page is told to load again
+VERSION = 8  # raise it with any change of these bytes: an old page is told to load again
 MOST_TOUCHES = 64  # the events of ten fingers in six pictures
 MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
@@ -51,7 +51,7 @@ _FINGER_NUMBER = struct.Struct("<I")
 # time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, five lengths
 _PICTURE = struct.Struct("<d6IIff5I5IIBB5B")
 _FINGER = struct.Struct("<IBBffff")
-_MADE = struct.Struct("<IBBffhh")
+_MADE = struct.Struct("<IBBff4h")
 _CHANNEL = struct.Struct("<fff")
 _MOTION = struct.Struct("<BBBBHIff")
 _SOUND = struct.Struct("<II")
@@ -125,7 +125,8 @@ class FingerPicture:
 class MadePicture:
     """A finger that the last command was made for, its promised and its simulated level; None: not known.
 
-    number: of the finger that touches there, None once that has left.
+    number: of the finger that touches there, None once that has left. low_db, high_db: what sampled bars and fingers
+    give, 5th and 95th percentile.
     """
 
     number: int | None
@@ -134,6 +135,8 @@ class MadePicture:
     position_m: complex
     promised_db: float | None
     simulated_db: float | None
+    low_db: float | None = None
+    high_db: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +170,8 @@ class Picture:
     latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper surface, 16 is_mixed), then u8 of
     fingers, made fingers, channels, levels along the surface and rows of them.
     finger: u32 number, u8 zone (255: none), u8 role, point position_m, f32 level_db, f32 felt_db.
-    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised and i16 simulated of
-    0.01 dB (-32768: none).
+    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised, simulated, low,
+    high of 0.01 dB (-32768: none).
     channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
     """
 
@@ -268,7 +271,7 @@ def _finger_bytes(finger: FingerPicture) -> bytes:
 def _made_bytes(finger: MadePicture) -> bytes:
     number = NO_NUMBER if finger.number is None else finger.number
     zone = NO_ZONE if finger.zone is None else finger.zone
-    levels = _centibels(finger.promised_db), _centibels(finger.simulated_db)
+    levels = map(_centibels, (finger.promised_db, finger.simulated_db, finger.low_db, finger.high_db))
     return _MADE.pack(number, zone, finger.role, *sides_of(finger.position_m), *levels)
 
 

@@ -23,10 +23,14 @@ from tactable.page.live_bar import LONGEST_STEP_S, LiveBar
 from tactable.page.moving_levels import BarLevels
 from tactable.page.page_messages import LOWEST_DB, Drive, FingerPicture, MadePicture, PaperPicture, Picture, Role
 from tactable.page.paper_bar import PaperBar
+from tactable.rig.other_bar import OtherBar
+from tactable.rig.promises import SampledPromises
 
 LATENCIES = 64  # of the newest commands, whose median is shown
 LOST_S = 0.3
 """A click that the firmware has not taken so long after it was written was refused as late."""
+JUDGED_S = 0.3
+"""Age of a command from which on the page says what was felt."""
 _STAGES = len(Stage) - 1
 _NO_COUNTERS = RingCounters(0, 0, 0, 0, 0, 0)
 Stages = tuple[int, int, int, int, int]
@@ -67,6 +71,8 @@ class View:
     ) -> None:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
+        self.spreads: SampledPromises | None = None
+        """What sampled bars give, where it is known."""
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
         self._edges = zone_finder(table.device)
         self._touches: tuple[Touch, ...] = ()
@@ -131,9 +137,12 @@ class View:
         self.bar.take_events(events)
         self._taken_us |= {event.sequence: event.device_time_us for event in events if event.sequence is not None}
 
-    def move(self, until_us: float, *, is_loaded: bool) -> list[bytes]:
-        """Advance the bars; returns MOTION messages of moments to be shown slowed."""
+    def move(self, until_us: float, *, is_loaded: bool, other: OtherBar | None = None) -> list[bytes]:
+        """Advance the bars, which may be others than the table's; returns MOTION messages, to be shown slowed."""
         self._is_loaded, command, start_us = is_loaded, self._command, self.bar.now_us
+        self.bar.become(other)
+        if self.paper is not None:
+            self.paper.levels.bar.become(other, self.bar)
         self.bar.touch(self._touches, is_loaded=is_loaded)
         if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
             command.is_stalled |= start_us < command.ended_us
@@ -142,7 +151,15 @@ class View:
         if self.paper is not None:
             self.paper.move_until(until_us, self._touches, command, is_loaded=is_loaded)
             bars.append(self.paper.levels.bar)
+        self._find_spread(command)
         return self._capture.take_motion(bars, self._touches, command)
+
+    def _find_spread(self, command: Command | None) -> None:
+        """Compute what sampled bars give of a command, once, when it is judged: it takes some milliseconds."""
+        if command is None or command.played is None or command.spread_db is not None or self.spreads is None:
+            return
+        if self.bar.now_us > command.at_us + JUDGED_S * US_PER_S:
+            command.spread_db = self.spreads.of(command.placement, command.played)
 
     def sound(self, finger: int) -> bytes | None:
         """SOUND of the last captured command under a finger; None where the finger felt none."""
@@ -193,6 +210,8 @@ class View:
     def _made(self, command: Command) -> tuple[MadePicture, ...]:
         here = {touch.contact_id for touch in self._touches}
         numbers = {finger: number for number, finger in command.fingers.items() if number in here}
+        fingers = len(command.placement.position_m)
+        spread = [(None, None)] * fingers if command.spread_db is None else command.spread_db.T.tolist()
         return tuple(
             MadePicture(
                 number=numbers.get(finger),
@@ -201,6 +220,8 @@ class View:
                 position_m=at_m,
                 promised_db=command.promised_db[finger],
                 simulated_db=self.ours.simulated_db.get(finger),
+                low_db=spread[finger][0],
+                high_db=spread[finger][1],
             )
             for finger, at_m in enumerate(command.placement.position_m)
         )

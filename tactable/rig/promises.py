@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from base.arrays import Array
+from base.arrays import Array, Complex
 from engine.steady import SteadyDrive
 from engine.steady.given_drive import standard_levels
 from engine.table import ClickEntry, Table
@@ -24,6 +24,7 @@ from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
 from tactable.explain.words import zone_names
+from tactable.rig.other_bar import BESIDE_M
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -105,9 +106,9 @@ class Promises:
 
     def of_channels(self, placement: Placement, channels: Sequence[ChannelDrive]) -> Array:
         """Levels (finger,) of a steady drive, as a sum of modes: no kernel is loaded. Shape (actuator,): `channels`."""
-        base = np.array([cmath.rect(channel.amplitude, channel.phase_rad) for channel in channels])
         tones_hz = [channel.frequency_hz for channel in channels]
-        return standard_levels(self._table.device, self._table.modes, placement.position_m, tones_hz, base)
+        device, modes = self._table.device, self._table.modes
+        return standard_levels(device, modes, placement.position_m, tones_hz, _amplitudes(channels))
 
     def of_tabulated_click(self, placement: Placement, level_db: float) -> tuple[ClickEntry, Promise] | None:
         """The table's click of the nearest places, and its promise; None where the table has none."""
@@ -141,3 +142,31 @@ class Promises:
             np.array([finger.acceleration_at_finger_m_per_s2 for finger in fingers]),
             np.array([finger.level_db for finger in fingers]),
         )
+
+
+class SampledPromises:
+    """What sampled bars give to sampled fingers of a placement, from 5th to 95th percentile, in any order of commands.
+
+    They are those that clicks are judged with; fingers lie within BESIDE_M of their positions. To make them takes up to
+    three seconds, and compiled kernels.
+    """
+
+    def __init__(self, table: Table) -> None:
+        from tactable.explain.click_source import ClickSource
+
+        self._source = ClickSource(table, BESIDE_M)
+        _ = self._source.solver
+
+    def of(self, placement: Placement, played: ClickEntry | Sequence[ChannelDrive]) -> Array:
+        """5th and 95th percentile (2, finger) of the levels that a click or a steady drive (actuator,) gives, dB."""
+        if isinstance(played, ClickEntry):
+            level_db = self._source.levels_of_click(played, placement)
+        else:
+            hz = np.array([channel.frequency_hz for channel in played])
+            level_db = self._source.levels_of_drive(placement, hz, _amplitudes(played))
+        bounds_db: Array = np.percentile(level_db[1:], (5, 95), axis=0)
+        return bounds_db
+
+
+def _amplitudes(channels: Sequence[ChannelDrive]) -> Complex:
+    return np.array([cmath.rect(channel.amplitude, channel.phase_rad) for channel in channels])

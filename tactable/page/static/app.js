@@ -2,7 +2,7 @@
 
 import { DeviceHand } from "./device.js";
 import { Fingers } from "./fingers.js";
-import { Courses, outcomeOf } from "./outcome.js";
+import { Courses, outcomeOf, promiseOf } from "./outcome.js";
 import { Panel, byId } from "./panel.js";
 import { linkOf, readLink } from "./permalink.js";
 import { drawingFor } from "./plate.js";
@@ -100,6 +100,8 @@ function linkScene() {
 
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
+  const promised = byId("promised"), said = promiseOf(wire.picture);
+  if (promised.textContent !== said) promised.textContent = said;
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
   const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : `Touch the ${fingers.surface}.`);
   if (text === null || outcome.textContent === text) return;
@@ -131,6 +133,7 @@ function pictureUrl() {
   return snapshotOf([
     small(`tactable: ${byId("device-name").textContent}${isShown("badge") ? `. ${byId("badge").textContent}` : ""}`),
     { text: byId("outcome").textContent, size: 24, weight: 700, colour: colour("ink") },
+    ...(byId("promised").textContent ? [small(byId("promised").textContent)] : []),
     { canvas: bar.canvas },
     ...(isShown("paper") ? [{ canvas: second.canvas }, small(byId("paper-title").textContent)] : []),
     ...(isShown("courses") && courses.isDrawn ? [small(byId("courses").innerText.trim()), { canvas: courses.canvas }] : []),

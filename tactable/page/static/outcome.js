@@ -63,6 +63,18 @@ export function outcomeOf(picture, paper, isTour) {
   return sentence(`${names} ${verb} ${what} ${apartText(levels)} more than ${others}${rest}${besides(paper)}.`);
 }
 
+// What sampled bars and fingers give of the last command, from 5th to 95th percentile, and whether this bar kept it;
+// empty where it is not known. A felt finger may feel more than that, and a quiet one less.
+export function promiseOf(picture) {
+  const made = picture.made.slice(0, picture.madeCount);
+  if (!picture.command || !isSettled(picture) || made.some(({ low }) => low === NOTHING) || !made.length) return "";
+  const ranges = made.map((finger) => `${nameOf(finger)} ${levelText(finger.low / 100).replace(" dB", "")} to ${levelText(finger.high / 100)}`);
+  const judged = made.filter(({ simulated }) => simulated !== NOTHING), isJudged = judged.length && !picture.isLate && !picture.isMixed;
+  const isKept = judged.every(({ role, simulated, low, high }) => (role === Role.FELT ? simulated >= low : simulated <= high));
+  const verdict = isJudged ? (isKept ? ": kept" : ": not kept, as by one bar in ten") : "";
+  return `Promised over sampled bars and fingers, 5 to 95\u00a0%: ${ranges.join(", ")}${verdict}.`;
+}
+
 export class Courses {
   // The acceleration under each finger that a click was made for, over its first 60 ms.
   constructor(canvas, picture) {

@@ -66,6 +66,7 @@ export class Panel {
     this._scene = null;
     this._bars = [];
     byId("loaded").addEventListener("change", (event) => wire.choose({ is_loaded: event.target.checked }));
+    byId("other").addEventListener("change", (event) => wire.choose({ is_other: event.target.checked }));
     byId("switches").addEventListener("submit", (event) => event.preventDefault());
     const stages = byId("stages");
     for (const name of STAGES) {
@@ -127,6 +128,9 @@ export class Panel {
     check(byId("devices"), (value) => value === choice.device);
     check(byId("zones"), (value) => !choice.quiet_zones.includes(value));
     byId("loaded").checked = choice.is_loaded;
+    byId("other").checked = choice.is_other;
+    byId("other-bar").hidden = !scene.other;
+    say(byId("other-bar"), `The bar that plays is not the table’s, and the engine is not told: ${scene.other}.`);
     for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
   }
 
@@ -192,15 +196,16 @@ export class Panel {
   }
 
   _showPromise(picture, scene) {
-    const { zones } = scene.device, found = rows(byId("promise").tBodies[0], picture.madeCount, 4);
+    const { zones } = scene.device, found = rows(byId("promise").tBodies[0], picture.madeCount, 5);
     for (let i = 0; i < picture.madeCount; i++) {
-      const cells = found[i].cells, { number, zone, role, position_m, promised, simulated } = picture.made[i];
+      const cells = found[i].cells, { number, zone, role, position_m, promised, simulated, low, high } = picture.made[i];
       const name = zone < zones.length ? `, ${zones[zone].name}` : "";
       say(cells[0], `${number === NO_NUMBER ? "–" : number + 1}: ${pointText(position_m)}${name}`);
       say(cells[1], ORDERS[role] ?? "none");
       cells[1].className = CLASSES[role];
       say(cells[2], decibels(promised));
-      say(cells[3], decibels(simulated));
+      say(cells[3], low === NOTHING ? "–" : `${decibels(low)} to ${decibels(high)}`);
+      say(cells[4], decibels(simulated));
     }
   }
 

@@ -2,7 +2,7 @@
 
 import { parseScene } from "./points.js";
 
-export const VERSION = 7;
+export const VERSION = 8;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
@@ -29,7 +29,7 @@ export function makePicture() {
     // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
     madeCount: 0,
     made: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, promised: NOTHING, simulated: NOTHING })),
+      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, promised: NOTHING, simulated: NOTHING, low: NOTHING, high: NOTHING })),
     channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
     levelCount: 0, rows: 1, levels: new Float32Array(MOST_LEVELS), counted: new Float32Array(MOST_LEVELS),
   };
@@ -79,7 +79,7 @@ export function decodePicture(view, picture, paper) {
     finger.level_db = view.getFloat32(at + 14, true);
     finger.felt_db = view.getFloat32(at + 18, true);
   }
-  for (let i = 0; i < picture.madeCount; i++, at += 18) {
+  for (let i = 0; i < picture.madeCount; i++, at += 22) {
     const finger = picture.made[i];
     finger.number = view.getUint32(at, true);
     if (finger.number !== NO_NUMBER || picture.command !== before) finger.called = finger.number;
@@ -88,6 +88,8 @@ export function decodePicture(view, picture, paper) {
     readPoint(view, at + 6, finger.position_m);
     finger.promised = view.getInt16(at + 14, true);
     finger.simulated = view.getInt16(at + 16, true);
+    finger.low = view.getInt16(at + 18, true);
+    finger.high = view.getInt16(at + 20, true);
   }
   for (let i = 0; i < picture.channelCount; i++, at += 12) {
     picture.frequency_hz[i] = view.getFloat32(at, true);

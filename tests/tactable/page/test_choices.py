@@ -23,6 +23,7 @@ CHOICES = st.builds(
     level_db=st.sampled_from([*DEVICE.levels_db, math.inf]),
     quiet_zones=st.lists(st.sampled_from(ZONES), unique=True).map(tuple),
     is_loaded=st.booleans(),
+    is_other=st.booleans(),
     actuators_m=st.just(()) | st.tuples(*[st.floats(0.0, DEVICE.bar.length_m)] * len(DEVICE.actuators)),
 )
 

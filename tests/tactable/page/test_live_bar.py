@@ -10,8 +10,11 @@ from firmware_link.emulator.synthesis import synthesise
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
+from tactable.page.judged_commands import CommandReader
 from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, LiveBar, decibels
 from tactable.page.ring_drive import RingDrive
+from tactable.rig.other_bar import OtherBar
+from tactable.rig.promises import SampledPromises
 from tests.quick import first_quick
 from tests.tactable.page.played import FRAME_US, RESOLUTION_HZ, bar_of, events_of, record_of, touches_of
 
@@ -116,3 +119,31 @@ def test_a_moment_is_seen_only_once_it_is_over_and_while_it_is_kept(table: Table
     assert found.shape == (270, FIELD_POINTS + 2)
     run(bar, 2.0)
     assert bar.motion(1000.0, 0.09, 4, PAIR.position_m) is None
+
+
+@pytest.mark.parametrize("is_click", [True, False])
+def test_other_bars_of_the_spread_keep_what_is_promised_in_19_of_20(table: Table, is_click: bool) -> None:
+    """With other fingers, beside where they seem to be; of 40 bars two are to be expected to break it."""
+    record = record_of(table, PAIR, START_NS, is_click=is_click)
+    command = CommandReader(table, RESOLUTION_HZ).command_of(record, 0)
+    assert command is not None and command.played is not None
+    (least_db, _), (_, most_db) = SampledPromises(table).of(PAIR, command.played).T
+    levels_db = [levels_on(table, OtherBar(table.device, seed), is_click=is_click) for seed in range(40)]
+    felt_db, quiet_db = np.array(levels_db).T
+    assert min((felt_db >= least_db).sum(), (quiet_db <= most_db).sum()) >= 36
+    assert np.ptp(felt_db) > 0.3 and np.ptp(quiet_db) > 1.0
+
+
+def levels_on(table: Table, other: OtherBar, *, is_click: bool) -> list[float]:
+    """The levels of the fingers of PAIR on another bar."""
+    bar = touched(table, PAIR, is_click=is_click)
+    bar.become(other)
+    if is_click:
+        run(bar, 0.1)
+        found = bar.greatest_since(0.0)[1]
+    else:
+        run(bar, 0.8, 1e5)
+        moved = bar.move_until(bar.now_us + FRAME_US)
+        assert moved is not None
+        found = dict(moved.power_db)
+    return [found[touch.contact_id] for touch in touches_of(table, PAIR)]

@@ -54,7 +54,10 @@ PICTURE = Picture(
         FingerPicture(3, None, Role.NONE, 0.125, 20.5, 21.5),
         FingerPicture(4, 2, Role.QUIET, 0.25 + 0.5j, -60.0, -3.0),
     ),
-    made=(MadePicture(4, 2, Role.QUIET, 0.25 + 0.5j, -4.5, None), MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5)),
+    made=(
+        MadePicture(4, 2, Role.QUIET, 0.25 + 0.5j, -4.5, None),
+        MadePicture(None, None, Role.FELT, 0.5, 20.0, 19.5, 18.25, 21.0),
+    ),
     channels=(ChannelPicture(183.25, 0.5, -1.0),),
     levels_db=np.array([-99.0, 0.123, 99.0]),
     counted_db=np.array([-20.0, 16.5, 61.0]),
@@ -128,13 +131,13 @@ def test_a_picture_lies_as_its_definition_says() -> None:
     on_bar, on_plate = (struct.unpack_from("<IBBffff", data, at + 22 * i) for i in range(2))
     assert on_bar == (3, 255, 0, 0.125, pytest.approx(math.nan, nan_ok=True), 20.5, 21.5)
     assert on_plate == (4, 2, 1, 0.25, 0.5, -60.0, -3.0)
-    on_plate, on_bar = (struct.unpack_from("<IBBffhh", data, at + 44 + 18 * i) for i in range(2))
-    assert on_plate == (4, 2, 1, 0.25, 0.5, -450, -32768)
-    assert on_bar == (0xFFFF_FFFF, 255, 2, 0.5, pytest.approx(math.nan, nan_ok=True), 2000, 1950)
-    assert struct.unpack_from("<fff", data, at + 80) == (183.25, 0.5, -1.0)
-    assert struct.unpack_from("<3h", data, at + 92) == (-6000, 12, 6000)
-    assert struct.unpack_from("<3h", data, at + 98) == (-2000, 1650, 6000)
-    assert len(data) == at + 104
+    on_plate, on_bar = (struct.unpack_from("<IBBff4h", data, at + 44 + 22 * i) for i in range(2))
+    assert on_plate == (4, 2, 1, 0.25, 0.5, -450, -32768, -32768, -32768)
+    assert on_bar == (0xFFFF_FFFF, 255, 2, 0.5, pytest.approx(math.nan, nan_ok=True), 2000, 1950, 1825, 2100)
+    assert struct.unpack_from("<fff", data, at + 88) == (183.25, 0.5, -1.0)
+    assert struct.unpack_from("<3h", data, at + 100) == (-6000, 12, 6000)
+    assert struct.unpack_from("<3h", data, at + 106) == (-2000, 1650, 6000)
+    assert len(data) == at + 112
 
 
 def test_the_second_bar_lies_after_the_first() -> None:

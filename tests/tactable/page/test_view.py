@@ -16,8 +16,8 @@ from tactable.page.live_bar import RATE_HZ, LiveBar
 from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.ring_drive import RingDrive
-from tactable.page.view import LATENCIES, View
-from tactable.rig.promises import Promises
+from tactable.page.view import JUDGED_S, LATENCIES, View
+from tactable.rig.promises import Promises, SampledPromises
 from tactable.rig.solved_click import SolvedClick
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
 
@@ -81,6 +81,18 @@ def test_a_click_is_promised_and_simulated_alike(rig: Rig) -> None:
     assert click is not None
     at_places, here = [finger.level_db for finger in click.fingers], [made.promised_db for made in picture.made]
     assert at_places != pytest.approx(here, abs=0.3)
+
+
+@pytest.mark.parametrize("is_click", [True, False])
+def test_what_sampled_bars_give_is_told_once_a_command_is_judged(rig: Rig, is_click: bool) -> None:
+    rig.view.spreads = SampledPromises(rig.table)
+    rig.play(0.9 * JUDGED_S, is_click=is_click)
+    assert [(made.low_db, made.high_db) for made in rig.view.picture().made] == [(None, None)] * 2
+    rig.go_on(0.2 * JUDGED_S)
+    felt, quiet = rig.view.picture().made
+    assert felt.low_db is not None and quiet.high_db is not None
+    assert felt.promised_db is not None and quiet.promised_db is not None
+    assert felt.low_db < felt.promised_db and quiet.promised_db < quiet.high_db
 
 
 def test_all_is_still_before_the_first_command_of_this_bar_whatever_came_of_a_longer_one_before(rig: Rig) -> None:
