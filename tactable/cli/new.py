@@ -4,6 +4,7 @@ The file begins as `tables/new-bar.toml` or `tables/new-plate.toml`; what is giv
 """
 
 import copy
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,18 +21,38 @@ from tactable.cli.options import OptionError, names_in, read_option
 from tactable.shipped import new_text
 
 # Young's modulus, density and Poisson's ratio: handbook values at room temperature; alloys and batches differ by some
-# per cent, plastics more.
+# per cent, plastics more. Loss factor about 200 Hz: orders of magnitude of the material alone (metals below 0.001 in L.
+# Cremer and M. Heckl, Structure-Borne Sound, 1988); None: that of the published bar.
 MATERIALS = {
-    "aluminium": ("70 GPa", "2700 kg/m^3", "33 %"),
-    "steel": ("200 GPa", "7850 kg/m^3", "29 %"),
-    "stainless-steel": ("193 GPa", "8000 kg/m^3", "29 %"),
-    "titanium": ("110 GPa", "4500 kg/m^3", "34 %"),
-    "brass": ("105 GPa", "8500 kg/m^3", "34 %"),
-    "glass": ("72 GPa", "2500 kg/m^3", "23 %"),
-    "acrylic": ("3.2 GPa", "1190 kg/m^3", "37 %"),
-    "polycarbonate": ("2.35 GPa", "1200 kg/m^3", "37 %"),
-    "fr4": ("22 GPa", "1850 kg/m^3", "14 %"),
+    "aluminium": ("70 GPa", "2700 kg/m^3", "33 %", None),
+    "steel": ("200 GPa", "7850 kg/m^3", "29 %", 0.001),
+    "stainless-steel": ("193 GPa", "8000 kg/m^3", "29 %", 0.001),
+    "titanium": ("110 GPa", "4500 kg/m^3", "34 %", 0.001),
+    "brass": ("105 GPa", "8500 kg/m^3", "34 %", 0.001),
+    "glass": ("72 GPa", "2500 kg/m^3", "23 %", 0.002),
+    "acrylic": ("3.2 GPa", "1190 kg/m^3", "37 %", 0.06),
+    "polycarbonate": ("2.35 GPa", "1200 kg/m^3", "37 %", 0.015),
+    "fr4": ("22 GPa", "1850 kg/m^3", "14 %", 0.02),
 }
+_JOINTS = 0.02  # ESTIMATE of what joints and adhesive add to a loss factor; those of built metal structures are higher
+_LOSS_AT_HZ = 200.0
+# ESTIMATES of what is sold, by kind: docs/actuators.md says where they come from and how a data sheet replaces them.
+KINDS = {
+    "electrostatic": {"stiffness": "18.9 kN/m", "damping": "0.045 N*s/m", "mass": "9.5 g", "full_scale": "0.52 um"},
+    "piezo-stack": {"stiffness": "20 MN/m", "damping": "20 N*s/m", "mass": "5 g", "full_scale": "10 um"},
+    "piezo-bender": {
+        "moving_mass": "1 g", "stiffness": "1.58 kN/m", "damping": "0.063 N*s/m", "mass": "2 g", "full_scale": "0.3 N",
+        "band": ["100 Hz", "300 Hz"],
+    },
+    "voice-coil": {"stiffness": "1 kN/m", "damping": "0.5 N*s/m", "mass": "5 g", "full_scale": "1 N"},
+    "lra": {
+        "moving_mass": "1.5 g", "stiffness": "1.81 kN/m", "damping": "0.11 N*s/m", "mass": "1 g", "full_scale": "35 mN",
+        "band": ["120 Hz", "260 Hz"],
+    },
+    "exciter": {
+        "moving_mass": "40 g", "stiffness": "15.8 kN/m", "damping": "8.4 N*s/m", "mass": "10 g", "full_scale": "3 N",
+    },
+}  # fmt: skip
 _SURFACE = {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"}
 _UNITS = {
     "bar": _SURFACE,
@@ -54,6 +75,9 @@ def new(
     youngs_modulus: Annotated[str | None, typer.Option(help="In place of the material's, such as 69GPa.")] = None,
     density: Annotated[str | None, typer.Option(help="In place of the material's, such as 2710kg/m^3.")] = None,
     poissons_ratio: Annotated[str | None, typer.Option(help="Of a plate, in place of the material's: 0.3.")] = None,
+    kind: Annotated[
+        str | None, typer.Option(help=f"Of actuators, for their estimates: {', '.join(KINDS)}; the first unless given.")
+    ] = None,
     stiffness: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 18.9 kN/m.")] = None,
     damping: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 0.045 N*s/m.")] = None,
     mass: Annotated[str | None, typer.Option(help="Of each actuator on the surface; estimate: 9.5 g.")] = None,
@@ -88,12 +112,14 @@ def new(
     document["name"], document["threshold"] = name, threshold
     of_material = youngs_modulus, density, poissons_ratio
     if material is not None:
-        of_material = _of_material(material, of_material)
+        of_material = _take_material(document[surface], material, of_material)
     if surface == "plate" and width is None:
         raise OptionError(f"--width: {actuators} are points of a plate; give its width, such as --width 180mm")
     if surface == "bar" and poissons_ratio is not None:
         raise OptionError("--poissons-ratio: is a plate's, whose actuators are points, such as --actuators '30x25 mm'")
     _give(document, surface, (length, width, thickness, *of_material))
+    if kind is not None:
+        _take_kind(document, kind)
     _give(document, "actuator", (moving_mass, stiffness, damping, mass, full_scale))
     if moving_mass is not None:
         document["actuator"][0]["kind"] = "inertial"
@@ -117,12 +143,30 @@ def new(
     say(f"next: tactable check {path}")
 
 
-def _of_material(name: str, given: Values) -> Values:
-    """Young's modulus, density and Poisson's ratio: those that are given, else the material's."""
+def _take_material(table: Any, name: str, given: Values) -> Values:
+    """Young's modulus, density and Poisson's ratio: those that are given, else the material's; its damping is set.
+
+    The damping is an estimate: a loss factor is 2 pi f times the stiffness damping.
+    """
     if name not in MATERIALS:
         raise OptionError(f"--material {name!r}: expected one of {', '.join(MATERIALS)}; or give modulus and density")
-    modulus, density, ratio = (text or known for text, known in zip(given, MATERIALS[name], strict=True))
+    *known, loss = MATERIALS[name]
+    if loss is not None:
+        table["stiffness_damping"] = f"{(loss + _JOINTS) / (2 * math.pi * _LOSS_AT_HZ):.3g} s"
+    modulus, density, ratio = (text or value for text, value in zip(given, known, strict=True))
     return modulus, density, ratio
+
+
+def _take_kind(document: Any, name: str) -> None:
+    """Give the actuators what is usual of a kind, as estimates."""
+    if name not in KINDS:
+        raise OptionError(f"--kind {name!r}: expected one of {', '.join(KINDS)}")
+    table, values = document["actuator"][0], KINDS[name]
+    table.update(values)
+    if "moving_mass" in values:
+        table["kind"] = "inertial"
+        table["inferred"].append("moving_mass")
+    document["sweep"]["start"], document["sweep"]["stop"] = table["band"]
 
 
 def _give(document: Any, part: str, texts: tuple[str | None, ...]) -> None:

@@ -104,6 +104,7 @@ function tell() {
   if (promised.textContent !== said) promised.textContent = said;
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
   const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : `Touch the ${fingers.surface}.`);
+  outcome.toggleAttribute("data-old", text === null); // Of the command before, until the newest has settled
   if (text === null || outcome.textContent === text) return;
   outcome.textContent = text;
   outcome.toggleAttribute("data-tour", fingers.says !== null);
@@ -159,6 +160,7 @@ function listen() {
 }
 
 function frame(now_ms) {
+  tell();
   bar?.draw(now_ms);
   if (wire.picture.hasPaper) second?.draw(now_ms);
   if (scene && !isDrawn) {
@@ -170,7 +172,6 @@ function frame(now_ms) {
     panel.update(wire.picture, wire.received);
     listen();
     welcome();
-    tell();
     linkScene();
   }
   requestAnimationFrame(frame);

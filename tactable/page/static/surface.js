@@ -1,5 +1,7 @@
 // What the drawings of a bar and of a plate share: colours, the field of levels, its slowed motion, fingers with their levels.
 
+import { NOTHING } from "./wire.js";
+
 export const Role = { NONE: 0, QUIET: 1, FELT: 2 };
 // What a command asks of a finger, by role.
 export const ORDERS = { [Role.QUIET]: "to rest", [Role.FELT]: "to feel" };
@@ -33,6 +35,16 @@ export function levelText(db) {
   return db < LOWEST_DB ? `below −${-LOWEST_DB} dB` : `${db < 0 ? "−" : ""}${Math.abs(db).toFixed(1)} dB`;
 }
 
+// The level that counts for a finger: the judged one, which the sentence has too, or its own where it is none of those
+// that the command was made for.
+function levelOf(picture, { number, level_db, felt_db }) {
+  for (let i = 0; i < picture.madeCount; i++) {
+    const made = picture.made[i];
+    if (made.number === number && made.simulated !== NOTHING) return made.simulated / 100;
+  }
+  return picture.drive === 1 ? level_db : felt_db;
+}
+
 // What a finger perceives, whatever was asked for: 0 dB is the detection threshold.
 function outcomeText(db) { return db >= 0 ? "felt" : "not felt"; }
 
@@ -58,7 +70,7 @@ export class SurfaceView {
     this._motion = null;
     this._motionStart_ms = 0;
     this._slots = Array.from({ length: SLOTS }, () =>
-      ({ number: -1, position_m: { x: 0, y: NaN }, level_db: 0, role: 0, seen_ms: -1e9 }));
+      ({ number: -1, position_m: { x: 0, y: NaN }, level_db: 0, role: 0, seen_ms: -1e9, said: "" }));
     this._labels = new Float32Array(3 * SLOTS);
     this._places = null;
     this._last_ms = 0;
@@ -163,7 +175,7 @@ export class SurfaceView {
       slot.number = finger.number;
       Object.assign(slot.position_m, finger.position_m);
       slot.role = isFresh(picture) ? finger.role : Role.NONE;
-      slot.level_db = picture.drive === 1 ? finger.level_db : finger.felt_db;
+      slot.level_db = levelOf(picture, finger);
       slot.seen_ms = now_ms;
     }
     return this._slots.some((slot) => now_ms - slot.seen_ms < GHOST_MS);
@@ -192,6 +204,7 @@ export class SurfaceView {
     let labels = 0;
     for (const slot of this._slots) {
       const age_ms = now_ms - slot.seen_ms;
+      slot.said = "";
       if (age_ms >= GHOST_MS) continue;
       const { x, y } = this._fingerAt(slot.position_m);
       const tone = slot.role === Role.FELT ? colour.felt : slot.role === Role.QUIET ? colour.quiet : colour.muted;
@@ -222,6 +235,7 @@ export class SurfaceView {
     // Until a command has settled, a finger that has felt nothing may still feel it.
     const isKnown = slot.level_db >= 0 || isSettled(this.picture), colour = this._colour;
     const text = isKnown ? levelText(slot.level_db) : "…", word = isKnown ? outcomeText(slot.level_db) : "wait";
+    slot.said = `${text}, ${word}`;
     c.font = `600 13px ${colour.font}`;
     const box = Math.max(c.measureText(text).width, 46) + 12;
     const label_x = Math.min(Math.max(x, this._left + box / 2), this._right - box / 2);

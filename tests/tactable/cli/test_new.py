@@ -9,7 +9,7 @@ from typer.testing import CliRunner, Result
 from engine.device import Device
 from engine.device.parts import Plate
 from tactable.cli.main import app
-from tactable.cli.new import MATERIALS
+from tactable.cli.new import KINDS, MATERIALS
 
 ALWAYS = ("--length", "300mm", "--thickness", "1 mm", "--actuators", "40mm,87 %")
 EVERY = shlex.split(
@@ -65,3 +65,13 @@ def test_every_material_makes_a_bar_where_no_modulus_is_given(material: str, tmp
     assert run(tmp_path / "bar.toml", *ALWAYS, "--material", material).exit_code == 0
     bar = Device.read(tmp_path / "bar.toml").bar
     assert 1e9 < bar.youngs_modulus_pa < 300e9 and 1000 < bar.density_kg_per_m3 < 9000
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_usual_of_a_kind_of_actuator_is_an_estimate_until_it_is_given(kind: str, tmp_path: Path) -> None:
+    assert run(tmp_path / "bar.toml", *ALWAYS, "--kind", kind, "--mass", "3 g").exit_code == 0
+    device = Device.read(tmp_path / "bar.toml")
+    assert all(actuator.mass_kg == 3e-3 for actuator in device.actuators)
+    estimates = {name.partition("].")[2] for name in device.estimated_values if name.startswith("actuator[1]")}
+    assert estimates == {*KINDS[kind], "band"} - {"mass"}
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "bar.toml")]).exit_code == 0
