@@ -265,18 +265,6 @@ def test_a_step_that_divides_gives_both_ends(step: str, count: int) -> None:
     assert frequency_hz[[0, -1]].tolist() == [60.0, 300.0]
 
 
-def test_a_touch_area_may_reach_beyond_the_bar() -> None:
-    axis = Device.parse(with_margins("-5 mm", "-1 cm", "500 mm"), "some.toml").touch_axis
-    assert (axis.start_margin_m, axis.end_margin_m, axis.active_length_m) == pytest.approx((-0.005, -0.01, 0.5))
-    assert Device.parse(with_margins("-10 mm", "0 mm", "10.1 mm"), "some.toml")
-
-
-@pytest.mark.parametrize("text", ["", "[bar", "bar = ", "name = 'a'\nname = 'b'\n", "\x00", "\ufeffname = 'a'", "[[[["])
-def test_what_is_not_toml_or_empty_is_refused(text: str) -> None:
-    message = refusal(text)
-    assert "not TOML: " in message or message.endswith("has no key 'name'")
-
-
 def test_a_description_is_utf_8_and_a_byte_order_mark_is_no_part_of_it(tmp_path: Path) -> None:
     path = tmp_path / "bar.toml"
     path.write_bytes(b"\xef\xbb\xbf" + TEXT.encode())

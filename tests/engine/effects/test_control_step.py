@@ -235,13 +235,6 @@ def test_the_level_of_the_scene_is_added_to_everything_that_is_played_whoever_as
         assert seen.moments[-1] == (time_ms, "FFFFq", level_db)
 
 
-def test_a_click_that_was_sent_keeps_its_level_and_the_next_one_has_the_new_one() -> None:
-    seen = story(region(0, 50, Effect("two", (*click(20.0).envelope, Segment(10 * MS, None), *click(20.0).envelope))))
-    seen.at(0, touch(1, 10))
-    seen.asks(10, settings=SceneSettings(level_change_db=-8.0))
-    assert [moment[2] for moment in seen.until(200).moments] == [20.0, None, 12.0, None]
-
-
 def test_changes_of_a_region_and_of_the_scene_add_up_and_are_bounded_once() -> None:
     seen = story(replace(region(0, 50, HELD), level_change_db=-30.0))
     seen.at(0, touch(1, 10))

@@ -17,8 +17,6 @@ MS = 1_000_000
 MM = 1e-3
 ZONES = 5
 
-BURSTS = Effects((Rule(Trigger.TOUCH, burst(20.0, 50)),))
-
 Moment = tuple[float, str, float | None]
 """Time in ms; in each zone F: a finger feels, C: it feels a click, q: it is quiet, "-": neither; and the level."""
 
@@ -92,18 +90,6 @@ def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_m
     assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
 
 
-def test_each_finger_has_its_own_time() -> None:
-    seen = Story(BURSTS)
-    seen.at(0, touch(1, 10))
-    seen.at(30, touch(1, 10), touch(2, 110))
-    assert seen.until(1000).moments == [
-        (0, "F----", 20.0),
-        (30, "F-F--", 20.0),
-        (50, "q-F--", 20.0),
-        (80, "-----", None),
-    ]
-
-
 def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone() -> None:
     seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.05)))
     seen.at(0, Touch(1, 0.02, None), Touch(2, 0.03, 0), Touch(3, 0.06, 0), Touch(4, 0.12, None))
@@ -118,14 +104,6 @@ def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, 
     for time_ms, level in enumerate(levels):
         player.advance_effects(time_ms * MS)
         assert (player.level_db, letters(player.placement)[0]) == (level, "-" if level is None else "F")
-
-
-def test_what_a_touch_holds_lasts_as_long_as_the_finger() -> None:
-    seen = story(Rule(Trigger.TOUCH, pulse((20, 30.0), (None, 10.0))))
-    for time_ms in range(0, 5000, 100):
-        seen.at(time_ms, touch(1, 10 + time_ms / 100))
-    seen.at(5000)
-    assert seen.moments == [(0, "F----", 30.0), (20, "F----", 10.0), (4000, "-F---", 10.0), (5000, "-----", None)]
 
 
 def test_the_first_rule_that_covers_the_finger_wins() -> None:
@@ -314,13 +292,6 @@ def test_a_click_interrupts_what_is_held_for_its_length() -> None:
     seen.at(0, touch(1, 10))
     seen.at(50, touch(1, 10), touch(2, 110))
     assert seen.until(200).moments == [(0, "F----", 20.0), (50, "q-C--", 15.0), (80, "F-q--", 20.0)]
-
-
-def test_a_texture_is_a_click_for_each_distance() -> None:
-    seen = story(Rule(Trigger.DRAG, click(20.0), every_m=4 * MM))
-    for time_ms in range(0, 100, 8):
-        seen.at(time_ms, touch(1, 10.01 + time_ms / 7.9))  # a little more than 1 mm each 8 ms
-    assert [time_ms for time_ms, zones, _ in seen.moments if "C" in zones] == [32, 64, 96]
 
 
 def test_a_click_lasts_as_long_as_the_table_says() -> None:

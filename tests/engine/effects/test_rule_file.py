@@ -4,8 +4,6 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from engine.device import Device
 from engine.effects.rule_file import parse_effects, read_vocabulary
@@ -122,14 +120,6 @@ def test_a_rule_names_an_effect_of_the_vocabulary_and_the_file_may_replace_it() 
         parse_effects(rule.replace("press", "pres"), "some.toml", DEVICE, NAMED)
     with pytest.raises(EffectError, match="holds nothing"):
         parse_effects(rule.replace("touch", "lift").replace("press", "buzz"), "some.toml", DEVICE, NAMED)
-
-
-@given(st.lists(st.tuples(st.integers(1, 60_000), st.integers(0, 800)), min_size=1, max_size=5))
-def test_durations_and_levels_are_read_back(pairs: list[tuple[int, int]]) -> None:
-    envelope = [[f"{milliseconds} ms", f"{tenths / 10} dB"] for milliseconds, tenths in pairs]
-    text = f'[[effect]]\nname = "x"\nenvelope = {envelope}\n[[rule]]\non = "touch"\neffect = "x"\n'
-    (rule,) = parse_effects(text, "some.toml", DEVICE).rules
-    assert rule.effect.envelope == tuple(Segment(duration * MS, tenths / 10) for duration, tenths in pairs)
 
 
 # (what is written, what is put in its place, what the message says)

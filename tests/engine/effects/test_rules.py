@@ -19,11 +19,3 @@ def test_the_levels_are_those_of_all_rules_rising_and_without_pauses() -> None:
     loud = Effect("loud", (Segment(MS, FULL_SCALE_DB), Segment(MS, None), Segment(None, 5.0)))
     effects = Effects((Rule(Trigger.TOUCH, loud), Rule(Trigger.LIFT, burst(20.0, 1)), Rule(Trigger.HOLD, loud)))
     assert effects.levels_db == (5.0, 20.0, FULL_SCALE_DB)
-
-
-def test_zones_are_asked_by_the_zone_and_regions_by_the_place() -> None:
-    by_zone = Rule(Trigger.TOUCH, burst(20.0, 1), zones=frozenset({1, 3}))
-    by_place = Rule(Trigger.TOUCH, burst(20.0, 1), region_m=(0.1, 0.2))
-    touches = [Touch(1, 0.1, 1), Touch(2, 0.2, 2), Touch(3, 0.21, 3), Touch(4, 0.15, None)]
-    assert [by_zone.covers(touch) for touch in touches] == [True, False, True, False]
-    assert [by_place.covers(touch) for touch in touches] == [True, True, False, True]

@@ -11,7 +11,7 @@ from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link_values import LinkState
 from firmware_link.protocol.messages import DeviceState
-from tests.engine.loop.rig import DEVICE, Rig, Watch, held, index_of, recording_of, report
+from tests.engine.loop.rig import Rig, Watch, held, index_of, recording_of, report
 from tests.engine.loop.test_pipeline import EVERY_TRIGGER
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
@@ -31,30 +31,6 @@ def test_a_touch_is_felt_kept_by_renewals_alone_and_a_lift_is_silence() -> None:
     assert (counters.reports, counters.frames, counters.state_changes, counters.commands) == (251, 251, 2, 2)
 
 
-def test_each_state_change_is_found_in_the_log_by_its_sequence() -> None:
-    frames = [frame for k, place in enumerate((0.1, 0.5, 0.9)) for frame in held(0.1 * k, 0.1 * (k + 1), (1, place))]
-    rig = Rig(recording_of(*frames, (0.3, report(lifted=[1])))).run()
-    assert [event.sequence for event in rig.log] == [change.drive_sequence for change in rig.trace]
-    assert len(rig.trace) == 4
-    for change, event in zip(rig.trace, rig.log, strict=True):
-        assert change.report_index is not None
-        due_ns = rig.start_ns + round(1e9 * rig.recording.reports[change.report_index].time_s)
-        assert change.time_ns == due_ns
-        assert 0 <= 1000 * event.device_time_us - due_ns - rig.line.delay_ns < MS
-
-
-def test_several_fingers_make_one_state_and_leave_one_by_one() -> None:
-    both = [(1, 0.1), (2, 0.5)]
-    frames = [*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, *both), (0.2, report((2, 0.5), lifted=[1]))]
-    rig = Rig(recording_of(*frames, (0.208, report(lifted=[2])))).run()
-    assert rig.states() == [index_of(0), index_of(0, 2), index_of(2), 0]
-    assert rig.played() == [101.0, 105.0, 104.0, 0.0]
-    length_m = DEVICE.bar.length_m
-    positions_m = [tuple(touch.position_m for touch in change.touches) for change in rig.trace]
-    assert positions_m[1] == pytest.approx((0.1 * length_m, 0.5 * length_m), abs=1e-12)
-    assert positions_m[3] == ()
-
-
 @pytest.mark.parametrize("speed", [1.0, 3.0, None])
 def test_a_lost_release_falls_silent_within_150_ms(speed: float | None) -> None:
     frames = held(0.0, 0.2, (1, 0.1))
@@ -65,11 +41,6 @@ def test_a_lost_release_falls_silent_within_150_ms(speed: float | None) -> None:
     paces = {None: 0.0, 1.0: 1.0, 3.0: 1 / 3}
     last_report_ns = rig.start_ns + round(1e9 * frames[-1][0] * paces[speed])
     assert 1000 * rig.log[-1].device_time_us - last_report_ns <= 150 * MS
-
-
-def test_a_pause_in_a_recording_played_at_once_still_releases() -> None:
-    frames = [(0.0, report((1, 0.1))), (0.5, report((1, 0.1))), (0.508, report(lifted=[1]))]
-    assert Rig(recording_of(*frames), speed=None).run().states() == [index_of(0), 0, index_of(0), 0]
 
 
 def test_the_latest_state_wins_on_a_slow_line() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from pathlib import Path
 
 import pytest
@@ -12,9 +11,8 @@ from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.loop.pipeline import Pipeline, open_pipeline
 from engine.render.link_commands import SILENCE, Command
 from engine.touch import Placement
-from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.sources.recording import Recording, read_recording
-from tests.engine.loop.rig import BURSTS, DEVICE, HELD, Rig, held, recording_of, report
+from tests.engine.loop.rig import DEVICE, HELD, Rig, recording_of, report
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.shared_recordings import recording_params
 from tests.tools.virtual import MS
@@ -57,20 +55,6 @@ def test_a_drive_that_follows_a_finger_is_told_the_frequency_before() -> None:
     assert rig.steady.held_hz == [None, hz, hz, None]
 
 
-def test_time_ends_an_effect_and_releases_a_finger_that_went_silent() -> None:
-    rig = Rig(recording_of((0.0, report((1, 0.1)))), effects=BURSTS)
-    pipeline = pipeline_of(rig)
-    assert pipeline.due_ns == math.inf and pipeline.is_at_rest
-    assert pipeline.step(rig.recording.reports[0].data, 0) is not None
-    assert pipeline.due_ns == 50 * MS
-    assert list(pipeline.commands_due(50 * MS - 1)) == []
-    assert list(pipeline.commands_due(50 * MS)) == [SILENCE]
-    assert pipeline.wanted == (None, None, None)
-    assert pipeline.due_ns == RELEASE_AFTER_NS
-    assert list(pipeline.commands_due(RELEASE_AFTER_NS)) == []
-    assert pipeline.is_at_rest and pipeline.touches == []
-
-
 def test_silence_is_a_command_only_where_something_is_wanted() -> None:
     rig = Rig(recording_of((0.0, report((1, 0.1)))))
     pipeline = pipeline_of(rig)
@@ -78,13 +62,6 @@ def test_silence_is_a_command_only_where_something_is_wanted() -> None:
     pipeline.step(rig.recording.reports[0].data, 0)
     assert pipeline.silence() == SILENCE
     assert pipeline.silence() is None
-
-
-def test_stamps_are_taken_in_order_and_change_nothing() -> None:
-    rig = Rig(recording_of(*held(0.0, 0.1, (1, 0.1)), *held(0.1, 0.2, (1, 0.5)), (0.2, report(lifted=[1]))))
-    stamped = pipeline_of(rig, itertools.count(1))
-    assert played(stamped, rig.recording) == played(pipeline_of(rig), rig.recording)
-    assert 0 < stamped.frame_ns < stamped.state_ns
 
 
 @pytest.mark.parametrize("effects", [HELD, EVERY_TRIGGER])

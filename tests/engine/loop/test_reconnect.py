@@ -67,14 +67,6 @@ def test_a_device_that_was_unplugged_plays_on_with_the_state_of_the_moment(loses
     assert line.firmware.counters.stale == 0
 
 
-def test_nothing_is_played_after_the_return_that_ended_before_it() -> None:
-    frames = [*held(0.0, 0.4, (1, 0.1)), (0.4, report(lifted=[1])), (1.5, report(lifted=[1]))]
-    rig = unplugged(*frames).run()
-    assert rig.loop.counters.reconnects == 1
-    assert rig.states() == [index_of(0), 0]
-    assert rig.played() == [101.0, 0.0]
-
-
 def test_a_device_that_answers_no_more_is_greeted_again_on_its_port_opened_anew() -> None:
     rig = unplugged(*held(0.0, 4.0, (1, 0.1)), (4.0, report(lifted=[1])))
     rig.line.cable_pulled_ns = None

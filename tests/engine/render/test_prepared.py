@@ -2,17 +2,15 @@
 
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.render.link_commands import SILENCE, DriveCommand, PlayCommand, RendererError
+from engine.render.link_commands import SILENCE, PlayCommand, RendererError
 from engine.render.prepared import render_table
 from engine.table import Table
-from firmware_link.protocol.messages import Features, decode_drive
+from firmware_link.protocol.messages import Features
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_rows import row_of, rows_of
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.engine.render.boards import board
@@ -55,19 +53,6 @@ def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None
     before = [rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)]
     there = pickle.loads(pickle.dumps(rendering))
     assert [there.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True)] == before
-
-
-def test_zones_play_the_rows_of_the_sweep_and_no_clicks(tmp_path: Path) -> None:
-    in_zones_mode = replace(DEFAULT_EFFECTS, drives=Drives.ZONES)
-    clicks, rows = [click_of(REFERENCE, PLACEMENTS[0])], rows_of(REFERENCE)
-    with Table.open(write_table(tmp_path / "bar.nc", REFERENCE, clicks, rows=rows)) as table:
-        assert table.best_rows == rows
-        rendering = render_table(table, in_zones_mode, board(features=Features.WAVEFORMS))
-        assert rendering.basis is None
-        held, click = (rendering.renderer.render(PLACEMENTS[0], LEVEL_DB, is_click) for is_click in (False, True))
-        assert isinstance(held, DriveCommand) and held == click
-        assert decode_drive(held.drive, 0.01)[0].frequency_hz == row_of(REFERENCE, (0,)).frequencies_hz[0]
-        assert pickle.loads(pickle.dumps(rendering)).renderer.render(PLACEMENTS[0], LEVEL_DB) == held
 
 
 def test_zones_of_a_table_without_rows_are_refused_by_name(table: Table) -> None:

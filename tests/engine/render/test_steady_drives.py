@@ -46,12 +46,6 @@ def test_the_command_is_what_the_solver_finds_to_a_step_of_the_wire() -> None:
             assert abs((channel.phase_rad - phase_rad + 3) % 6.283185307 - 3) < 1e-4
 
 
-def test_the_same_fingers_are_solved_once() -> None:
-    drives = drives_of()
-    assert drives.rendered(PLACEMENT, 20.0) is drives.rendered(PLACEMENT, 20.0)
-    assert drives.rendered(PLACEMENT, 20.0) != drives.rendered(PLACEMENT, 10.0)
-
-
 def test_a_level_out_of_reach_is_silence_where_it_is_refused() -> None:
     command, is_achieved = drives_of(refuses=True).rendered(PLACEMENT, 90.0)
     assert (command, is_achieved) == (SILENCE, False)

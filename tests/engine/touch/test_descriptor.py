@@ -12,7 +12,7 @@ from engine.touch.sources.recording import read_recording
 from tests.engine.shared_recordings import recording_params
 from tests.engine.test_fuzz import Seed, time_device
 from tests.engine.touch.descriptors import CERTIFIED as SCREEN
-from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
+from tests.engine.touch.descriptors import application, finger
 
 
 def test_layout_counts_bits_from_the_report_id_and_without_one_from_the_first_byte() -> None:
@@ -52,13 +52,6 @@ def test_features_are_found_in_their_reports() -> None:
     blob_of_another_size = SCREEN.replace(bytes.fromhex("960001"), bytes.fromhex("964000"))
     (surface,) = read_surfaces(blob_of_another_size)
     assert not surface.is_win8
-
-
-def test_each_touch_application_is_a_surface_of_its_own() -> None:
-    pad = application(finger(), usage=TOUCH_PAD, report_id=7)
-    surfaces = read_surfaces(SCREEN + pad)
-    assert [surface.kind for surface in surfaces] == [SurfaceKind.TOUCH_SCREEN, SurfaceKind.TOUCH_PAD]
-    assert [surface.reports[0].report_id for surface in surfaces] == [1, 7]
 
 
 def test_a_surface_that_cannot_be_read_is_left_out_beside_one_that_can_with_the_reason() -> None:

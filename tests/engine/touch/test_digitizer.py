@@ -46,11 +46,6 @@ def ids(frame: TouchFrame | None) -> list[int] | None:
     return None if frame is None else [contact.contact_id for contact in frame.contacts]
 
 
-def test_a_report_gives_position_and_time() -> None:
-    frame = open_digitizer(SERIAL).decode_report(b"\x01" + Finger(7, 300, 400).bytes(), 5 * MS)
-    assert frame == TouchFrame(5 * MS, (Contact(7, 300, 400, tip=True),))
-
-
 def test_a_hybrid_frame_is_complete_with_its_last_report_and_silence_or_another_scan_time_starts_a_new_one() -> None:
     digitizer = open_digitizer(HYBRID)
     assert ids(digitizer.decode_report(hybrid(Finger(1), Finger(2), 1), 0)) == [1]  # a slot beyond the count is stale

@@ -21,13 +21,6 @@ def test_fingers_are_in_the_order_of_the_bar_each_with_its_role() -> None:
     assert placement.felt == [0, 2] and placement.quiet == [1]
 
 
-def test_a_zone_stands_for_its_middle() -> None:
-    first, third = DEVICE.zones[0], DEVICE.zones[2]
-    assert Placement.named(DEVICE, [third.name], [first.name]) == Placement.on(
-        DEVICE, [(third.start_m + third.stop_m) / 2], [(first.start_m + first.stop_m) / 2]
-    )
-
-
 def test_both_ends_belong_to_the_bar() -> None:
     length_m = DEVICE.bar.length_m
     assert Placement.on(DEVICE, [0.0], [length_m]).position_m == (0.0, length_m)

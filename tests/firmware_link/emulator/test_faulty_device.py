@@ -43,11 +43,6 @@ def test_a_reboot_is_another_boot_with_a_clock_from_zero_and_deaf_meanwhile() ->
     assert [boot.booted_us for boot in device.boots] == [0, 2_500_000]
 
 
-def test_seeds_make_the_same_boots() -> None:
-    ids = [[greet(device_with("reboot/1s", seed), t).boot_id for t in (0, 1_500_000)] for seed in (1, 1, 2)]
-    assert ids[0] == ids[1] != ids[2]
-
-
 def test_a_hang_up_latches_an_armed_device_and_takes_the_port_away_for_a_while() -> None:
     device = device_with("hang_up=0.2s@0.1s")
     arm(device, 0)

@@ -97,27 +97,9 @@ def test_delay_and_jitter_keep_the_order_and_their_bounds() -> None:
     assert 6_500 < max(times_us) <= 7_000
 
 
-def test_a_stall_holds_everything_and_then_bursts() -> None:
-    line, sent = line_of("stall=0.3s@1s"), frames(2000)
-    arrivals = []
-    for index, frame in enumerate(sent):
-        line.push(frame, index * 1000)
-        arrivals.append(len(line.pop(index * 1000)))
-    assert not any(arrivals[1000:1300])
-    assert arrivals[1300] == sum(map(len, sent[1000:1301]))
-    assert line.counters.delayed == 300
-
-
 def test_a_half_open_line_loses_one_direction_only() -> None:
     for can_be_half_open, heard in ((True, 1000), (False, 2000)):
         line = line_of("half_open=1s@0.5s", can_be_half_open=can_be_half_open)
         carry(line, frames(2000), 1000)
         assert line.counters.delivered == heard
         assert line.counters.unheard == 2000 - heard
-
-
-def test_what_is_on_the_way_when_the_line_breaks_is_counted_as_lost() -> None:
-    line = line_of("delay=10ms")
-    line.push(b"".join(frames(5)), 0)
-    line.lose()
-    assert (line.next_us(), line.counters.lost, line.counters.delivered) == (None, 5, 0)

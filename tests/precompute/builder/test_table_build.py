@@ -15,8 +15,6 @@ from engine.table import Table, TableError
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.size import table_bytes
 from precompute.builder.table_build import build_table
-from precompute.model.assembly import assemble_bar
-from precompute.model.modal import compute_basis
 from precompute.sweep.grid import zone_points
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import reference_text
@@ -244,13 +242,3 @@ def test_an_exception_on_the_way_leaves_nothing(
             )
     assert [path.name for path in tmp_path.iterdir()] == ["older.nc"]
     assert older.read_bytes() == (folder / "three.nc").read_bytes()
-
-
-@pytest.mark.parametrize("name", DEVICES)
-def test_a_table_states_its_mesh_and_its_modes(folder: Path, name: str) -> None:
-    plant = assemble_bar(DEVICES[name])
-    with opened(folder, name) as table:
-        assert table.attributes["mesh_elements"] == len(plant.node_m) - 1
-        assert table.attributes["mesh_longest_element_m"] == pytest.approx(np.diff(plant.node_m).max())
-        assert table.attributes["modes"] == len(compute_basis(plant).square_omega)
-        assert "click_modes" not in table.attributes

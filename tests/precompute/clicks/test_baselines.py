@@ -7,8 +7,8 @@ import scipy.linalg
 from engine.device import Device
 from engine.steady import SteadyDrive
 from engine.touch import Placement
-from precompute.clicks.baselines import BASELINES, energy_contrast, gate, solve_baseline
-from precompute.clicks.click_basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, Tones, make_tones
+from precompute.clicks.baselines import BASELINES, energy_contrast, solve_baseline
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ, Tones, make_tones
 from precompute.clicks.click_solver import ClickSolver
 from precompute.predict.at_positions import SteadyDesigner
 from tests.precompute.clicks.click_cases import CHEAP, placed
@@ -59,17 +59,6 @@ def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> Non
     assert contrast(waveform) > 10 * max(contrast(tones.waveform(weight)) for weight in weights)
     nudged = waveform[None] + 0.01 * abs(waveform).max() * np.stack([tones.waveform(weight) for weight in weights])
     assert contrast(waveform) >= max(contrast(drive) for drive in nudged)
-
-
-def test_a_gate_opens_and_closes_by_the_slew(solver: ClickSolver) -> None:
-    drive = drives_of(solver.device, placed(solver.device, "F--q-"))[-1]
-    waveform = gate(drive, 0.02, slew_per_s=200.0)
-    assert waveform.shape == (2, round(0.02 * SAMPLE_RATE_HZ) + 1)
-    time_s = np.arange(waveform.shape[1]) / SAMPLE_RATE_HZ
-    inside = (time_s > 0.005) & (time_s < 0.015)
-    tones = np.sin(2 * np.pi * np.outer(drive.frequencies_hz, time_s) + np.array(drive.phases_rad)[:, None])
-    assert waveform[:, inside] == pytest.approx((np.array(drive.amplitudes)[:, None] * tones)[:, inside])
-    assert waveform[:, 8] == pytest.approx(np.array(drive.amplitudes) * tones[:, 8] * 0.4)
 
 
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from precompute.clicks.click_basis import SAMPLE_RATE_HZ
 from precompute.clicks.click_solver import FULL_SCALE, ClickSolver
-from precompute.clicks.closed_form import OF_ROWS
 from tests.precompute.clicks.click_cases import CHEAP, placed, solver_of
 from tests.precompute.devices import mirrored, shipped
 
@@ -35,14 +34,6 @@ def test_an_order_of_placements_changes_no_click() -> None:
     forth = [one.solve(each).waveform for each in (first, second)]
     back = [other.solve(each).waveform for each in (second, first)]
     assert all((a == b).all() for a, b in zip(forth, back[::-1], strict=True))
-
-
-def test_for_more_fingers_fewer_plants_trim_and_judge() -> None:
-    solver = solver_of("reference-a")
-    for fingers, part in ((1, 1), (3, 1), (4, 2), (7, 3)):
-        plants = solver.plants_of(tuple(np.linspace(0.02, 0.25, fingers).tolist()))
-        trimming, judging = len(plants.pool.transfer) - OF_ROWS, len(plants.judged.transfer) - 1
-        assert (trimming, judging) == ((1 + CHEAP.pool - OF_ROWS) // part, CHEAP.judged // part)
 
 
 @pytest.mark.parametrize("letters", ["F--q-", "qqFqq", "F----"])

@@ -10,7 +10,7 @@ from precompute.measurements.csv import write_csv
 from precompute.measurements.measurement_file import MOST_BYTES, read_measurements, write_measurements
 from precompute.measurements.types import Kind, MeasurementError
 from tests.base.test_files import full_disk
-from tests.precompute.devices import SHIPPED, shipped
+from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, read_bar
 from tests.precompute.measurements import test_uff
 from tests.quick import first_quick
@@ -35,13 +35,6 @@ def test_a_full_disk_is_one_error_and_leaves_nothing(ending: str, room: int, tmp
     with full_disk(room), pytest.raises(WriteError, match=rf"bar\{ending}: cannot be written there: File too large"):
         write_measurements(path, read, DEVICE, "a test")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_shipped_measurements_are_read_and_say_that_they_are_simulated() -> None:
-    paths = sorted((SHIPPED.parent / "measurements").glob("*.csv"))
-    assert paths
-    for path in paths:
-        assert read_measurements(path, DEVICE).is_simulated
 
 
 def test_what_is_no_file_of_measurements_is_refused_by_name(tmp_path: Path) -> None:

@@ -3,20 +3,13 @@
 import numpy as np
 import pytest
 
-from precompute.measurements.model import MeasurementModel
-from precompute.measurements.simulate import Flaws, even_places
+from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, PAIRS_HZ, read_bar
 
 DEVICE = shipped("reference-a")
 CLEAN = read_bar(DEVICE, {}, PAIRS_HZ)
-
-
-def test_without_flaws_they_are_the_models() -> None:
-    expected = np.exp(MeasurementModel(DEVICE, CLEAN, ()).predict(np.zeros(0)).log_acceleration)
-    assert CLEAN.acceleration == pytest.approx(expected)
-    assert CLEAN.is_simulated
 
 
 def test_noise_is_as_large_as_asked_and_of_a_response_in_size_and_phase() -> None:
@@ -32,9 +25,3 @@ def test_as_many_are_wrong_by_3_as_asked() -> None:
     wrong = ratio[np.abs(ratio - 1) > 1e-9]
     assert len(wrong) == round(0.1 * len(CLEAN))
     assert np.exp(np.abs(np.log(wrong))) == pytest.approx(3)
-
-
-def test_places_are_even_and_on_the_bar() -> None:
-    places = even_places(DEVICE, 22)
-    assert places.min() > 0 and places.max() < DEVICE.bar.length_m
-    assert np.diff(places) == pytest.approx(np.diff(places)[0])

@@ -26,17 +26,6 @@ def sorted_rows(measurements: Measurements) -> Measurements:
     return measurements.part(np.lexsort((keys[:, 0], keys[:, 1], measurements.position_m)))
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_columns_come_back_as_they_were_written(tmp_path: Path, kind: Kind) -> None:
-    written, path = responses(kind), tmp_path / "bar.csv"
-    write_measurements(path, written, DEVICE, "by hand")
-    read = read_measurements(path, DEVICE)
-    assert read.kind is kind
-    assert not read.is_simulated
-    for column in ("position_m", "frequency_hz", "amplitude", "sensor_mass_kg", "finger_m", "acceleration"):
-        np.testing.assert_allclose(getattr(read, column), getattr(written, column), rtol=1e-5)
-
-
 def test_a_universal_file_holds_the_responses_at_full_scale(tmp_path: Path) -> None:
     path, written = tmp_path / "bar.uff", responses()
     write_measurements(path, written, DEVICE, "by hand")

@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from precompute.model.assembly import assemble
-from precompute.model.frequencies import fine_frequencies, in_band, on_the_wire
+from precompute.model.frequencies import fine_frequencies, in_band
 from precompute.model.response import solve_response
 from tests.precompute.devices import every_device, shipped
 
@@ -41,11 +39,3 @@ def test_an_actuator_plays_its_band_and_its_edges_are_looked_at() -> None:
     assert 100.37 in hz.tolist()
     assert (usable[:, 0] == ((hz >= 100.37) & (hz <= 200.0))).all()
     assert usable[:, 1].all()
-
-
-@given(st.floats(20, 1000))
-def test_the_wire_is_half_a_step_away_at_most(frequency_hz: float) -> None:
-    wire_step_hz, found = 0.01, on_the_wire(np.array([frequency_hz]))
-    assert abs(found[0] - frequency_hz) <= wire_step_hz / 2 + 1e-9
-    assert found[0] / wire_step_hz == pytest.approx(round(found[0] / wire_step_hz), abs=1e-6)
-    assert on_the_wire(found) == found

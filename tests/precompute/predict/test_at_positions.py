@@ -56,12 +56,6 @@ def test_t90_is_when_the_envelope_stays_near_its_final_value() -> None:
     assert time_s[off[-1]] == pytest.approx(figures.t90_s, abs=2 * step_s)
 
 
-def test_with_nothing_quiet_there_is_no_contrast() -> None:
-    figures = designer_of(shipped("reference-a")).solve([0.1], [True], 10.0)
-    assert figures.contrast_db is None and figures.expected_contrast_db is None
-    assert figures.spread.quiet is None and figures.spread.contrast is None
-
-
 def test_a_designer_takes_a_plant_that_is_at_hand() -> None:
     device = shipped("reference-d")
     own = designer_of(device)

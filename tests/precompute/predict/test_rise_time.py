@@ -12,7 +12,6 @@ from precompute.model.modal import Basis, compute_basis
 from precompute.predict.envelope import compute_envelopes
 from precompute.predict.rise_time import LONGEST_RISE_S, WITHIN, compute_rise_model, compute_rise_time
 from tests.precompute.devices import other_bars, shipped, with_actuators, with_bar
-from tests.precompute.predict.test_envelope import fingers_on
 from tests.quick import first_quick
 
 STEP_S = 5e-5
@@ -30,17 +29,6 @@ def assert_between(found: Array, course: Array, final: Array) -> None:
         outside = (np.flatnonzero(abs(envelope / steady - 1) > WITHIN * margin)[-1] for margin in (1.02, 0.98))
         least_s, most_s = ((last + 1) * STEP_S for last in outside)
         assert least_s - STEP_S <= rise_s <= most_s + STEP_S
-
-
-def test_every_touch_rises_as_it_does_alone() -> None:
-    device = shipped("reference-d")
-    cases = [[], fingers_on(device), fingers_on(device)[:1]]
-    places_m = np.array([[0.02, 0.1], [0.03, 0.2], [0.15, 0.05]])
-    frequency_hz, amplitude = np.array([208.4, 77.3]), np.array([0.2, 1.0], dtype=np.complex128)
-    together = compute_rise_time(compute_rise_model(basis_of(device), cases, places_m), frequency_hz, amplitude)
-    for case, places, found in zip(cases, places_m, together, strict=True):
-        model = compute_rise_model(basis_of(device), [case], places[None])
-        assert compute_rise_time(model, frequency_hz, amplitude)[0] == pytest.approx(found)
 
 
 ANY_BAR = {name: shipped(name) for name in ("reference-a", "reference-t")} | {

@@ -97,13 +97,6 @@ def test_what_a_calibration_has_fitted_varies_as_that_has_left_it_and_only_so() 
     assert (stiffness[1::2] == stiffness[2::2]).all()  # mirror images are the same bar
 
 
-def test_a_stiffness_that_all_actuators_share_is_fitted_for_each() -> None:
-    base = shipped("reference-a")
-    fitted = (FittedValue("actuator.mass", 1e-3, 1.0, 0.0),)
-    scenarios = sample_scenarios(replace(base, uncertainty=Uncertainty(fitted, ((0.0,),))), 6, seed=3)
-    assert (scenarios.mass == 1).all() and (scenarios.bar_mass[1:] != 1).all() and (scenarios.stiffness[1:] != 1).all()
-
-
 @pytest.mark.parametrize("count", [1, 20, 150])
 def test_the_latin_hypercube_is_that_of_scipy_to_the_bit(count: int) -> None:
     """So that the plants of a seed, and what was published of them, stay the same."""

@@ -20,11 +20,3 @@ def test_the_file_holds_the_placed_device_and_no_other_change(name: str, shares:
     expected = replace(with_actuators_at(device, position_m), name="placed")
     assert read.fingerprint == expected.fingerprint
     assert read.name == "placed"
-
-
-def test_chosen_positions_are_no_estimates_and_the_rest_stays_marked() -> None:
-    device = shipped("reference-d")
-    read = Device.parse(placed_text(device, "placed", [0.05, 0.2]), "placed.toml")
-    gone = {"actuator[1].position", "actuator[2].position"}
-    assert gone <= set(device.inferred)
-    assert set(read.inferred) == set(device.inferred) - gone

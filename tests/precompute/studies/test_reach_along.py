@@ -7,7 +7,7 @@ from precompute.model.assembly import assemble
 from precompute.model.frequencies import fine_frequencies
 from precompute.model.response import solve_response
 from precompute.studies.reach_along import compute_reach
-from tests.precompute.devices import every_device, shipped, with_actuators
+from tests.precompute.devices import every_device, shipped
 
 TENTH_DB = 10 ** (0.1 / 20)
 """What may lie between two frequencies (tests/precompute/model/test_frequencies.py)."""
@@ -49,10 +49,3 @@ def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
         hz = fine_frequencies(assemble(device))
         under = abs(solve_response(plant, hz).acceleration(np.array([at])))[:, :, 0]
         assert reach.tones[k] == pytest.approx(under.max(axis=0).sum(), rel=1e-9)
-
-
-def test_out_of_its_band_an_actuator_gives_nothing() -> None:
-    device = with_actuators(shipped("reference-a"), band_hz=(100.0, 110.0))
-    reach = compute_reach(assemble(device), np.array([0.05, 0.15]))
-    assert ((reach.tones_hz >= 100.0) & (reach.tones_hz <= 110.0)).all()
-    assert ((reach.one_tone_hz >= 100.0) & (reach.one_tone_hz <= 110.0)).all()

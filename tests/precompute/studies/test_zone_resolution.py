@@ -12,13 +12,6 @@ from precompute.studies.zone_resolution import study_resolution, with_equal_zone
 from tests.precompute.devices import coarsely_swept, shipped
 
 
-def test_equal_zones_cover_the_bar() -> None:
-    device = with_equal_zones(shipped("reference-a"), 7)
-    assert [zone.name for zone in device.zones][-1] == "VII"
-    assert sum(zone.length_m for zone in device.zones) == pytest.approx(device.bar.length_m)
-    assert with_equal_zones(device, 5).zones == shipped("reference-a").zones
-
-
 @pytest.mark.parametrize(("count", "rows"), [(2, 1), (4, 2), (5, 1), (6, 2), (12, 3), (16, 4)])
 def test_equal_zones_of_a_plate_cover_it_in_rows_that_make_them_most_nearly_square(count: int, rows: int) -> None:
     device = with_equal_zones(shipped("reference-p"), count)

@@ -137,16 +137,6 @@ def test_how_many_rows_are_tabulated_at_once_does_not_matter() -> None:
     assert list(rows_of(swept("three", 1)[0])) == list(rows_of(swept("three")[0]))
 
 
-def test_of_rows_that_put_all_energy_in_the_wanted_zones_the_loudest_is_the_best() -> None:
-    device = BARS["two"]
-    found, tables = swept("two")
-    row = found[combination_of(range(len(device.zones)))][0]
-    _, level = every_row(device, tables)
-    loudest_db = 20 * math.log10(level.min(axis=1).max())
-    headroom_db = 20 * math.log10(device.limits.amplitude / max(row.amplitudes))
-    assert row.level_db + headroom_db == pytest.approx(loudest_db, abs=1e-4)
-
-
 @pytest.mark.long
 def test_the_best_row_for_the_zones_of_figure_8_has_a_greater_factor_than_the_solver_of_the_paper_found() -> None:
     device = find_device("reference-a")

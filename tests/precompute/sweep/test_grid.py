@@ -28,15 +28,6 @@ def test_a_peak_on_the_points_is_within_the_sampling_error_of_one_on_twenty_time
         assert (coarse >= fine * (1 - sampling_error(device))).all()
 
 
-@any_device
-def test_points_reach_from_edge_to_edge_in_eights(device: Device) -> None:
-    points_m = zone_points(device)
-    assert points_m.shape[0] == len(device.zones)
-    assert points_m.shape[1] % 8 == 0
-    assert points_m[:, 0] == pytest.approx([zone.start_m for zone in device.zones])
-    assert points_m[:, -1] == pytest.approx([zone.stop_m for zone in device.zones])
-
-
 def looked_at(device: Device, frequency_hz: Array) -> tuple[Array, Array]:
     """Localized factor and peak of each actuator alone, (frequency, actuator, zone), through the dense model."""
     model, points_m = DenseModel(device), zone_points(device)

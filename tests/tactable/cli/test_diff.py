@@ -1,6 +1,5 @@
 """The command diff: its exit status, what it prints for people, what for machines."""
 
-import json
 from dataclasses import replace
 
 import pytest
@@ -49,17 +48,3 @@ def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
     out = diff(tables[0], tables[0])[1]
     assert "the tables are the same" in out and "best rows: none of 6 changed" in out
     assert "best rows: none of 6 changed" in diff(*tables, "--limit", "1.6")[1]
-
-
-def test_json_holds_all_of_it(tables: tuple[str, str]) -> None:
-    status, out, _ = diff(*tables, "--json")
-    found = json.loads(out)
-    assert status == 1
-    assert found["differs"] is True
-    assert found["options"] == [{"key": "source", "before": None, "after": "measured", "percent": None}]
-    figure = {"figure": "level_db", "before": 20.0, "after": 18.5, "size": 1.5, "unit": "dB"}
-    changed = [{"felt": ["IV"], "quiet": [], "level_db": 20.0, "figures": [figure]}]
-    assert found["best_rows"]["changed"] == changed
-    assert found["clicks"]["vanished"] == ["felt 83.8 mm 139.7 mm, quiet 251.5 mm"]
-    assert [row["figure"] for row in found["best_rows"]["largest"]] == ["level_db"]
-    assert json.loads(diff(tables[0], tables[0], "--json")[1])["differs"] is False

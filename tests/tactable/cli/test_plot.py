@@ -50,11 +50,6 @@ def test_a_picture_goes_where_it_is_wanted_and_a_line_says_what_it_shows(folder:
     assert (folder / "wanted.svg").stat().st_size > 10_000
 
 
-def test_without_zones_the_factor_of_each_is_drawn(folder: Path) -> None:
-    summary = summary_of(folder, "plot", "factor", "bar.nc")
-    assert summary["zones"] == [["I"], ["II"], ["III"]] and len(summary["greatest"]) == 3
-
-
 def test_a_level_that_full_scale_stands_for_is_null_in_json(folder: Path) -> None:
     summary = summary_of(folder, "plot", "state", "bar.nc", "--felt", "I", "--level", "inf", "-o", "full.png")
     assert summary["wanted_level_db"] is None

@@ -109,12 +109,6 @@ def test_the_option_replaces_what_the_file_says(folder: Path) -> None:
     assert found == [Drives.ZONES, Drives.POSITIONS, Drives.ZONES]
 
 
-def test_a_run_ends_after_its_time_in_silence(folder: Path, line: Line) -> None:
-    summary, _ = played(folder, "--for", "0.5", "--rules", "held.toml", touch="resting.hid")
-    assert 0.5 <= summary["duration_s"] < 0.6
-    assert sounds(line.log) == [True, False]
-
-
 def test_what_was_done_is_told_even_when_the_port_is_lost(folder: Path, line: Line) -> None:
     line.cable_pulled_ns = line.time_ns + 300 * MS
     line.cable_back_ns = line.cable_pulled_ns + 300 * MS

@@ -336,14 +336,6 @@ def without_size(surface: Surface) -> Surface:
     return replace(surface, reports=(replace(report, contacts=tuple(bare)),))
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
-@pytest.mark.parametrize("flip", [False, True])
-def test_axis_and_direction_are_those_of_the_stroke(axis: str, flip: bool) -> None:
-    learnt = learn_axis(without_size(SURFACE), drawn(*((1, 0) if flip else (0, 1)), axis=axis))
-    assert (learnt.axis, learnt.flip, learnt.start_margin, learnt.end_margin) == (axis, flip, 0.0, 0.0)
-    assert (learnt.first, learnt.last) == ((X_MAXIMUM if axis == "x" else Y_MAXIMUM, 0)[:: 1 if flip else -1])
-
-
 margins_mm = st.floats(0, 60)
 
 

@@ -72,18 +72,3 @@ def test_another_bar_is_beyond_the_promise_and_the_exit_status(tmp_path: Path, c
     assert done.returncode == 3, done.stderr
     assert "4 break it" in done.stdout and "the bar does not keep the promise" in done.stdout
     assert "measure the bar and calibrate" in done.stderr
-
-
-@pytest.mark.parametrize("is_right", [True, False])
-def test_no_noise_of_the_sensor_has_another_bar_keep_the_promise(
-    tmp_path: Path, click_table: Path, is_right: bool
-) -> None:
-    other = () if is_right else ("--change", "bar.density=5000 kg/m^3", "--change", "actuator.full_scale=0.24 µm")
-    summary = verified(tmp_path, click_table, "--flaws", "noise=200m/s^2", *other, exit_status=3)
-    assert (summary["verdict"], summary["not_shown"]) == ("not shown", 4)
-
-
-def test_a_reading_that_is_spoiled_is_not_compared(tmp_path: Path, click_table: Path) -> None:
-    summary = verified(tmp_path, click_table, "--flaws", "drops=20", exit_status=3)
-    spoiled = [point for point in summary["points"] if "LOST_SAMPLES" in point["faults"]]
-    assert spoiled and all(point["outcome"] == "spoiled" for point in spoiled)

@@ -71,12 +71,6 @@ def test_a_click_promises_what_the_table_has(table: Table) -> None:
     assert promise_of(table, record_of(table, three, AT_NS, is_click=True), board_of(table)) is None
 
 
-def test_in_place_of_a_click_that_is_not_solved_the_drive_promises(table: Table) -> None:
-    board = board_of(table)
-    instead = promise_of(table, record_of(table, FINGERS, AT_NS, is_click=True, is_unsolved=True), board)
-    assert instead == promise_of(table, record_of(table, FINGERS, AT_NS), board)
-
-
 def test_of_drives_that_are_read_at_once_the_last_has_a_promise_and_nobody_waits_for_one_unasked(table: Table) -> None:
     placements = [Placement((at_m, 0.22), (True, False)) for at_m in np.linspace(0.03, 0.06, 4).tolist()]
     records = [

@@ -28,13 +28,6 @@ def test_peaks_are_the_levels_of_the_table(source: ClickSource, felt: str, quiet
         assert course.peaks_db(finger) == pytest.approx(astuple(click.quiet)[:4], abs=0.05)
 
 
-def test_of_several_felt_fingers_the_weakest_counts(source: ClickSource) -> None:
-    click, course = course_of(source, "I II", "")
-    peaks_db = [course.peaks_db(finger)[0] for finger in course.placement.felt]
-    assert len(peaks_db) == 2
-    assert min(peaks_db) == pytest.approx(click.felt.nominal_db, abs=0.05)
-
-
 def test_the_displacement_passes_through_the_samples_and_ends_in_silence(source: ClickSource) -> None:
     click, course = course_of(source, "I", "III", 2.0)
     drawn = course.displacement[:, : EVALUATIONS_PER_SAMPLE * len(click.samples) : EVALUATIONS_PER_SAMPLE]

@@ -37,14 +37,6 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
     assert (solved.exceeds_s, solved.wanted_level_db) == (held.exceeds_s, held.wanted_level_db)
 
 
-def test_what_a_click_gives_elsewhere_is_not_what_it_gives_at_its_places(source: ClickSource) -> None:
-    click = source.click_of(Placement.named(source.table.device, ["I"], ["III"]))
-    found = [each.level_db for each in source.fingers_of(click, click.placement)]
-    assert found == pytest.approx([each.level_db for each in click.fingers], abs=0.05)  # in time
-    moved = Placement(tuple(at_m + 5e-3 for at_m in click.placement.position_m), click.placement.is_felt)
-    assert source.fingers_of(click, moved)[1].level_db > click.fingers[1].level_db + 0.5
-
-
 def test_a_click_of_more_fingers_is_solved_for_their_positions_as_a_run_does(source: ClickSource) -> None:
     placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
     click, solved = ClickSource(source.table).click_of(placement), solver_of(source.table.path).solve_entry(placement)

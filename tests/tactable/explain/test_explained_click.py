@@ -72,12 +72,6 @@ def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSour
         assert part in page
 
 
-def test_softer_levels_are_those_of_the_device_below_its_own(source: ClickSource) -> None:
-    alone = explained_of(source, "I", "")
-    lower_db = [level_db for level_db in source.table.device.levels_db if level_db < alone.click.level_db]
-    assert [each.level_db for each in alone.softer] == pytest.approx(lower_db) and lower_db
-
-
 def test_the_page_names_the_promise_what_is_missed_and_what_is_not_known(source: ClickSource) -> None:
     explained = explained_of(source, "I", "III")
     click, device = explained.click, source.table.device

@@ -17,7 +17,7 @@ from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising, plot_course
-from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor, read_factor
+from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor
 from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.state_picture import compute_envelope, plot_state
@@ -62,16 +62,6 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert risen_db == pytest.approx(played.drive.weakest_felt_db, abs=1.0)
 
 
-def test_the_course_is_risen_when_it_is_said_and_stays_near_what_is_promised(table: Table) -> None:
-    for felt, quiet in (("I", ()), ("III", ("I",)), ("I", ("II", "III"))):
-        played = drawn(table, felt, *quiet)
-        rising = compute_rising(played)
-        (finger,) = played.placement.felt
-        own, promised_db = rising.level_db[finger], played.fingers[finger].level_db
-        outside = np.flatnonzero(abs(10 ** ((own - promised_db) / 20) - 1) > 0.1)
-        assert rising.time_s[outside[-1]] == pytest.approx(played.figures.t90_s, abs=2e-3)
-
-
 def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table, tmp_path: Path) -> None:
     picture = plot_course(drawn(table, "I", "II", "III"))
     check_picture(picture, table.device, (), tmp_path)
@@ -81,13 +71,6 @@ def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table
     felt_db, *quiet_db = levels_db
     assert np.asarray(columns["contrast (dB)"]) == pytest.approx(felt_db - np.maximum(*quiet_db))
     assert "contrast (dB)" not in plot_course(drawn(table, "I")).columns
-
-
-@pytest.mark.parametrize("amplitudes", [(1.0, 1.0), (1.0, 0.4), (0.0, 1.0)])
-def test_without_fingers_the_factor_is_that_of_the_sweep(table: Table, amplitudes: tuple[float, float]) -> None:
-    drive = PairDrive((0, 1), amplitudes)
-    computed = compute_factor(table.device, ["I", "III"], [], drive)
-    assert computed == pytest.approx(read_factor(table, ["I", "III"], drive), abs=2e-6)
 
 
 def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_actuator_s_band(table: Table) -> None:

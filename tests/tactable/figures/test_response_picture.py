@@ -9,7 +9,7 @@ from precompute.measurements.simulate import Flaws, even_places, simulate_measur
 from precompute.measurements.types import Measurements, lay_out
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
-from tactable.figures.response_picture import find_nodes, plot_response, reading_at
+from tactable.figures.response_picture import plot_response, reading_at
 from tactable.figures.style import surface_field
 from tests.precompute.devices import shipped
 
@@ -32,13 +32,6 @@ def test_magnitudes_of_different_frequencies_add_and_fields_of_one() -> None:
     assert two == pytest.approx(abs(field[2, 0]) + abs(field[0, 1]), rel=1e-6)
     assert one == pytest.approx(abs(field[2].sum(axis=0)), rel=1e-6)
     assert single == pytest.approx(abs(field[1, 1]), rel=1e-6)
-
-
-def test_a_node_is_a_low_minimum_inside_the_bar() -> None:
-    place_m = np.linspace(0.0, 1.0, 101)
-    assert find_nodes(place_m, abs(place_m - 0.3)) == pytest.approx([0.3])
-    assert len(find_nodes(place_m, 0.2 + abs(place_m - 0.3))) == 0
-    assert len(find_nodes(place_m, place_m)) == 0, "an end is no node"
 
 
 def test_noiseless_readings_lie_on_the_curve_that_has_the_sensor_at_each_place() -> None:

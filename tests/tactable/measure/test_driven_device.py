@@ -115,8 +115,3 @@ def test_a_lease_that_ended_before_its_renewal_came_is_known_when_it_is_asked_fo
 def test_what_is_beyond_a_limit_is_refused_by_name(asked: AskedDrive, text: str) -> None:
     with pytest.raises(LimitError, match=text):
         check_drive(asked, DEVICE)
-
-
-def test_a_still_actuator_may_have_any_frequency() -> None:
-    still = AskedDrive((150.0, 0.0), (0.2, 0.0), (0.0, 0.0))
-    assert check_drive(still, DEVICE).channels[1].amplitude == 0

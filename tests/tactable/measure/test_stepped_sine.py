@@ -13,7 +13,6 @@ import pytest
 from base.arrays import Array
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, lay_out
-from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import GRAVITY_M_PER_S2, Fault, check_gravity
 from tactable.measure.sensor import Block, SensorError
@@ -203,12 +202,6 @@ def test_without_loopback_the_magnitude_is_known_and_no_phase() -> None:
     assert reading.acceleration == pytest.approx(abs(true_response(reading)), rel=0.01)
 
 
-def test_the_latency_of_a_converter_is_measured_by_its_loopback() -> None:
-    with stepping(bench_of("latency=25ms")) as stepped:
-        latency_s = stepped.measure_latency()
-    assert latency_s == pytest.approx(0.025, abs=0.003)
-
-
 def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again() -> None:
     bench = bench_of()
     with stepping(bench) as stepped:
@@ -230,14 +223,6 @@ def test_a_bar_that_rings_after_a_lapse_is_waited_for_again() -> None:
     assert reading.faults == ()
     assert Fault.LAPSED in reading.earlier
     assert errors(reading)[0] < 0.05
-
-
-def test_noise_does_not_keep_a_bar_from_being_steady() -> None:
-    bench = bench_of("noise=0.24m/s^2")
-    with stepping(bench) as stepped:
-        stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 1.0))
-        _, _, faults = stepped.hold(AskedDrive.of_one(DEVICE, 0, 209, 0.1))
-    assert Fault.NOT_STEADY not in faults
 
 
 def test_gravity_tells_gain_and_offset_apart_and_a_sensor_that_is_turned() -> None:

@@ -137,12 +137,6 @@ def test_a_stop_without_one_of_its_columns_or_of_another_measurement_is_refused_
         other.read(WALK[1])
 
 
-def test_spoiled_readings_are_left_out(tmp_path: Path) -> None:
-    records = walked(tmp_path / "raw", even_walk(DEVICE, 1, [150.0, 209.0]), "hum=1m/s^2")
-    usable = measurements_of(records, DEVICE, 2e-3, Kind.RESPONSE, is_simulated=True)
-    assert np.unique(usable.frequency_hz[~np.isnan(usable.frequency_hz)]).tolist() == [209.0]
-
-
 def test_a_planned_walk_reads_what_the_plan_proposes_from_one_end_to_the_other() -> None:
     walk = planned_walk(DEVICE, 10, 2e-3)
     places_m = [stop.position_m for stop in walk]

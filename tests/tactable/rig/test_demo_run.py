@@ -32,7 +32,7 @@ from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, 
 from tactable.rig.emulate import configuration_of
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
-from tactable.rig.simulated_surface import ENVELOPE_S, SimulatedDrive, is_felt
+from tactable.rig.simulated_surface import SimulatedDrive
 from tactable.run.click_process import solver_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
@@ -328,35 +328,11 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
     assert report.level_db(0, 0.0) is None
 
 
-def test_fingers_are_told_apart_by_what_they_are_to_feel(bursts: LiveRun, reporter: Reporter) -> None:
-    felt = reporter.surface.feel(bursts, 13.0)
-    starts_s = [(change.time_ns - bursts.moments[0].time_ns) / 1e9 for change in bursts.trace]
-    rings_until_s = 0.0
-    for change, start_s, stop_s in zip(bursts.trace, starts_s, starts_s[1:], strict=False):
-        during = (felt.time_s >= max(start_s, rings_until_s)) & (felt.time_s + ENVELOPE_S <= stop_s)
-        if change.level_db is None:
-            assert not felt.felt[during].any()
-        else:
-            rings_until_s = stop_s + 0.2 + ENVELOPE_S
-            assert not during.any() or felt.felt[during].max() > 0
-
-
 @pytest.fixture(scope="module")
 def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     """The demo's touches with a click for each."""
     run = play(table, read_recording(DEMO_RECORDING), 3.0)
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
-
-
-def test_a_finger_that_moves_on_while_its_click_plays_is_where_the_digitizer_has_it(
-    clicked: tuple[LiveRun, dict[Wanted, DriveEvent]],
-) -> None:
-    run, _ = clicked
-    stroke = [moment for moment in run.moments if moment.touches and moment.level_db is not None]
-    fast = [moment for moment in stroke if moment.placement is not None and moment.placement.position_m[0].real < 5e-3]
-    moved_m = [moment.touches[0].position_m for moment in fast]
-    assert len(fast) > 2 and np.ptp(moved_m) > 1e-3
-    assert is_felt(fast[0].touches[0], fast[0])
 
 
 def test_a_broken_promise_of_a_click_is_found(

@@ -2,17 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from engine.table import Table
 from precompute.clicks.click_basis import click_basis
 from precompute.clicks.of_table import read_click_options
-from precompute.model.assembly import assemble
-from precompute.model.modal import compute_basis
-from precompute.sampling.steady_modes import steady_modes
 from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
-    MODES,
     early_options,
     is_first,
     open_first_table,
@@ -20,13 +14,6 @@ from tactable.rig.first_table import (
     write_first_table,
 )
 from tactable.shipped import find_device
-
-
-def test_its_few_modes_move_as_all_that_are_needed() -> None:
-    plant = assemble(find_device("reference-a"))
-    few, many = (steady_modes(compute_basis(plant, count), np.array([61.0, 148.3, 290.0])) for count in (MODES, 60))
-    ours, theirs = (np.einsum("pm,mak->pak", each.shape, each.drive) for each in (few, many))
-    assert abs(ours - theirs).max() < 2e-3 * abs(theirs).max()
 
 
 def test_it_is_a_table_without_clicks_and_with_compiled_kernels_has_the_rows_of_a_sweep(tmp_path: Path) -> None:

@@ -25,20 +25,6 @@ def part(document: Any) -> Part:
     return Part("some file", "", document)
 
 
-def test_ahap_curves_multiply_the_intensity_from_their_first_point_on() -> None:
-    loud = {"EventParameters": [{"ParameterID": "HapticIntensity", "ParameterValue": 0.8}]}
-    event = {"EventType": "HapticContinuous", "Time": 1.0, "EventDuration": 1.0, **loud}
-    points = [{"Time": 0.0, "ParameterValue": 1.0}, {"Time": 0.5, "ParameterValue": 0.5}]
-    curve = {"ParameterID": "HapticIntensityControl", "Time": 1.2, "ParameterCurveControlPoints": points}
-    step = {"ParameterID": "HapticIntensityControl", "Time": 1.9, "ParameterValue": 0.25}
-    pattern = read_ahap(part({"Pattern": [{"Event": event}, {"ParameterCurve": curve}, {"Parameter": step}]}))
-    (read,) = pattern.events
-    sizes = dict(read.points)
-    assert [sizes[at] for at in (1.0, 1.2, 1.7)] == pytest.approx([0.8, 0.8, 0.4])
-    assert [sizes[at] for at in (1.9, 2.0)] == pytest.approx([0.2, 0.2])
-    assert read.points[-3][1] == pytest.approx(0.4)  # a microsecond before the step
-
-
 def controls(*curves: list[tuple[float, float]]) -> list[dict[str, Any]]:
     """Curves of the intensity from points with absolute times; of one point, a parameter."""
     named = {"ParameterID": "HapticIntensityControl"}

@@ -70,12 +70,6 @@ def test_what_is_repeated_goes_on_after_its_end_with_rising_times(recording: Rec
     assert not source.ended
 
 
-def test_what_the_recording_says_of_the_device_is_passed_on() -> None:
-    source: Source = Playback(Recording("bar", 3, 0x04F3, 0x200A, b"\x05\x0d", ()))
-    assert (source.name, source.vendor_id, source.product_id) == ("bar", 0x04F3, 0x200A)
-    assert (source.descriptor, source.fileno(), source.ended) == (b"\x05\x0d", None, True)
-
-
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.inf, math.nan])
 def test_a_speed_that_leads_nowhere_is_refused(speed: float) -> None:
     with pytest.raises(ValueError, match="expected a number above 0"):

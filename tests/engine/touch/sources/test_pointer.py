@@ -1,7 +1,6 @@
 """Laws of pointer events, and of the reports made for sources that are not HID devices."""
 
 import math
-import select
 from collections.abc import Iterator
 
 import pytest
@@ -50,16 +49,6 @@ def test_each_event_is_a_frame_of_all_that_is_pressed(pipe: Pipe) -> None:
     assert found[0].contacts[0] == Contact(7, round(0.25 * RESOLUTION), round(0.5 * RESOLUTION), tip=True)
     assert found[1].contacts[1][1:3] == (RESOLUTION, 0)
     assert (source.report_index, source.report_time_ns) == (4, 5 * MS)
-
-
-def test_the_source_is_waited_on_by_its_pipe(pipe: Pipe) -> None:
-    source, feed = pipe
-    descriptor = source.fileno()
-    assert descriptor is not None
-    assert select.select([descriptor], [], [], 0)[0] == []
-    feed.send(PointerEvent(1, 0.0, 0.0, Phase.DOWN))
-    assert select.select([descriptor], [], [], 0)[0] == [descriptor]
-    assert source.next_time_ns() is None
 
 
 def test_a_pointer_rests_while_the_page_is_late_and_one_that_it_forgot_is_released_alone(pipe: Pipe) -> None:
