@@ -30,7 +30,7 @@ class Play:
         self.click_ns: int | None = None
         self.change_ns: int | None = start_ns
         self._condition_end_ns = condition_end_ns
-        self._effect, self._next = effect, 0
+        self.effect, self._next = effect, 0
         self._begin_next(start_ns)
 
     def advance_segments(self, time_ns: int) -> None:
@@ -46,11 +46,11 @@ class Play:
 
     def goes_on_by(self, rule: Rule) -> bool:
         """Go on by another rule, if that gives the same effect; whether it does. Its level is felt at once."""
-        if rule.effect is not self._effect and rule.effect != self._effect:
+        if rule.effect is not self.effect and rule.effect != self.effect:
             return False
         self._level_change_db = rule.level_change_db
         if self.level_db is not None and self.click_ns is None:
-            self.level_db = self._level_of(self._effect.envelope[self._next - 1])
+            self.level_db = self._level_of(self.effect.envelope[self._next - 1])
         return True
 
     def _level_of(self, segment: Segment) -> float | None:
@@ -58,12 +58,12 @@ class Play:
 
     def cut(self) -> None:
         """End it now, but for a click, which plays to its end."""
-        self._next, self._is_held = len(self._effect.envelope), False
+        self._next, self._is_held = len(self.effect.envelope), False
         if self.click_ns is None:
             self.level_db = self.change_ns = None
 
     def _begin_next(self, start_ns: int) -> None:
-        segments = self._effect.envelope
+        segments = self.effect.envelope
         segment = segments[self._next] if self._next < len(segments) else None
         self._next += 1
         self.level_db = self.change_ns = self.click_ns = None

@@ -81,6 +81,8 @@ class EffectPlayer:
         """The level that is wanted under every felt finger; None: no finger feels."""
         self.click_ns: int | None = None
         """When the click that is felt now began; None: the drive is steady."""
+        self.effect = ""
+        """Name of the effect that is felt now, of several that of the finger that came first; "": none is."""
         self.next_change_ns: int | None = None
         """When `advance_effects` is due; None: time alone changes nothing."""
         self._run_effects = effects
@@ -355,6 +357,7 @@ class EffectPlayer:
         self.next_change_ns = next_ns
         if click_ns is None or click_ns != self.click_ns:
             self.placement = self._place(felt) if felt else None
+            self.effect = felt[0].play.effect.name if felt and felt[0].play is not None else ""
             self.level_db, self.click_ns = changed_level(level_db, self.settings.level_change_db), click_ns
             self._begun_ns = begun_ns if click_ns is None else click_ns
 

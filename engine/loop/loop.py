@@ -229,7 +229,9 @@ class Loop:
         is_click, touches = click_ns is not None, pipeline.touches
         wanted = (placement, level_db, is_click, touches)
         play = dispatcher.play if fate is Fate.WAITING else b""
-        dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, drive, fate, None, play)))
+        effect = "" if placement is None else pipeline.effect
+        rest = (drive, fate, None, play, effect)
+        dispatcher.note(_new(CommandRecord, (stamps_ns, report_index, report, frame, *wanted, *rest)))
 
     def _notify(self) -> None:
         """Give the records of the pass to the observer, after its command was written."""

@@ -55,6 +55,8 @@ class CommandRecord(NamedTuple):
     """Sequence of the SET or PLAY; None unless it was written."""
     play: bytes = b""
     """The PLAY of a click that this record's command is, behind its clock reference; empty for all else."""
+    effect: str = ""
+    """Name of the effect that is wanted; "": none is."""
 
     @property
     def time_ns(self) -> int:

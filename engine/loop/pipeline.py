@@ -87,6 +87,8 @@ class Pipeline:
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
+        self.effect = ""
+        """Name of the last effect that is wanted or was."""
         self.touches: Sequence[Touch] = ()
         """The fingers of the last frame."""
         self.frame: TouchFrame | None = None
@@ -214,6 +216,7 @@ class Pipeline:
             return False
         self.wanted = _new(Wanted, wanted)
         if player.placement is not None:
+            self.effect = player.effect
             self.joined += player.joined > 0
             self.left_out += player.left_out > 0
         if not is_over or player.placement is not None:  # a click is awaited also beyond its own end

@@ -22,7 +22,7 @@ from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
 
 MAGIC = b"tactring"
-REVISION = 4  # raise it with any change of the structures below
+REVISION = 5  # raise it with any change of the structures below
 MOST_TOUCHES = 16
 SLOTS = 4096
 """Half a second of the fastest digitizer, 8000 reports a second; 8 MiB."""
@@ -35,11 +35,12 @@ _HEAD_SIZE = 64  # a cache line: the count of records shares none with a slot
 # CRC-32 of the rest, then the number of the record, from 1
 _GUARD = struct.Struct("<IIQ")
 # six stamps, report index, level, is_click, sequence, counters, the fingers that feel as bits, then how many of
-# fingers, touches, drive, play and report; no finger stands for no placement
-_FIXED = struct.Struct("<6qqd?h6QHBBHHH")
+# fingers, touches, drive, play, effect's name and report; no finger stands for no placement
+_FIXED = struct.Struct("<6qqd?h6QHBBHHBH")
 # points are x and y, which is NaN on a bar
 _FINGERS = [struct.Struct(f"<{2 * count}d") for count in range(MOST_FINGERS + 1)]
 _TOUCH = struct.Struct("<qddb?")
+_LONGEST_NAME = 64  # bytes in UTF-8
 _NO_LEVEL = float("-inf")
 _NO_FINGER = Placement((), ())
 _NONE = -1
@@ -88,6 +89,8 @@ class Record(NamedTuple):
     """The report as the device sent it, cut where it does not fit."""
     play: bytes = b""
     """The PLAY of a click that was written, behind its clock reference; empty for all else."""
+    effect: str = ""
+    """Name of the effect that is wanted, cut after 64 bytes; "": none is."""
 
     @property
     def time_ns(self) -> int:
@@ -131,7 +134,9 @@ class RingWriter:
         placement = _NO_FINGER if record.placement is None else record.placement
         position_m = placement.position_m
         count, fingers = min(len(touches), MOST_TOUCHES), _FINGERS[len(position_m)]
-        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - fingers.size - count * _TOUCH.size - len(drive) - len(play)
+        name = record.effect.encode()[:_LONGEST_NAME]
+        taken = fingers.size + count * _TOUCH.size + len(drive) + len(play) + len(name)
+        room = _SLOT_SIZE - _GUARD.size - _FIXED.size - taken
         index = _NONE if record.report_index is None else record.report_index
         level_db = _NO_LEVEL if record.level_db is None else record.level_db
         sequence = _NONE if record.drive_sequence is None else record.drive_sequence
@@ -139,12 +144,11 @@ class RingWriter:
         of_reports = (counters.reports, counters.frames, counters.state_changes)
         of_commands = (counters.commands, counters.replaced, counters.lost_frames)
         felt = sum(1 << finger for finger in placement.felt)
-        sizes = (len(position_m), count, len(drive), len(play), min(len(report), room))
+        sizes = (len(position_m), count, len(drive), len(play), len(name), min(len(report), room))
         fixed = _FIXED.pack(*record.stamps_ns, *wanted, *of_reports, *of_commands, felt, *sizes)
         packed = [_TOUCH.pack(t[0], *sides_of(t[1]), _NONE if t[2] is None else t[2], t[3]) for t in touches[:count]]
-        body = b"".join(
-            (fixed, fingers.pack(*chain.from_iterable(map(sides_of, position_m))), *packed, drive, play, report[:room])
-        )
+        places = fingers.pack(*chain.from_iterable(map(sides_of, position_m)))
+        body = b"".join((fixed, places, *packed, drive, play, name, report[:room]))
         start = _HEAD_SIZE + self.written % self._slots * _SLOT_SIZE
         self.written += 1
         end = start + _GUARD.size + len(body)
@@ -231,11 +235,12 @@ class RingReader:
 def _decode(body: bytes) -> Record:
     values = _FIXED.unpack_from(body)
     stamps, (index, level_db, is_click, sequence), counters = values[:6], values[6:10], values[10:16]
-    felt, fingers, count, drive_size, play_size, report_size = values[16:]
+    felt, fingers, count, drive_size, play_size, name_size, report_size = values[16:]
     fingers_end = _FIXED.size + _FINGERS[fingers].size
     touches_end = fingers_end + count * _TOUCH.size
     drive_end = touches_end + drive_size
     play_end = drive_end + play_size
+    name_end = play_end + name_size
     return Record(
         stamps_ns=stamps,
         report_index=None if index == _NONE else index,
@@ -249,8 +254,9 @@ def _decode(body: bytes) -> Record:
             for number, x_m, y_m, zone, is_palm in _TOUCH.iter_unpack(body[fingers_end:touches_end])
         ),
         drive=body[touches_end:drive_end],
-        report=body[play_end : play_end + report_size],
+        report=body[name_end : name_end + report_size],
         play=body[drive_end:play_end],
+        effect=body[play_end:name_end].decode(errors="ignore"),
     )
 
 

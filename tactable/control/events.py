@@ -77,6 +77,7 @@ class Events:
             "event": "played",
             "time_ns": record.time_ns,
             "kind": "silence" if is_silence else "click" if record.is_click else "drive",
+            "effect": record.effect or None,
             "level_db": None if level_db is None or math.isinf(level_db) else level_db,
             "threshold": self.table.device.threshold.title,
             "is_full_scale": level_db is not None and math.isinf(level_db),

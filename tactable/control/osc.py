@@ -179,7 +179,7 @@ class _Sender:
             self._send_touches(document["fingers"])
         elif document["event"] == "played":
             level_db = -1.0 if document["level_db"] is None else float(document["level_db"])
-            self._owner.send(self.reply_to, "played", [document["kind"], level_db])
+            self._owner.send(self.reply_to, "played", [document["kind"], level_db, document["effect"] or ""])
         else:
             self._owner.send(self.reply_to, "event", [json.dumps(document)])
 

@@ -37,6 +37,7 @@ records = st.builds(
     drive=st.binary(max_size=96),
     report=st.binary(max_size=256),
     play=st.binary(max_size=200),
+    effect=st.text(max_size=16),
 )
 PLAIN = Record((1, 2, 3, 4, 5, 6), 0, None, None, False, None, RingCounters(0, 0, 0, 0, 0, 0), (), b"", b"")
 

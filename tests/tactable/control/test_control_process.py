@@ -107,12 +107,13 @@ def triggers_and_hears(running: ControlledRun) -> None:
         (finger,) = client.subscribe("touches", "played") or event_of(client, "touches")["fingers"]
         client.trigger("buzz", finger=finger["finger"])
         event = event_of(client, "played")
-        assert (event["kind"], event["level_db"]) == ("drive", 20.0)
+        assert (event["kind"], event["effect"], event["level_db"]) == ("drive", "buzz", 20.0)
         assert not event["promise"]["is_achieved"] and event["promise"]["felt_db"]["nominal"] < 20.0  # a weak table
         assert event["promise"]["threshold"] == client.run["threshold"]
         assert [(each["finger"], each["role"]) for each in event["fingers"]] == [(finger["finger"], "felt")]
         client.stop()
-        assert event_of(client, "played")["kind"] == "silence"
+        event = event_of(client, "played")
+        assert (event["kind"], event["effect"]) == ("silence", None)
         # The event is sent when the frame is written, before the device has it.
         wait_until(lambda: played(running)[-2:] == ["drive", "silence"])
 

@@ -190,10 +190,10 @@ async def test_every_sender_is_a_program_that_is_answered_and_hears_what_it_aske
     await settle()
     server.publish([{"event": "touches", "time_ns": 1, "fingers": 2 * FINGERS}])
     for level_db in (None, 20.0):
-        server.publish([{"event": "played", "kind": "drive", "level_db": level_db}])
+        server.publish([{"event": "played", "kind": "drive", "effect": "tick", "level_db": level_db}])
     osc.datagram_received(b"nonsense", second)
     answer, now, later, *played, refusal = port.said[second]
-    assert played == [(f"{PREFIX}played", ["drive", level_db]) for level_db in (-1.0, 20.0)]
+    assert played == [(f"{PREFIX}played", ["drive", level_db, "tick"]) for level_db in (-1.0, 20.0)]
     assert answer[1][1] is True and now == (f"{PREFIX}touches", [3, 50.0])  # those that touch now, in mm
     assert later == (f"{PREFIX}touches", [3, 50.0, 3, 50.0]) and refusal[1][1] is False
     assert osc.summary.startswith("OSC: 6 messages, 3 refused; the last: b'nonsense'")
