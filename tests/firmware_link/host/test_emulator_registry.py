@@ -64,23 +64,3 @@ def test_the_link_of_a_killed_emulator_is_taken_over_and_only_once(tmp_path: Pat
     first.point_to("/dev/zero")  # plugged in again
     first.close()
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(".board", "mine")]
-
-
-@pytest.mark.usefixtures("both_ends")
-def test_the_link_of_a_killed_emulator_is_taken_over_by_the_one_that_was_given_its_terminal(tmp_path: Path) -> None:
-    controller, terminal = os.openpty()
-    port, link = os.ttyname(terminal), tmp_path / "board"
-    link.symlink_to(port)
-    with pytest.raises(LinkError, match="board: exists already and leads to /dev/pts/"):
-        Announcement(link).point_to("/dev/pts/987654")
-    announcement = Announcement(link)
-    announcement.point_to(port)
-    announcement.close()
-    assert not link.is_symlink()
-    os.close(terminal)
-    os.close(controller)
-
-
-def test_without_a_runtime_folder_the_temporary_one_serves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("XDG_RUNTIME_DIR")
-    assert runtime_folder().name.startswith("tactable-")

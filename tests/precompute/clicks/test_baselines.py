@@ -46,21 +46,6 @@ def test_a_baseline_keeps_to_the_limits_and_loses_to_the_click(solver: ClickSolv
     assert click.evaluation.felt.low_db < own.evaluation.felt.low_db
 
 
-def test_energy_contrast_is_that_of_no_other_weights(solver: ClickSolver) -> None:
-    placement = placed(solver.device, "F--q-")
-    waveform, tones = energy_contrast(solver, placement), tones_with(solver)
-    optimised = solver.plants_of(placement.position_m).pool.first(41)
-
-    def contrast(drive: np.ndarray) -> float:
-        course = optimised.play(drive) ** 2
-        return float(course[:, 0, : round(CHEAP.length_s * EVALUATION_RATE_HZ)].sum() / course[:, 1].sum())
-
-    weights = np.random.default_rng(0).normal(size=(50, len(tones.wave)))
-    assert contrast(waveform) > 10 * max(contrast(tones.waveform(weight)) for weight in weights)
-    nudged = waveform[None] + 0.01 * abs(waveform).max() * np.stack([tones.waveform(weight) for weight in weights])
-    assert contrast(waveform) >= max(contrast(drive) for drive in nudged)
-
-
 def test_without_a_quiet_finger_contrast_is_against_the_drive(solver: ClickSolver) -> None:
     """The most energy under the finger for that of the displacement: a singular vector of what the tones do."""
     placement = placed(solver.device, "F----")

@@ -28,12 +28,6 @@ def test_where_courses_are_linear_the_percentiles_of_the_few_are_those_of_the_ma
     assert found != pytest.approx(np.percentile(peak, PERCENTS), rel=0.02)
 
 
-def test_from_few_plants_for_their_parameters_they_are_the_plain_ones() -> None:
-    few, course, peak = linear_plants(2 * (1 + PARAMETERS) - 1, seed=1)
-    found = ManyPlants(few, linear_plants(400, seed=2)[0]).percentiles(course, peak, PERCENTS)
-    assert found == pytest.approx(np.percentile(peak, PERCENTS))
-
-
 @pytest.mark.parametrize("count", [1, 2, 20, 161])
 def test_plain_percentiles_are_those_of_numpy(count: int) -> None:
     value, percents = np.random.default_rng(count).normal(size=count), (0, 5, 50, 95, 100)

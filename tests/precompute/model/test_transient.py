@@ -68,16 +68,6 @@ def test_a_second_of_the_steady_state_equals_the_frequency_response(
     assert energy == pytest.approx(expected, rel=2e-3, abs=1e-6 * expected.sum())
 
 
-def test_stretches_do_not_matter() -> None:
-    waves, plant = np.random.default_rng(0).normal(size=(8_400, 2)), plant_of(shipped("reference-a"))
-    whole, energy = plant.run(waves)
-    plant.rest()
-    parts = [plant.run(part) for part in np.split(waves, [1, 2, 19, 8211, 8260])]
-    scale = abs(whole).max()
-    assert np.concatenate([part for part, _ in parts]) == pytest.approx(whole, rel=1e-9, abs=1e-9 * scale)
-    assert sum(part for _, part in parts) == pytest.approx(energy, rel=1e-9)
-
-
 def test_a_bar_at_rest_again_repeats_itself_at_any_rate_of_steps() -> None:
     """`accelerate` is `run` without energies; after `rest`, steps three times as fine give the same courses."""
     device = shipped("reference-a")

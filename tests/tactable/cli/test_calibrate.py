@@ -12,7 +12,6 @@ import pytest
 
 from engine.device import Device
 from precompute.measurements.measurement_file import write_measurements
-from precompute.measurements.parameters import paper_names
 from precompute.measurements.types import Kind
 from tactable.cli.console import EXIT_DOUBTFUL
 from tactable.shipped import find_device
@@ -77,17 +76,6 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert f"written: {tmp_path / 'new'}" in done.stdout.replace("\n", "")
     assert (tmp_path / "new" / "reference-a.toml").is_file()
     assert "Not done: " in (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
-
-
-def test_a_wrong_modulus_that_is_not_fitted_is_doubted_with_the_option_that_mends_it(tmp_path: Path) -> None:
-    changes = ("--change", "bar.youngs_modulus=74.2 GPa", "--noise", "2 %", "--wrong", "5 %")
-    path = simulated(tmp_path / "m.csv", *changes)
-    fit = ["--no-compare", *(word for name in paper_names(find_device("reference-a")) for word in ("--fit", name))]
-    done = run("calibrate", "reference-a", str(path), "-o", str(tmp_path / "six"), *fit, "--starts", "1")
-    assert done.returncode == EXIT_DOUBTFUL
-    assert "Try --also bar.youngs_modulus: the typical misfit, " in done.stdout
-    remedy = json.loads((tmp_path / "six" / "report.json").read_text(encoding="utf-8"))["adequacy"]["remedy"]
-    assert remedy["name"] == "bar.youngs_modulus" and remedy["misfit"] < 0.02
 
 
 def test_a_plan_proposes_readings_and_what_they_would_tell_with_measurements_or_without(measured: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from typer.testing import CliRunner, Result
 
 from engine.effects.rules import EffectError
@@ -75,17 +74,3 @@ def test_a_curve_is_what_all_actuators_give_the_place_at_full_scale() -> None:
     assert 0.9 < max(g) * 9.80665 / reach.one_tone[0] <= 1.0 + 1e-9
     (free,) = curve_of("--at", "40mm", "--no-finger")
     assert max(e["maxOutputAccelerationGs"] for e in free["frequencyToOutputAccelerationMap"]) > max(g)
-
-
-def test_a_curve_of_a_plate_is_of_its_points() -> None:
-    """By default of the middles of its zones."""
-    (default, *_), (first, middle) = (
-        json.loads(run("curve", "reference-c", *words).stdout)["places"]
-        for words in ([], ["--at", "41.6666666667 x 30 mm,50 x 50 %"])
-    )
-    assert first["at_m"] == pytest.approx(default["at_m"])
-    curves = [
-        [point["maxOutputAccelerationGs"] for point in each["frequencyToOutputAccelerationMap"]]
-        for each in (default, first, middle)
-    ]
-    assert curves[1] == pytest.approx(curves[0], rel=1e-5) and curves[2] != pytest.approx(curves[0], rel=1e-2)

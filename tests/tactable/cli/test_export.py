@@ -11,7 +11,7 @@ from scipy.io import loadmat
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.table_build import build_table
-from tactable.research.table_export import ROWS, write_csv
+from tactable.research.table_export import write_csv
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import run_here
 
@@ -42,16 +42,6 @@ def test_a_line_of_the_sweep_has_the_figures_of_every_zone(click_table: Path, tm
     assert len(rows) == factor.size
     line = rows.set_index(["frequency_1", "frequency_2", "amplitude_1", "amplitude_2"])["localized_factor II"]
     assert np.float32(line.loc[(hz[2], hz[1], steps[2], steps[1])].item()) == factor[2, 1, 2, 1]
-
-
-def test_rows_are_one_for_each_place_of_a_part(click_table: Path, tmp_path: Path) -> None:
-    for group in ("coherent_sweep", "responses", "modes"):
-        assert run_here(tmp_path, "export", str(click_table), group, "-o", f"{group}.csv").returncode == 0
-        with xarray.open_dataset(click_table, group=group) as own:
-            assert len(pandas.read_csv(tmp_path / f"{group}.csv")) == np.prod([own.sizes[name] for name in ROWS[group]])
-    with xarray.open_dataset(click_table, group="coherent_sweep") as own:
-        first = pandas.read_csv(tmp_path / "coherent_sweep.csv").drop_duplicates("ratio").amplitude_1
-        np.testing.assert_allclose(first, own.amplitude_1)
 
 
 def test_lines_of_clicks_have_the_points_of_their_fingers(tmp_path: Path) -> None:

@@ -58,12 +58,3 @@ def test_a_simulated_bar_is_swept_by_the_board_s_own_accelerometer_whose_gain_gr
     assert summary["gravity"]["gain"] == pytest.approx(0.04, abs=3e-3)
     assert set(summary["faults"]) <= {"CLOCK_DRIFT", "NOISE", "LATENCY"}
     assert summary["lost"] == {"frames": 0, "samples": 0}
-
-
-def test_a_table_is_verified_by_the_board_s_own_accelerometer(tmp_path: Path, click_table: Path) -> None:
-    words = ("--places", "1", "--placements", "1", "--flaws", "drift=9000", "--json")
-    done = run_here(tmp_path, "verify", str(click_table), *SIMULATED, *words)
-    summary = json.loads(done.stdout)
-    # The noise of the part may hide a weak drive, which then shows nothing.
-    assert (summary["verdict"], done.returncode) in (("kept", 0), ("in part", 3)), done.stderr
-    assert summary["kept"] >= 1

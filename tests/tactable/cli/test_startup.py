@@ -96,15 +96,6 @@ def test_there_are_no_more_commands_and_options_than_a_person_can_learn() -> Non
     assert len(options) <= MOST_OPTIONS
 
 
-def test_the_help_lists_every_command_by_section() -> None:
-    shown = CliRunner().invoke(app, ["--help"], terminal_width=120).stdout
-    titles = [line[:-1] for line in shown.splitlines() if line.endswith(":") and line[0] != " "]
-    assert titles == ["Options", *COMMANDS[""]]
-    for section in COMMANDS[""].values():
-        for name, entry in section.items():
-            assert f"  {name} " in shown and entry.help in shown
-
-
 def test_ctrl_c_during_imports_is_status_130_without_a_traceback(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

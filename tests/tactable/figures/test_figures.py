@@ -16,8 +16,8 @@ from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from tactable.explain.placed_drive import designer_of
-from tactable.figures.course import compute_rising, plot_course
-from tactable.figures.factor import PairDrive, compute_factor, pair_drive, plot_factor
+from tactable.figures.course import compute_rising
+from tactable.figures.factor import PairDrive, compute_factor
 from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.state_picture import compute_envelope, plot_state
@@ -62,17 +62,6 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert risen_db == pytest.approx(played.drive.weakest_felt_db, abs=1.0)
 
 
-def test_the_contrast_of_a_course_is_felt_over_quiet_at_each_moment(table: Table, tmp_path: Path) -> None:
-    picture = plot_course(drawn(table, "I", "II", "III"))
-    check_picture(picture, table.device, (), tmp_path)
-    columns = picture.columns
-    names = ("46.57 mm (I) felt", "139.7 mm (II) quiet", "232.8 mm (III) quiet")
-    levels_db = [np.asarray(columns[f"level of {name} (dB {table.device.threshold.above})"]) for name in names]
-    felt_db, *quiet_db = levels_db
-    assert np.asarray(columns["contrast (dB)"]) == pytest.approx(felt_db - np.maximum(*quiet_db))
-    assert "contrast (dB)" not in plot_course(drawn(table, "I")).columns
-
-
 def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_actuator_s_band(table: Table) -> None:
     left, right = table.device.actuators
     device = replace(table.device, actuators=(replace(left, band_hz=(100.0, 300.0)), right))
@@ -85,18 +74,6 @@ def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_
     for first, second in ((30, 40), (40, 3), (25, 25)):
         steady = compute_steady_state(plant, hz[[first, second]], np.array([1.0, 0.6], dtype=np.complex128))
         assert factor[first, second] == pytest.approx(steady.share[2], rel=1e-8)
-
-
-def test_every_zone_has_a_panel_and_a_share_and_they_add_up_to_the_whole_bar(table: Table, tmp_path: Path) -> None:
-    drive = pair_drive(table.device, [], [1.0, 1.0])
-    picture = plot_factor(table, [["I"], ["II"], ["III"]], [], drive)
-    for each in (picture, plot_factor(table, [["I"]], ["I"], drive)):
-        check_picture(each, table.device, (), tmp_path)
-    assert len(picture.figure.axes) == 4  # with the colour bar
-    shares = [picture.columns[f"localized factor {name} untouched (1)"] for name in ("I", "II", "III")]
-    assert np.sum(shares, axis=0) == pytest.approx(1.0, abs=1e-5)
-    together = plot_factor(table, [["I", "III"]], [], drive).columns["localized factor untouched (1)"]
-    assert np.asarray(together) == pytest.approx(np.asarray(shares[0]) + np.asarray(shares[2]), abs=1e-6)
 
 
 def small_picture() -> Picture:

@@ -17,7 +17,6 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
-from tactable.rig.emulate import configuration_of
 from tactable.shipped import find_device
 from tests.firmware_link.firmware.compiled_core import LIBRARY, make, need
 from tests.tactable.cli.in_process import run_here
@@ -93,9 +92,3 @@ def test_either_core_is_listed_as_simulated_and_any_host_can_open_it_by_its_link
 def test_the_faults_explain_themselves(tmp_path: Path) -> None:
     told = run_here(tmp_path, "emulate", "--faults", "help")
     assert told.returncode == 0 and "reboot=" in told.stdout
-
-
-def test_without_a_device_there_are_two_actuators() -> None:
-    assert configuration_of(None).number_of_actuators == 2
-    described = configuration_of(find_device("reference-d"))
-    assert described.number_of_actuators == len(described.full_scales_pm) == 2

@@ -25,7 +25,7 @@ from tests.engine.loop.fast.scripts import (
     varied_clicks,
 )
 from tests.engine.loop.fast.test_fast_path import FastRig, on_sockets
-from tests.engine.loop.rig import DEVICE, HELD, SLOTS, Rig, recording_of
+from tests.engine.loop.rig import DEVICE, SLOTS, Rig, recording_of
 from tests.engine.made_rows import rows_of
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.touch.descriptors import BLOB, CONTACT_COUNT, application, finger
@@ -41,7 +41,6 @@ CLICKS = {device: varied_clicks(device) for device in (DEVICE, GAPS, PLATE)}
 EVERY_CLICK = {device: varied_clicks(device, missing=10**6) for device in (DEVICE, GAPS, WIDE)}
 TOUCH = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 TOUCH_AND_LIFT = Effects((*TOUCH.rules, Rule(Trigger.LIFT, click(LOUD_DB))))
-HELD_IN_ZONES = replace(HELD, drives=Drives.ZONES)
 STARTED_NS = 1_234_567_000
 """When the device started, by the clock of the host."""
 
@@ -124,22 +123,6 @@ def test_with_drives_of_zones_the_run_is_the_same_too(device: Device, drives: Dr
     # What is left to the loop: drives after a click, and fingers that move.
     assert due > 40
     assert 0.25 * due < sum(run.answered for run in runs)
-
-
-def test_in_zones_every_touch_is_answered_by_look_up() -> None:
-    frames = [(0.1, report({1: 0.1})), (0.2, report({1: 0.1, 2: 0.5})), (0.3, report({1: 0.1, 2: 0.5, 3: 0.9}))]
-    frames += [(0.4, report({2: 0.5, 3: 0.9}, [1])), (0.5, report({}, [2, 3]))]
-    found = both(recording_of(IDLE, *frames), HELD_IN_ZONES, rows=rows_of(DEVICE))
-    # Zones I, then I and III, then I, III and V, then III and V; then silence.
-    assert found.fast.played() == [101.0, 105.0, 121.0, 120.0, 0.0]
-    assert found.answered == 5
-
-
-def test_fingers_that_are_one_to_the_bar_feel_the_row_of_one_zone() -> None:
-    """They are 4 mm apart, and the edge between zones I and II lies between them."""
-    frames = [IDLE, (0.1, report({1: 0.195})), (0.2, report({1: 0.195, 2: 0.21})), (0.3, report({2: 0.21}, [1]))]
-    found = both(recording_of(*frames, (0.4, report({}, [2]))), HELD_IN_ZONES, rows=rows_of(DEVICE))
-    assert found.fast.played() == [101.0, 102.0, 0.0]
 
 
 Frames = list[tuple[float, bytes]]
