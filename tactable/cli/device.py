@@ -1,6 +1,5 @@
 """Commands `modes` and `check`: what a device file says of its surface, before a table is built."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -47,6 +46,7 @@ def modes(
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
     from precompute.model.modes import compute_modes, seen_points
+    from tactable.explain.words import estimates_text
     from tactable.figures.picture_file import outputs_of, write_outputs
 
     outputs = outputs_of([] if output is None else [output])
@@ -60,6 +60,7 @@ def modes(
     found = {
         "device": device.name,
         "estimated": list(device.estimated_values),
+        "estimates": estimates_text(device),
         "finger_m": [json_of(each_m) for each_m in at_m],
         "untouched": [_mode_json(mode) for mode in untouched],
         "with_finger": [_mode_json(mode) for mode in touched],
@@ -89,17 +90,12 @@ def _print_modes(out: Console, found: dict[str, Any]) -> None:
         grid.add_row(f"{k + 1}", *cells[0], *cells[1])
     out.print(grid)
     say("Computed, not measured. Decay is the time to 1/e; modes of both sets are numbered by frequency.")
-    _say_estimates(found["estimated"])
+    say(found["estimates"])
 
 
 def _cells(mode: dict[str, Any]) -> tuple[str, str, str]:
     decay = "no damping" if mode["decay_s"] is None else f"{1e3 * mode['decay_s']:.3g} ms"
     return f"{mode['frequency_hz']:.2f} Hz", f"{100 * mode['damping_ratio']:.3g} %", decay
-
-
-def _say_estimates(names: Sequence[str]) -> None:
-    text = f"{len(names)} values are ESTIMATES: {', '.join(names)}" if names else "No value is marked as an estimate."
-    say(text)
 
 
 def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json: AsJson = False) -> None:
@@ -111,6 +107,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
     from precompute.model.modes import compute_modes
     from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz, shortest_wave_m
     from precompute.studies.reach_along import compute_reach
+    from tactable.explain.words import estimates_text
 
     path = find_device_file(device_name)
     device = with_threshold(find_device(device_name), threshold)
@@ -123,6 +120,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
         "device": device.name,
         "fingerprint": device.fingerprint,
         "estimated": list(device.estimated_values),
+        "estimates": estimates_text(device),
         "marked": list(device.inferred),
         "modes": [_mode_json(mode) for mode in first],
         "bands_hz": {actuator.name: list(actuator.band_hz) for actuator in device.actuators},
@@ -164,7 +162,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
 
 def _say_check(found: dict[str, Any]) -> None:
     say(f"{found['file']}: valid; {found['device']}, fingerprint {found['fingerprint'][:16]}")
-    _say_estimates(found["estimated"])
+    say(found["estimates"])
     listed = ", ".join(f"{m['frequency_hz']:.1f} Hz ({100 * m['damping_ratio']:.2g} %)" for m in found["modes"])
     say(f"first modes, untouched, with damping ratios: {listed}")
     for name, (low_hz, high_hz) in found["bands_hz"].items():

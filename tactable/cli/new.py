@@ -37,7 +37,7 @@ MATERIALS = {
 _JOINTS = 0.02  # ESTIMATE of what joints and adhesive add to a loss factor; those of built metal structures are higher
 _LOSS_AT_HZ = 200.0
 # ESTIMATES of what is sold, by kind: docs/actuators.md says where they come from and how a data sheet replaces them.
-KINDS = {
+KINDS: dict[str, dict[str, Any]] = {
     "electrostatic": {"stiffness": "18.9 kN/m", "damping": "0.045 N*s/m", "mass": "9.5 g", "full_scale": "0.52 um"},
     "piezo-stack": {"stiffness": "20 MN/m", "damping": "20 N*s/m", "mass": "5 g", "full_scale": "10 um"},
     "piezo-bender": {
@@ -139,8 +139,8 @@ def new(
         partial.write_text(text, encoding="utf-8")
     say(f"{path}: {len(device.actuators)} actuators, {len(device.zones)} zones")
     estimates = device.estimated_values
-    say(f"{len(estimates)} values are ESTIMATES: {', '.join(estimates)}")
-    say(f"next: tactable check {path}")
+    say(f"{len(estimates)} values are ESTIMATES, which the file marks")
+    say(f"next: tactable check {path}, which says which of them matter most")
 
 
 def _take_material(table: Any, name: str, given: Values) -> Values:

@@ -13,6 +13,8 @@ from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import zone_finder
 
+_NAMED = 3  # estimates that are named; the others are counted
+
 
 def finger_names(device: Device, placement: Placement) -> list[str]:
     """Each finger of a placement by its position and, in brackets, its zone, such as "35 mm (I)"."""
@@ -71,8 +73,20 @@ def print_lines(out: Console, *lines: str) -> None:
 
 def print_estimates(out: Console, device: Device, threshold: Threshold) -> None:
     """Print what the figures rest on that was not measured."""
-    estimates = ", ".join([*device.estimated_values, threshold.title])
-    out.print(f"ESTIMATES: {estimates}", style="dim", highlight=False, soft_wrap=True)
+    text = f"{estimates_text(device)}; the threshold is one too: {threshold.title}"
+    out.print(text, style="dim", highlight=False, soft_wrap=True)
+
+
+def estimates_text(device: Device) -> str:
+    """How many values of a device are estimates, and which matter most, in words."""
+    from precompute.predict.estimates import SHARE, weigh_estimates
+
+    number, weighed = len(device.estimated_values), weigh_estimates(device)[:_NAMED]
+    if not number:
+        return "no value of the device is marked as an estimate"
+    most = ", ".join(f"{name} (by {100 * change:.2g} %)" for name, change in weighed)
+    text = f"{number} values are ESTIMATES, which the file marks"
+    return f"{text}; a change of {100 * SHARE:g} % moves responses most in {most}" if most else text
 
 
 def level_text(level_db: float) -> str:
