@@ -193,14 +193,6 @@ def test_a_lift_is_felt_where_the_finger_was_and_only_while_it_is_felt() -> None
     assert (seen.player.next_change_ns, seen.player.lifted) == (None, [])
 
 
-def test_a_finger_that_comes_back_does_not_end_what_the_lifted_one_left() -> None:
-    seen = story(Rule(Trigger.LIFT, burst(20.0, 100)))
-    seen.at(0, touch(1, 10))
-    seen.at(10)
-    seen.at(20, touch(1, 60))
-    assert seen.until(1000).moments == [(10, "F----", 20.0), (20, "Fq---", 20.0), (110, "-----", None)]
-
-
 def test_one_finger_for_another_in_one_frame_is_a_lift_and_a_touch() -> None:
     seen = story(Rule(Trigger.TOUCH, burst(10.0, 50)), Rule(Trigger.LIFT, burst(30.0, 20)))
     seen.at(0, touch(1, 10))

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.loop.command_latency import LatencyRecorder, Percentiles, Stage, Stamps
+from engine.loop.command_latency import LatencyRecorder, Percentiles, Stamps
 
 stamps = st.tuples(*(st.integers(0, 2**62),) * 6)
 
@@ -40,11 +40,3 @@ def test_a_percentile_is_the_least_sample_that_its_share_stays_within(durations_
         assert np.mean([duration_ns < percentile_ns for duration_ns in durations_ns]) < share
     assert summary.max_ns == max(durations_ns)
     assert summary.count == len(durations_ns)
-
-
-def test_any_two_stages_can_be_compared_and_without_samples_there_is_no_summary() -> None:
-    recorder = LatencyRecorder(4)
-    recorder.record((0, 1, 3, 7, 15, 31))
-    assert recorder.summarise(Stage.FRAME, Stage.COMMAND) == Percentiles(1, 12, 12, 12, 12, 12, 12, 12)
-    assert LatencyRecorder().summarise() is None
-    assert Percentiles.of([np.nan]) is None

@@ -7,7 +7,7 @@ import pytest
 
 from engine.render.chosen_basis import ChosenBasis
 from engine.render.click_renderer import RenderedClicks
-from engine.render.link_commands import SILENCE, DriveCommand, PlayCommand
+from engine.render.link_commands import SILENCE, PlayCommand
 from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -31,13 +31,6 @@ def renderer_of(
 ) -> Renderer:
     rendered = RenderedClicks(made_clicks(REFERENCE, clicks), basis, refuses)
     return Renderer(CAPABILITIES, steady or MadeSteady(REFERENCE), rendered, LEVELS_DB)
-
-
-def test_a_steady_drive_is_solved_where_the_fingers_are() -> None:
-    steady = MadeSteady(REFERENCE)
-    placement = Placement((0.0371, 0.1234), (True, False))
-    assert isinstance(renderer_of(CLICKS, steady).render(placement, LEVEL_DB), DriveCommand)
-    assert steady.solved == [(placement, LEVEL_DB)]
 
 
 def test_a_click_is_played_from_the_basis_as_loud_as_it_is_wanted() -> None:

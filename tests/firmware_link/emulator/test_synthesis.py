@@ -123,17 +123,6 @@ def test_drives_that_differ_a_little_differ_a_little_while_one_becomes_the_other
     np.testing.assert_allclose(got, (1 - w) * went_on + w * np.array(amplitudes[2:]) * np.sin(angles), atol=1e-8)
 
 
-@unhurried
-@given(st.tuples(*[st.floats(0.05, 1.0)] * 2), st.integers(0, 20_000))
-def test_from_silence_every_channel_rises_at_the_slew_not_before(amplitudes: tuple[float, ...], begun_us: int) -> None:
-    log = [event(begun_us, *(ChannelTarget(0.0, amplitude, math.pi / 2) for amplitude in amplitudes))]
-    got = synthesise(log, 0, 40_000, RATE_HZ)
-    rise = np.maximum(np.arange(len(got)) / RATE_HZ - begun_us / US_PER_S, 0.0) * 200.0
-    np.testing.assert_allclose(got, np.minimum(rise[:, None], amplitudes), atol=1e-9)
-    assert not synthesise(log, -5_000, begun_us, RATE_HZ).any()
-    assert synthesise([], 0, 1000, 8000.0).shape == (8, 0)
-
-
 def test_what_is_over_is_forgotten() -> None:
     synthesis, loud = Synthesis(), replace(QUIET, amplitude=0.5)
     samples = np.zeros((101, 2), np.int16)

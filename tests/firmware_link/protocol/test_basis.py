@@ -1,7 +1,5 @@
 """Laws of the bases: bytes and back, bytes that are not a basis are refused, and what weights become."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -120,11 +118,3 @@ def test_no_sums_pass_amplitude_or_step_and_all_end_at_0(
     assert (np.abs(played) <= bounds.amplitude).all()
     assert (np.abs(np.diff(played, axis=0)) <= bounds.step).all()
     assert not played[[0, -1]].any()
-
-
-def test_a_sine_within_the_limits_is_played_as_it_is() -> None:
-    time_s = np.arange(401) / 4000
-    window = np.minimum(1, 40 * np.minimum(time_s, time_s[::-1]))
-    sums = np.rint(0.79 * SAMPLE_FULL_SCALE * window * np.sin(math.tau * 300 * time_s)).astype(np.int64)[:, None]
-    bounds = sample_limits([round(0.8 * FULL_SCALE_WORD)], 655_350_000, 4000)
-    np.testing.assert_array_equal(clamp_samples(sums, bounds), sums)

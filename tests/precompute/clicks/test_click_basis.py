@@ -8,7 +8,6 @@ import pytest
 from engine.device import Device
 from precompute.clicks.click_basis import (
     SAMPLE_RATE_HZ,
-    interpolated,
     make_tones,
     orthogonalised,
 )
@@ -45,9 +44,3 @@ def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> 
         left = wave - (wave @ new.T / products[0, 0]) @ new
         assert abs(left).max() <= 1e-2
     assert len(apart.wave) <= len(tones.wave) and not apart.wave[:, [0, -1]].any()
-
-
-def test_between_samples_there_are_straight_lines() -> None:
-    wave = np.random.default_rng(0).normal(size=(2, 7))
-    fine = interpolated(wave)
-    assert fine == pytest.approx(np.stack([np.interp(np.arange(13) / 2, np.arange(7), row) for row in wave]))

@@ -5,14 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device import Device
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, amplitude_steps, clamp_samples, sample_limits, weighted_sum
-from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_basis, click_set, tones_of
-from precompute.clicks.click_options import ClickOptions
+from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_set, tones_of
 from precompute.clicks.quantise import quantise
 from tests.precompute.clicks.click_cases import placed, solver_of
 from tests.precompute.clicks.test_closed_form import problem
-from tests.precompute.devices import every_device, shipped
+from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")
 SET = click_set(REFERENCE, 0.02, 1.5)
@@ -53,12 +51,3 @@ def test_rounding_takes_next_to_nothing_from_a_click(letters: str) -> None:
         assert np.percentile(after, [5, 95], axis=0) == pytest.approx(
             np.percentile(before, [5, 95], axis=0), abs=within_db
         )
-
-
-@pytest.mark.parametrize("device", every_device().values(), ids=every_device())
-def test_a_basis_has_one_set_of_the_clicks_length_with_peaks_at_full_scale(device: Device) -> None:
-    basis = click_basis(device, ClickOptions(length_s=0.02))
-    (only,) = basis.sets
-    assert (only.samples - 1) / basis.sample_rate_hz == 0.02
-    assert (abs(only.functions).max(axis=1) == SAMPLE_FULL_SCALE).all()
-    assert sorted(set(only.actuators.tolist())) == list(range(len(device.actuators)))

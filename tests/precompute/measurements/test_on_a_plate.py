@@ -14,11 +14,10 @@ from precompute.measurements.mat import arrays_to_measurements
 from precompute.measurements.mat_content import load_content
 from precompute.measurements.measurement_file import read_measurements, write_measurements
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import find_parameters
 from precompute.measurements.plant import estimate_errors, measured_plant
 from precompute.measurements.response_table import MeasuredResponses
 from precompute.measurements.simulate import even_places
-from precompute.measurements.types import Kind, MeasurementError, Measurements, lay_out
+from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 from tests.precompute.devices import tablet
@@ -26,11 +25,6 @@ from tests.precompute.measured import NAN, read_bar
 
 PLATE = tablet()
 DRIVES_HZ = ((70.0, NAN, NAN), (NAN, 82.5, NAN), (150.0, NAN, NAN), (NAN, 230.0, NAN))
-NAMES = (
-    *("actuator.stiffness", "actuator[2].damping", "actuator[1].full_scale", "actuator.mass", "plate.mass_damping"),
-    *("plate.stiffness_damping", "plate.youngs_modulus", "plate.density", "plate.poissons_ratio"),
-    *("finger.mass", "finger.damping", "finger.stiffness", "sensor.mass"),
-)
 
 
 def touched(kind: Kind) -> Measurements:
@@ -91,20 +85,6 @@ def test_readings_are_those_of_the_plate_with_sensor_and_finger_assembled() -> N
         assert np.exp(found.log_acceleration[row]) == pytest.approx(unit[0, which, 0], rel=1e-5)
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_derivatives_are_those_of_differences(kind: Kind) -> None:
-    read = touched(kind)
-    for names in (NAMES, ("actuator[3].stiffness",)):
-        parameters = find_parameters(PLATE, names, {}, 2e-3)
-        model, values = MeasurementModel(PLATE, read, parameters), np.array([p.start for p in parameters])
-        found = model.predict(values).by_parameter
-        for i, slope in enumerate(found.T):
-            step = 1e-4 / np.abs(slope).max() * (np.arange(len(values)) == i)
-            above, below = (model.predict(values + s).log_acceleration for s in (step, -step))
-            numeric = (above - below) / (2 * step[i])
-            assert np.abs(slope - numeric).max() <= 1e-5 * np.abs(numeric).max(), names[i]
-
-
 def test_between_measured_points_the_plate_moves_as_it_does() -> None:
     hz, place_m = np.linspace(60.0, 300.0, 25), even_places(PLATE, 70)
     measured = solve_response(assemble(PLATE), hz).acceleration(place_m)
@@ -118,12 +98,3 @@ def test_between_measured_points_the_plate_moves_as_it_does() -> None:
     assert (estimated.between_places > error).all() and (estimated.model < 1e-9).all()
     with pytest.raises(ValueError, match="measured responses"):
         plant.with_fingers([0.1 + 0.1j], PLATE.finger)
-
-
-def test_even_points_are_rows_as_far_apart_as_columns() -> None:
-    for points in (1, 4, 8, 22):
-        place_m = even_places(PLATE, points)
-        rows, columns = len(set(place_m.imag)), len(set(place_m.real))
-        assert len(place_m) == rows * columns <= points and (points < 4 or rows > 1)
-    layout = lay_out(np.array([[90.0, NAN, NAN]]), place_m, 0.0)
-    assert layout.count_distinct() == len(place_m)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from base.arrays import Array
 from firmware_link.protocol.messages import ChannelDrive
-from tactable.audio.board import AudioBoard, CardPace
+from tactable.audio.board import CardPace
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tests.firmware_link.law_host import RAMP_US, Host
 from tests.firmware_link.strategies import channel_drives, messages
@@ -145,10 +145,3 @@ def test_the_pace_counts_what_a_card_played_by_itself() -> None:
         assert pace.lost(block * 5_000_000, 240, ran_dry=False) == 0
     assert pace.lost(400 * 5_000_000 + 20_000_000, 240, ran_dry=True) == pytest.approx(960, abs=20)
     assert pace.lost(401 * 5_000_000 + 20_000_000, 240, ran_dry=False) == 0
-
-
-def test_a_block_has_as_many_samples_as_were_asked_for() -> None:
-    board = AudioBoard(core(), OUTPUT, 1)
-    for frames in (1, 7, 240, 4_801):
-        assert board.render(b"", frames)[0].shape == (frames, 2)
-    assert board.time_us == 5_049 * 1_000_000 // 48_000

@@ -11,11 +11,7 @@ from typing import Any
 import pytest
 
 from engine.device import Device
-from precompute.measurements.measurement_file import write_measurements
-from precompute.measurements.types import Kind
 from tactable.cli.console import EXIT_DOUBTFUL
-from tactable.shipped import find_device
-from tests.precompute.measured import NAN, read_bar
 from tests.tactable.cli.in_process import run_here
 
 pytestmark = pytest.mark.long
@@ -111,18 +107,3 @@ def test_the_shipped_measurements_are_made_by_the_command_in_their_first_line(tm
         assert [float(cell or 0) for cell in line.split(",")] == pytest.approx(
             [float(cell or 0) for cell in other.split(",")], rel=1e-5
         )
-
-
-def test_modes_are_picked_from_responses_and_fitted_in_one_command(tmp_path: Path) -> None:
-    drives = [(hz, NAN) for hz in range(60, 301, 2)] + [(NAN, hz) for hz in range(60, 301, 2)]
-    read = read_bar(find_device("reference-d"), {}, drives, points=2, kind=Kind.RESPONSE, sensor_mass_kg=0.0)
-    write_measurements(tmp_path / "r.csv", read, find_device("reference-d"), "made by a test")
-    picked = ("--pick-modes", str(tmp_path / "m.csv"), "--starts", "1")
-    done = run("calibrate", "reference-d", str(tmp_path / "r.csv"), *picked, "-o", str(tmp_path / "new"))
-    assert done.returncode == 0, done.stderr
-    report = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))
-    assert [mode["mode"] for mode in report["modes"]] == [1, 2, 3]
-    assert report["simulated"] and (tmp_path / "new" / "fit.png").is_file()
-    assert (tmp_path / "new" / "measurements.csv").read_bytes() == (tmp_path / "m.csv").read_bytes()
-    again = run("calibrate", "reference-d", "--modes", str(tmp_path / "m.csv"), "-o", str(tmp_path / "2"), "--measure")
-    assert again.returncode == 1 and "--measure" in again.stderr

@@ -6,7 +6,6 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
 from rich.table import Column, Table
 
 from tactable.cli import console
@@ -24,16 +23,6 @@ def test_brackets_in_names_are_printed(capsys: pytest.CaptureFixture[str]) -> No
     console.OUT.print(grid)
     printed = capsys.readouterr().out
     assert all(printed.count(name) == 3 for name in names)
-
-
-@pytest.mark.parametrize(("is_terminal", "is_hidden"), [(True, False), (True, True), (False, False)])
-def test_work_is_shown_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch, is_terminal: bool, is_hidden: bool) -> None:
-    shown = Console(file=io.StringIO(), force_terminal=is_terminal, width=100)
-    monkeypatch.setattr(console, "ERRORS", shown)
-    with console.shown_work("computing the click", is_hidden):
-        pass
-    assert isinstance(shown.file, io.StringIO)
-    assert ("computing the click" in shown.file.getvalue()) == (is_terminal and not is_hidden)
 
 
 @pytest.mark.parametrize("escape", ["\x1b]0;owned\x07", "\x1b[2J", "\x9b2J", "up\rdown", "\u202egnp.exe"])

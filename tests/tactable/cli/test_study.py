@@ -39,13 +39,3 @@ def test_it_says_how_much_was_looked_at_and_what_was_not(folder: Path) -> None:
     done = run_here(folder, "study", *words)
     assert "written: placement.png" in done.stdout
     assert "looked at" in done.stderr and "not at states of more fingers, at clicks" in done.stderr
-
-
-@pytest.mark.long
-def test_a_resolution_comes_with_its_data_and_a_summary(folder: Path) -> None:
-    words = ("resolution", "bar.toml", "--zones", "2,3", "--at", "97.7,16;50", "--workers", "1")
-    summary = summary_of(folder, "study", *words, "-o", "r.pdf", "-o", "r.csv")
-    assert [each["position_percent"] for each in summary["placements"]] == [pytest.approx([16.0, 97.7]), [50.0]]
-    assert [each["zones"] for each in summary["placements"]] == [[2, 3], [2, 3]]
-    assert len((folder / "r.csv").read_text(encoding="utf-8").splitlines()) == 5
-    assert (folder / "r.pdf").read_bytes().startswith(b"%PDF")

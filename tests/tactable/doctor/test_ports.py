@@ -49,12 +49,6 @@ def test_a_rule_on_the_port_or_on_its_device_keeps_modem_manager_off(root: Path,
     assert [check.passed for check in check_ports([USB], SystemFiles(root))] == [True, True]
 
 
-@pytest.mark.parametrize(("written", "told"), [("1", "latency timer 1 ms"), ("", "bar driver")])
-def test_the_latency_timer_is_told_where_there_is_one(root: Path, written: str, told: str) -> None:
-    (root / "sys/devices/usb1/1-2/1-2:1.0/ttyUSB0/latency_timer").write_text(written)
-    assert check_ports([USB], SystemFiles(root))[0].finding.endswith(told)
-
-
 def test_the_remedy_names_the_group_that_the_port_has(tmp_path: Path) -> None:
     port = tmp_path / "ttyACM0"
     port.touch()

@@ -5,7 +5,6 @@ from math import inf
 import numpy as np
 import pytest
 
-from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
 from tactable.figures.click_picture import plot_click
 from tactable.figures.picture_file import Picture
@@ -33,13 +32,3 @@ def test_the_data_have_the_level_of_the_table_and_one_that_is_not_reached_is_sai
     peak = abs(click.samples[:, 0]).max() / 32767
     left = np.asarray(columns["left (fraction of full scale)"])
     assert abs(left).max() == pytest.approx(peak * click.amplitude)
-
-
-def test_fingers_are_drawn_where_they_are_and_the_promise_names_the_places(source: ClickSource) -> None:
-    placement = Placement.named(source.table.device, ["60 mm"], ["215 mm"])
-    picture = plot_click(source, source.click_of(placement), placement)
-    felt, quiet = picture.summary["fingers"]
-    assert (felt["position_m"], felt["zone"], felt["role"]) == (0.06, "I", "felt")
-    assert (quiet["position_m"], quiet["role"]) == (0.215, "quiet")
-    assert picture.summary["places_m"] == pytest.approx([0.04657, 0.23283], abs=1e-5)
-    assert "made for 46.57 mm and 232.8 mm, each finger within 24.3 mm" in picture.figure.get_suptitle()

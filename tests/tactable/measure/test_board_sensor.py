@@ -88,16 +88,6 @@ def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> 
     return Acceleration(index, number, sample, len(values), values)
 
 
-def test_samples_have_the_units_of_their_form_and_displacements_those_of_the_device() -> None:
-    sensor = a_sensor(scales=(0.5, 1.0), number_of_actuators=3)
-    sensor.take_event(frame(0, 0, (4, 16_384, -32_767, 9, -4, 0, 0, 9)))
-    block = sensor.read()
-    assert block is not None
-    np.testing.assert_allclose(block.values, [[2.0, 1.0, -1.0], [-2.0, 0.0, 0.0]], atol=1e-4)
-    assert sensor.form.clips_at[0] == 50.0
-    assert sensor.read() is None
-
-
 def test_gaps_of_the_line_and_of_the_board_are_told_apart_across_the_wrap_of_the_numbers() -> None:
     sensor, one = a_sensor(), (1, 0, 0)
     sensor.take_event(frame(65_535, 2**32 - 1, one))

@@ -6,19 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.touch import Placement
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind
-from precompute.model.assembly import assemble
-from precompute.model.response import solve_response
 from tactable.measure.apparatus import Apparatus
-from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.board_sensor import fixed_position_m
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import SteppedSineOptions
-from tactable.measure.verification import Played, PossibleSurfaces
 from tactable.measure.walk import Method, RawFolder, even_walk, measure_walk, measurements_of, planned_walk
 from tests.precompute.devices import tablet
 
@@ -51,18 +46,6 @@ def test_a_walk_over_points_reads_what_the_model_says_and_goes_on_after_an_inter
     assert read.acceleration == pytest.approx(expected, rel=5e-3)
     with pytest.raises(SensorError, match="310 x 10 mm is off the plate of 300 x 180 mm"):
         bench.place(0.31 + 0.01j)
-
-
-@pytest.mark.long
-def test_what_is_promised_at_a_point_is_the_loaded_plate_and_the_range_over_others() -> None:
-    device = replace(PLATE, sweep=replace(PLATE.sweep, step_hz=40.0))
-    asked = AskedDrive((118.0,) * 3, (0.5, 0.0, 0.3), (0.0, 0.0, 1.0))
-    played, at_m = Played(Placement.on(device, [0.1 + 0.1j], []), asked, None), 0.2 + 0.05j
-    sensor = replace(device.finger, mass_kg=2e-3, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0)
-    unit = solve_response(assemble(device).with_fingers([at_m], sensor), np.array([118.0]))
-    promised = PossibleSurfaces(device, 2e-3).peaks(played, at_m)
-    assert promised[0] == pytest.approx(abs(asked.phasors @ unit.acceleration(np.array([at_m]))[0, :, 0]), rel=1e-6)
-    assert promised.min() < promised[0] < promised.max() < 2 * promised[0]
 
 
 def test_a_sensor_is_fixed_at_a_point_and_a_plan_names_points() -> None:

@@ -11,7 +11,7 @@ from tactable.measure.simulated_bench import SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions, SweptSine
 from tests.engine.loop.rig import DEVICE
-from tests.tactable.measure.test_stepped_sine import bench_of, errors, true_response
+from tests.tactable.measure.test_stepped_sine import bench_of, errors
 
 HZ = np.array([90.0, 150.0, 170.0, 209.0])
 OPTIONS = SteppedSineOptions(attempts=2)
@@ -36,18 +36,6 @@ def test_one_glide_reads_every_frequency_whatever_latency_and_clock_are() -> Non
     amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
     assert max(amplitudes) == pytest.approx(OPTIONS.least, abs=1e-4)
     assert all(event.channels[1].amplitude == 0 for event in bench.firmware.drive_log)
-
-
-@pytest.mark.long
-def test_the_level_rises_where_noise_demands_it_and_never_above_the_greatest() -> None:
-    bench = bench_of("noise=0.1m/s^2")
-    readings = read(bench, SteppedSineOptions(most=0.12), hz=HZ[1:3])
-    assert Fault.NOISE in readings[0].earlier
-    amplitudes = [event.channels[0].amplitude for event in bench.firmware.drive_log]
-    assert amplitudes[0] == pytest.approx(0.05, abs=1e-4)
-    assert max(amplitudes) == pytest.approx(0.12, abs=1e-4)
-    for reading in readings:
-        assert abs(reading.acceleration / true_response(reading) - 1) < max(0.01, 5 * reading.error)
 
 
 @pytest.mark.parametrize(

@@ -23,14 +23,6 @@ def test_modes_are_those_of_the_bar_and_a_finger_damps_them() -> None:
     assert dict(tactable.modes(DEVICE, up_to_hz=1e-3).sizes)["mode"] == 0
 
 
-def test_a_response_is_proportional_to_full_scale_of_its_actuator_alone() -> None:
-    twice = DEVICE.with_values({"actuator[1].full_scale": "1.04 µm"})
-    one, two = (tactable.response(each, 150.0, [0.03, 0.12], fingers=["35 mm"]) for each in (DEVICE, twice))
-    assert one.dims == ("frequency", "actuator", "position") and one.shape == (1, 2, 2)
-    assert (two / one).sel(actuator="left").values == pytest.approx(np.full((1, 2), 2.0))
-    assert (two / one).sel(actuator="right").values == pytest.approx(np.ones((1, 2)))
-
-
 def test_a_finger_beside_the_bar_is_refused() -> None:
     with pytest.raises(PlacementError, match=r"a finger at 900 mm: .* reaches from 0 to"):
         tactable.modes(DEVICE, ["900 mm"])

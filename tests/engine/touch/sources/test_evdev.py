@@ -188,12 +188,6 @@ def test_an_unplug_releases_everything_and_ends() -> None:
     assert (source.ended, source.fileno(), source.read(2 * MS), source.next_time_ns()) == (True, None, None, None)
 
 
-def test_size_and_range_are_the_devices() -> None:
-    surface = open_digitizer(opened(FakeKernel()).descriptor).surface
-    assert (surface.x.logical_minimum, surface.x.logical_maximum, surface.x.extent_mm) == (-100, 1900, 200.0)
-    assert surface.y.extent_mm is None
-
-
 # ---- finding ---------------------------------------------------------------------------------------------
 
 

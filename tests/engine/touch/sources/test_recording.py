@@ -93,14 +93,6 @@ def test_a_pipe_and_a_device_that_never_ends_are_refused(tmp_path: Path) -> None
             read_recording(path)
 
 
-def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "kept.hid"
-    path.write_text("old")
-    with pytest.raises(UnicodeEncodeError):
-        write_recording(Recording("\ud800", 3, 0, 0, b"\x05", ()), path)
-    assert [(found.name, found.read_text()) for found in tmp_path.iterdir()] == [("kept.hid", "old")]
-
-
 # ---- other forms -----------------------------------------------------------------------------------------
 
 PANEL = f"R: {len(HYBRID)} {HYBRID.hex(' ')}"
