@@ -8,6 +8,7 @@ ended. A process that ended is a `ChildError`: everything is ended and started a
 """
 
 import asyncio
+import contextlib
 import math
 import os
 import re
@@ -307,7 +308,8 @@ class DemoBackend(PageBackend):
             self._builder.stop()
         view = self.view
         if view is not None and self._builder.has_compiled and table.clicks and view.spreads is None:
-            view.spreads = await asyncio.to_thread(SampledPromises, table)
+            with contextlib.suppress(TableError):  # clicks of options that are not known here
+                view.spreads = await asyncio.to_thread(SampledPromises, table)
         if table.is_shipped:
             self._is_outdated = await asyncio.to_thread(is_outdated, table)
             self.scene_number += 1

@@ -75,8 +75,9 @@ class LiveBackend(PageBackend):
     async def run(self) -> None:
         """Watch for another table until cancelled."""
         while True:
-            if self._view.spreads is None and self._table.clicks:
-                self._view.spreads = await asyncio.to_thread(SampledPromises, self._table)
+            with contextlib.suppress(TableError):  # clicks of options that are not known here
+                if self._view.spreads is None and self._table.clicks:
+                    self._view.spreads = await asyncio.to_thread(SampledPromises, self._table)
             await asyncio.sleep(LOOK_S)
             with contextlib.suppress(
                 OSError, TableError, RendererError
