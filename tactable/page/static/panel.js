@@ -130,7 +130,7 @@ export class Panel {
     byId("loaded").checked = choice.is_loaded;
     byId("other").checked = choice.is_other;
     byId("other-bar").hidden = !scene.other;
-    say(byId("other-bar"), `The bar that plays is not the table’s, and the engine is not told: ${scene.other}.`);
+    say(byId("other-bar"), `The ${document.body.dataset.surface} that plays is not the table’s, and the engine is not told: ${scene.other}.`);
     for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
   }
 
