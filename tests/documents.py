@@ -87,7 +87,6 @@ class Command:
 
 
 def read_blocks(path: Path) -> list[Block]:
-    """The fenced blocks of a page."""
     text, blocks = path.read_text(encoding="utf-8"), []
     for found in _FENCE.finditer(text):
         language, *marks = found["info"].split() or [""]
@@ -97,7 +96,6 @@ def read_blocks(path: Path) -> list[Block]:
 
 
 def read_commands(block: Block) -> list[Command]:
-    """The commands of a block for the shell."""
     text = block.text.replace("\\\n", " ")
     if block.language == "sh":
         return [Command(_plain(line), None) for line in text.splitlines() if line.strip() and line[0] != "#"]

@@ -19,7 +19,6 @@ _NUMBER = re.compile(r"-?\d+\.\d*(?:e[-+]\d+)?\s*")  # numpy fills them up with 
 
 
 def read_notebook(path: Path) -> Any:
-    """The notebook as nbformat has it."""
     return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]  # has no types
 
 

@@ -28,7 +28,6 @@ def sources() -> Iterator[Path]:
 
 
 def anchors(page: Path) -> set[str]:
-    """The anchors that headings of a page get."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
     return {heading.replace(" ", "-") for heading in plain}

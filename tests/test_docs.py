@@ -41,7 +41,6 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def built_with_clicks(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with its clicks."""
     folder = Path(shutil.copytree(built, tmp_path_factory.mktemp("built_with_clicks"), dirs_exist_ok=True))
     build_table(Device.read(folder / "my-bar.toml"), folder / "my-bar.nc", clicks_up_to=1)
     return folder

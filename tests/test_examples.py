@@ -21,7 +21,6 @@ FOLDER = Path(__file__).parents[1] / "examples"
 
 
 def run(monkeypatch: pytest.MonkeyPatch, name: str, *words: str) -> dict[str, Any]:
-    """Names of the example once it has run."""
     monkeypatch.chdir(FOLDER.parent)
     monkeypatch.setattr(sys, "argv", [name, *words])
     return runpy.run_path(str(FOLDER / f"{name}.py"))

@@ -134,7 +134,6 @@ def test_it_has_the_keys_that_the_reader_takes(monkeypatch: pytest.MonkeyPatch) 
 
 
 def leaves(values: Any, path: Path_ = ()) -> Iterator[Path_]:
-    """Paths of all keys of tables."""
     for key, value in values.items() if isinstance(values, dict) else enumerate(values):
         if isinstance(values, dict):
             yield (*path, key)

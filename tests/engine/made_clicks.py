@@ -30,7 +30,6 @@ def basis_of(actuators: int, *counts: int) -> Basis:
 
 
 def places_of(device: Device) -> Places:
-    """The places of clicks made by hand."""
     return Places.every(device.surface.corner_m, PITCH_M)
 
 
@@ -42,7 +41,6 @@ def in_zones(device: Device, felt: Sequence[int], quiet: Sequence[int] = ()) -> 
 
 
 def number_of(device: Device, placement: Placement) -> int:
-    """The number that is in the samples of a placement's click."""
     key = places_of(device).key(placement)
     number = 0
     for code in key:

@@ -45,8 +45,6 @@ from tests.firmware_link.law_host import (
     with_basis,
 )
 
-# ---- waveforms ---------------------------------------------------------------------------------------------
-
 
 def law_a_basis_is_kept_until_the_device_boots(tier: Tier) -> None:
     host = Host(tier)
@@ -223,9 +221,6 @@ def unchecked(functions: int) -> Basis:
     return basis
 
 
-# ---- sample by sample --------------------------------------------------------------------------------------
-
-
 def wave_law_takeovers_make_no_step(tier: WaveTier) -> None:
     host = with_basis(tier)
     drive, other = host.drive(*LOUD), host.drive(ChannelDrive(150, 0.7), ChannelDrive(180, 1.0))
@@ -306,9 +301,6 @@ def wave_law_what_every_drive_leaves_quiet_stays_quiet_while_they_follow_each_ot
     _, displacements = tier.outputs(begun_us, host.device_us())
     assert np.abs(displacements).max() > 0.5
     assert np.abs(displacements[:, :2] @ [0.5, 1.0]).max() <= ROUNDING
-
-
-# ---- the host goes away ------------------------------------------------------------------------------------
 
 
 def wave_law_a_dropped_line_latches_at_once(tier: WaveTier) -> None:

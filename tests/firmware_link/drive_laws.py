@@ -35,8 +35,6 @@ from tests.firmware_link.law_host import (
     with_basis,
 )
 
-# ---- arming ------------------------------------------------------------------------------------------------
-
 
 def law_nothing_drives_before_it_is_armed(tier: Tier) -> None:
     host = Host(tier)
@@ -110,9 +108,6 @@ def law_a_copy_is_refused_as_long_as_the_clock_lets_it_pass(tier: Tier) -> None:
         tier.write(frame)
         after = host.fresh_status()
         assert (after.applied - before.applied, after.stale - before.stale) == (1, 1)
-
-
-# ---- falling silent ----------------------------------------------------------------------------------------
 
 
 def law_a_drive_ends_with_its_lease(tier: Tier) -> None:
@@ -224,9 +219,6 @@ def law_a_pause_starts_the_time_on_anew(tier: Tier) -> None:
     assert host.fresh_status().state is DeviceState.ARMED
 
 
-# ---- fresh, and old ----------------------------------------------------------------------------------------
-
-
 def law_keepalives_renew_and_no_more(tier: Tier) -> None:
     host = Host(tier).ready()
     applied = host.set(host.drive(*LOUD))
@@ -266,9 +258,6 @@ def law_an_old_clock_or_sequence_is_stale(tier: Tier) -> None:
     host.sequence = (host.sequence - 10) % 256
     send_each(0)
     assert host.status(lambda status: status.stale >= driven.stale + 3).applied == driven.applied
-
-
-# ---- the line ----------------------------------------------------------------------------------------------
 
 
 def law_any_garbage_ends_at_the_next_delimiter(tier: Tier) -> None:

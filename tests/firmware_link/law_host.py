@@ -128,7 +128,6 @@ class Host:
         return encode_message(message, self.sequence)
 
     def send(self, message: Message) -> int:
-        """Send now; the sequence that it got."""
         self.tier.write(self.frame(message))
         return self.sequence
 
@@ -246,7 +245,6 @@ class Host:
         return self.ask(commit)
 
     def pass_until(self, device_us: int) -> None:
-        """Wait until a device time has passed."""
         self.tier.wait(max(0, device_us - self.device_us()) + self.tier.slack_us + US_PER_MS)
 
     def _until_applied(self, make: Callable[[], Message]) -> Status:
@@ -277,7 +275,6 @@ CLICKS = Clicks(SAMPLE_RATE_HZ, [hump(1.0, -0.5), hump(0.5, 0.5)])
 
 
 def with_basis(tier: Tier, basis: Basis = CLICKS.basis, limit: int = FULL) -> Host:
-    """Ready, with a basis."""
     host = Host(tier)
     assert Features.WAVEFORMS in host.greet().features
     assert host.offer(basis.data) is Result.OK

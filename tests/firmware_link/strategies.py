@@ -81,7 +81,6 @@ def _repeated(layout: Layout, size: int, repetitions: int) -> st.SearchStrategy[
 
 @st.composite
 def bases(draw: st.DrawFn) -> Basis:
-    """Bases for 3 actuators."""
     chance = np.random.default_rng(draw(st.integers(0, 2**32)))
     shapes = draw(st.lists(st.tuples(st.integers(1, 12), st.integers(2, 60)), min_size=1, max_size=5))
     sets = []

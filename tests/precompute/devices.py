@@ -20,7 +20,6 @@ RANDOM = "random-20230247606"
 
 @cache
 def shipped(name: str) -> Device:
-    """The description of that name in tables/devices."""
     return Device.read(SHIPPED / f"{name}.toml")
 
 
@@ -104,7 +103,6 @@ def _random_actuator(random: np.random.Generator, name: str, position_m: float) 
 
 
 def with_bar(device: Device, **changes: Any) -> Device:
-    """The device with other values of its bar."""
     return replace(device, surface=replace(device.bar, **changes))
 
 

@@ -35,6 +35,5 @@ def read_bar(
     seed: int = 1,
     sensor_mass_kg: float = SENSOR_MASS_KG,
 ) -> Measurements:
-    """Simulated readings of the device with the values of `truth`."""
     layout = lay_out(np.array(pairs_hz, dtype=np.float64), even_places(device, points), sensor_mass_kg, kind)
     return simulate_measurements(with_changes(device, truth), layout, flaws or Flaws(), seed)

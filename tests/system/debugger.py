@@ -17,7 +17,6 @@ class Debugger:
         self._addresses = _addresses_of(image)
 
     def stop_at(self, function: str) -> None:
-        """Stop wherever this function begins."""
         # The lowest bit of an address tells Thumb code, and is no part of it.
         assert self._ask(f"Z0,{self._addresses[function] & ~1:x},2") == "OK"
 

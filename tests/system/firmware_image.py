@@ -76,7 +76,6 @@ class FirmwareImage:
 
     @property
     def boots(self) -> int:
-        """How often the image has started."""
         return self._boots
 
     def wait(self, duration_us: int) -> None:
@@ -86,7 +85,6 @@ class FirmwareImage:
             assert self._news.wait_for(lambda: self._reports and self._reports[-1].device_us >= end_us, PATIENCE_S)
 
     def press_reset(self) -> None:
-        """Push the reset button."""
         os.write(self._monitor_in, b"system_reset\n")
         self._read_until(_PROMPT)
 

@@ -47,9 +47,6 @@ ATTEMPTS, STALL_S = 2, 0.1
 UNPLUGGED_S = 1.0
 
 
-# ---- what the guest hands back ---------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Happened:
     """One scenario: each run of the engine, the last source's counts, the firmware's log, what the hardware did when.
@@ -80,9 +77,6 @@ class Broken:
     """A scenario that did not come to its end."""
 
     trace: str
-
-
-# ---- scenarios -------------------------------------------------------------------------------------------
 
 
 def kernel_device() -> KernelDevice:
@@ -203,9 +197,6 @@ SCENARIOS: tuple[Callable[[], object], ...] = (
 )
 
 
-# ---- helpers ---------------------------------------------------------------------------------------------
-
-
 def play_script(script: Callable[[Stage], None], on_opened: Callable[[Stage], None] = lambda _: None) -> Happened:
     """One run of the engine beside the hardware's script, from when it is plugged in until it stops."""
     with emulated_firmware() as end_firmware, hardware(script) as stage:
@@ -229,7 +220,6 @@ def play(stage: Stage, screen: VirtualDevice, recording: Recording) -> None:
 
 
 def touch_screen() -> VirtualDevice:
-    """The demo's touch screen, to plug in."""
     return VirtualDevice(DEMO, TOUCH_SERIAL_NUMBER, CONTACT_COUNT_MAXIMUM)
 
 

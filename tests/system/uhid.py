@@ -70,7 +70,6 @@ class VirtualDevice:
         os.close(self._descriptor)
 
     def send(self, report: bytes) -> None:
-        """One input report, report ID first."""
         os.write(self._descriptor, _INPUT.pack(_Type.INPUT2, len(report)) + report)
 
     def _answer_questions(self) -> None:

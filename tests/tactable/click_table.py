@@ -17,7 +17,6 @@ FINGERS = 2
 
 
 def build_click_table(folder: Path, clicks_up_to: int = FINGERS) -> Path:
-    """Build it in `folder`."""
     path = folder / "bar.nc"
     build_table(Device.parse(SMALL, "bar.toml"), path, created="", clicks_up_to=clicks_up_to, click_options=CHEAP)
     return path
@@ -29,5 +28,4 @@ def placed(source: ClickSource, felt: str, quiet: str = "") -> Placement:
 
 
 def click_of(source: ClickSource, felt: str, quiet: str = "", level_db: float = inf) -> ClickEntry:
-    """The click of such fingers, played at a level."""
     return played_at(source.click_of(placed(source, felt, quiet)), level_db)

@@ -21,7 +21,6 @@ REMAKE = "python -m tests.tools.ready_tables"
 
 
 def pack(built: Table, path: Path) -> None:
-    """Write the table to ship of a built one."""
     with work_folder("pack") as folder:
         small = folder / "small.nc"
         with TableWriter(small) as writer:

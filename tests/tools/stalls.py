@@ -123,7 +123,6 @@ class _Watch:
 
 @contextmanager
 def watched(limit_s: float = STALL_S) -> Iterator[Evidence]:
-    """Evidence of stalls during the block."""
     evidence, has_ended = Evidence(limit_s), threading.Lock()
     has_ended.acquire()
     watch = _Watch(evidence)

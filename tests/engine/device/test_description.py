@@ -146,7 +146,6 @@ def zone(start_mm: int, stop_mm: int, more: str = "") -> str:
 
 
 def with_five(table: str) -> str:
-    """A value where a table belongs."""
     text = re.sub(rf"^\[+{table}\]+.*\n(?:(?!\[).*\n)*", "", TEXT, flags=re.MULTILINE)
     return f"{table} = 5\n{text}"
 

@@ -77,7 +77,6 @@ class Day:
 
 
 def memory_mib() -> float:
-    """What the process has in memory now."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize() / 2**20
 

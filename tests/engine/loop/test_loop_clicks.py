@@ -16,7 +16,6 @@ RULES = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB)),))
 
 
 def waveform_of(event: DriveEvent) -> int | None:
-    """Which of the clicks an event starts."""
     numbers = [number_of(DEVICE, placement) for placement in PLACEMENTS]
     return None if event.waveform is None else numbers.index(int(event.waveform.samples[1, 0]))
 

@@ -63,7 +63,6 @@ class SwapRig(Rig):
         self.run()
 
     def played_samples(self) -> list[int]:
-        """The number in the samples of each click that was played."""
         found = [event.waveform for event in self.log if event.waveform is not None]
         return [int(each.samples[1, 0]) for each in found]
 
@@ -86,7 +85,6 @@ def test_a_resting_finger_feels_the_new_table_from_the_next_frame_on() -> None:
 
 
 def taps(count: int) -> Recording:
-    """A tap each 100 ms."""
     frames = list[tuple[float, bytes]]()
     for tap in range(count):
         start_s, contact = 0.1 * tap, tap % 15

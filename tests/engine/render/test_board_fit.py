@@ -50,7 +50,6 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def steady_m(rendering: Rendering, full_scales_m: Sequence[float]) -> list[float]:
-    """Displacements of the steady drive on the board."""
     command = rendering.renderer.render(PLACEMENT, 60.0)
     assert isinstance(command, DriveCommand)
     return [c.amplitude * full_m for c, full_m in zip(decode_drive(command.drive, 0.01), full_scales_m, strict=False)]

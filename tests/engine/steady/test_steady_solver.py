@@ -54,7 +54,6 @@ def test_half_of_the_drives_meet_their_bound_and_all_keep_what_is_said(name: str
 
 
 def _sampled(cases: FingerCases) -> FingerCases:
-    """The sampled cases, without the standard one."""
     return FingerCases(cases.position_m[1:], cases.impedance[1:])
 
 

@@ -20,7 +20,6 @@ def finger(*, flags: str = "0942 0932", collection: int = 0x22) -> bytes:
 
 
 def application(*parts: bytes, usage: int = TOUCH_SCREEN, report_id: int | None = 1) -> bytes:
-    """An application collection on the Digitizer page."""
     identity = b"" if report_id is None else bytes([0x85, report_id])
     return bytes([0x05, 0x0D, 0x09, usage, 0xA1, 0x01]) + identity + b"".join(parts) + b"\xc0"
 

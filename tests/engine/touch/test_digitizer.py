@@ -200,9 +200,6 @@ def test_a_device_without_surface_or_of_another_driver_is_refused(descriptor: by
         open_digitizer(descriptor, vendor_id, 1)
 
 
-# ---- recordings ------------------------------------------------------------------------------------------
-
-
 def opened(recording: Recording) -> Digitizer:
     return open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
 

@@ -88,7 +88,6 @@ def message_lines() -> list[str]:
 
 
 def basis_lines() -> list[str]:
-    """The example basis: its bytes and its hash."""
     return [f"basis | {example_basis().data.hex()} | {example_basis().hash:08x}"]
 
 
@@ -106,14 +105,12 @@ def waveform_lines() -> list[str]:
 
 
 def write_vectors(folder: Path = FOLDER) -> None:
-    """Write every file of vectors."""
     folder.mkdir(exist_ok=True)
     for name, lines in vector_files().items():
         (folder / name).write_text("\n".join([_MADE_BY, *_HEADS[name], *lines]) + "\n", encoding="ascii")
 
 
 def vector_files() -> dict[str, list[str]]:
-    """Lines of each file of vectors, by its name."""
     return {"messages.txt": message_lines(), "basis.txt": basis_lines(), "waveforms.txt": waveform_lines()}
 
 

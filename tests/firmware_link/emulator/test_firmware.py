@@ -24,7 +24,6 @@ DRIVE = encode_drive([ChannelDrive(60, 1.0), ChannelDrive(90, 0.5, 1.0)], RESOLU
 
 
 def greeted() -> tuple[Host, Any]:
-    """A host, and its device that it has not armed yet."""
     tier = VirtualTier()
     host = Host(tier)
     host.greet()

@@ -234,9 +234,6 @@ def test_amplitude_limits_bind_and_spare_actuators_stay_silent(
         LinkConfiguration(2, amplitude_limits=(1.0, 1.5))
 
 
-# ---- basis and clicks --------------------------------------------------------------------------------------
-
-
 def frames_of(rig: VirtualRig, name: str) -> int:
     return sum(frame.message == name for frame in rig.firmware.received)
 

@@ -29,9 +29,6 @@ def of_one(functions: int = 1, samples: int = 2, value: int = 0) -> BasisSet:
     return BasisSet(np.full((functions, samples), value, np.int16), np.zeros(functions, np.uint8))
 
 
-# ---- bytes -------------------------------------------------------------------------------------------------
-
-
 @unhurried
 @given(bases())
 def test_a_basis_survives_its_bytes_and_is_refused_by_a_device_of_fewer_actuators(basis: Basis) -> None:
@@ -74,9 +71,6 @@ def test_a_length_is_rounded_up_and_no_basis_has_the_hash_0() -> None:
     assert Basis(3000, (of_one(samples=3),)).length_us(0) == 667
     # The four bytes whose CRC-32 is 0.
     assert hash_of_basis(bytes.fromhex("9d0ad96d")) == 1
-
-
-# ---- clicks ------------------------------------------------------------------------------------------------
 
 
 def test_a_click_that_does_not_fit_its_set_is_refused() -> None:

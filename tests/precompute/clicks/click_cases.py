@@ -25,7 +25,6 @@ def placed(device: Device, letters: str) -> Placement:
 
 @cache
 def solver_of(name: str, options: ClickOptions = CHEAP) -> ClickSolver:
-    """The solver of a shipped device."""
     return ClickSolver(shipped(name), options)
 
 

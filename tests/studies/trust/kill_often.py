@@ -328,7 +328,6 @@ def _wait_for_group(group: int) -> None:
 
 @contextmanager
 def work_of(name: str, folder: Path) -> Iterator[Work]:
-    """The work of that name, what it needs running."""
     if name == "swap":
         for device in (OLD, NEW):
             build_table(device, folder / "bar.nc", clicks_up_to=0)

@@ -63,7 +63,6 @@ class Mutant:
     """What it is called in results: the path, the line it stands in and the change; the same while that line lives."""
 
     def apply(self, text: str) -> str:
-        """The mutated text of the file."""
         return text[: self.start] + self.after + text[self.stop :]
 
 
@@ -159,7 +158,6 @@ def _compared(node: ast.Compare, index: int, after: str) -> str:
 
 
 def _symbol(operator: ast.cmpop | ast.operator) -> str:
-    """How an operator is written."""
     x = ast.Name("x")
     applied = ast.BinOp(x, operator, x) if isinstance(operator, ast.operator) else ast.Compare(x, [operator], [x])
     return ast.unparse(applied).strip("x ")

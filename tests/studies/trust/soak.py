@@ -204,7 +204,6 @@ class Soak:
         self.figures.greatest_age_us = max(self.figures.greatest_age_us, age_us)
 
     def _given(self, command: ChannelTarget | PlayedWaveform) -> int:
-        """When the command was given."""
         if isinstance(command, PlayedWaveform):
             return self._plays_given_us[round(command.amplitude * FULL_SCALE_WORD) - 1]
         assert command.phase_rad is not None

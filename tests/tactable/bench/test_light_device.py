@@ -13,7 +13,6 @@ weights = st.lists(st.integers(-(2**15), 2**15 - 1), max_size=60).map(tuple)
 
 
 def message_of(clock: int, content: bytes | tuple[int, ...]) -> Set | Play:
-    """A SET of a drive, or a PLAY of weights."""
     if isinstance(content, bytes):
         return Set(clock, SetFlag.WRITE_PHASE, 40, content)
     return Play(clock, 0, 1, 0, len(content), content)

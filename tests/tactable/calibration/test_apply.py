@@ -73,7 +73,6 @@ def applied(*options: str, measurements: str = "measured.csv") -> dict[str, Any]
 
 
 def most_fingers(path: Path) -> int:
-    """The most fingers of a click of a table."""
     with Table.open(path) as table:
         return max(len(click.placement.position_m) for click in table.clicks)
 

@@ -100,7 +100,6 @@ def test_a_terminal_without_a_character_gets_its_code_and_the_rest(
 
 
 def workers_of(process: "subprocess.Popen[str]") -> list[int]:
-    """Worker processes that it started and that run."""
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 

@@ -145,7 +145,6 @@ REFUSED = [
 
 @pytest.fixture(scope="module")
 def folder(click_table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A table with clicks, devices and measurements."""
     folder = tmp_path_factory.mktemp("refused")
     shutil.copy(click_table, folder)
     shutil.copy(device_folder().parent / "measurements" / "reference-a-drifted.csv", folder / "m.csv")

@@ -161,8 +161,6 @@ def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
 
 @dataclass
 class Once:
-    """Acts once, at a time of the clock."""
-
     time_ns: int
     do: Callable[[], object]
     is_done: bool = False
@@ -178,7 +176,6 @@ class Once:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> VirtualClock:
-    """The clock of what is recorded."""
     made = VirtualClock()
     monkeypatch.setattr("engine.loop.loop.SystemClock", lambda: made)
     return made
@@ -252,7 +249,6 @@ def test_a_replay_releases_by_time_where_the_engine_does(bench: Bench, tmp_path:
 
 @pytest.fixture
 def layers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Layers as measured in no time."""
     measured = [Layer(name, 40.0, 900.0, "", "") for name in ("host", "engine", "line for a click")]
     monkeypatch.setattr("tactable.doctor.layers.measure_layers", lambda _: measured)
 

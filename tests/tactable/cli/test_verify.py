@@ -50,7 +50,6 @@ def test_the_bar_of_a_table_keeps_its_promise_in_drives_and_clicks_whatever_offs
 
 
 def with_rows(click_table: Path, path: Path) -> Path:
-    """The table with rows of two frequencies."""
     with Table.open(click_table) as table, TableWriter(path) as writer:
         kept = {key: value for key, value in table.attributes.items() if not key.startswith(("_", "format"))}
         writer.describe({key: value.item() if hasattr(value, "item") else value for key, value in kept.items()})

@@ -68,7 +68,6 @@ class Control(RuleBasedStateMachine):
         return number
 
     def end(self, number: int) -> None:
-        """The program is gone, or its lease has ended."""
         self.may_sound.discard(number)
         self.keeps_quiet.discard(number)
         self.wants.pop(number, None)

@@ -149,8 +149,6 @@ def test_what_is_wrong_is_refused_by_address_and_expectation(address: str, value
 
 
 class Port(asyncio.DatagramTransport):
-    """The port in memory: what was sent to each sender."""
-
     def __init__(self) -> None:
         super().__init__()
         self.said: dict[Any, list[tuple[str, list[Value]]]] = {}

@@ -91,9 +91,6 @@ def test_one_simulated_card_for_both_is_a_bench() -> None:
             assert driven.capabilities.full_scales_m[0] == pytest.approx(0.54e-6)
 
 
-# ---- the converter's process ------------------------------------------------------------------------------
-
-
 def stream_of(blocks: list[tuple[np.ndarray[tuple[int, int], np.dtype[np.float32]], bool]]) -> SampleStream:
     """What the sensor reads of blocks (sample, channel) that the callback took, with whether some were lost before."""
     reader, writer = os.pipe()

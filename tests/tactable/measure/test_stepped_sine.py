@@ -30,7 +30,6 @@ PLACE_M = 0.05
 def stepping(
     bench: SimulatedBench, options: SteppedSineOptions | None = None, sensor: SimulatedSensor | None = None
 ) -> Iterator[SteppedSine]:
-    """The stepped sine on a bench, which has listened to it at rest."""
     with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
         stepped = SteppedSine(DEVICE, driven, sensor or SimulatedSensor(bench), options or SteppedSineOptions())
         stepped.listen()
@@ -86,7 +85,6 @@ def read_after_loss(duration_ns: float, odd: float = 0.0) -> Reading:
 
 
 def bench_of(flaws: str = "", kind: type[Any] = SimulatedBench, **options: bool) -> Any:
-    """A bench of this kind, with the sensor in its place."""
     bench = kind(DEVICE, ConverterFlaws.parse(flaws), 1, MASS_KG, **options)
     bench.place(PLACE_M)
     return bench

@@ -79,8 +79,6 @@ def reporter(table: Table) -> Reporter:
 
 @dataclass
 class SolvingHere:
-    """Solves each click at once."""
-
     solver: ClickSolver
     is_there: bool = True
     _ready: list[tuple[str, ClickEntry]] = field(default_factory=list)
@@ -175,7 +173,6 @@ def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
 
 @pytest.fixture
 def virtual(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The demo plays in virtual time."""
     monkeypatch.setattr(demo_run, "play", play)
 
 
@@ -227,7 +224,6 @@ def test_the_demo_plays_taps_and_three_fingers_through_its_processes_in_real_tim
 
 
 def demo_here(folder: Path, table: Path, recording: Path, *more: str) -> dict[str, Any]:
-    """What `tactable demo` of a recording tells."""
     built = [str(table.with_name("bar.toml")), "--table", str(table)]
     report: dict[str, Any] = summary_of(folder, "demo", "--recording", str(recording), *built, *more)
     assert report["agrees"] and report["simulated"]
@@ -330,7 +326,6 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
 
 @pytest.fixture(scope="module")
 def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
-    """The demo's touches with a click for each."""
     run = play(table, read_recording(DEMO_RECORDING), 3.0)
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
 

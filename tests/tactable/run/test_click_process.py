@@ -51,14 +51,12 @@ class FakeParent(Parent):
 
 
 def answers(path: Path, *asked: tuple[Placement, Device]) -> list[tuple[str, ClickEntry]]:
-    """What the process answers to questions that wait for it."""
     parent, decoder = FakeParent(*(question_of(*each) for each in asked)), Answers()
     Service(path, parent).run()
     return [found for answer in parent.answers if (found := decoder.decode(json.loads(json.dumps(answer)))) is not None]
 
 
 def three_fingers(felt_m: float = 0.201) -> Placement:
-    """Fingers between places of the table."""
     return Placement.on(DEVICE, [felt_m], [0.03, 0.1])
 
 

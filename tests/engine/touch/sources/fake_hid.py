@@ -53,7 +53,6 @@ class FakeMachine:
         return HidSystem(self, self.folder / "sys")
 
     def open(self, name: str, *, reconnect: bool = True) -> HidrawSource:
-        """A source of one of the devices, which is closed with the machine."""
         self.opened.append(open_hidraw(self.system(), name, reconnect=reconnect))
         return self.opened[-1]
 

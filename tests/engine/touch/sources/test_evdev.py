@@ -188,9 +188,6 @@ def test_an_unplug_releases_everything_and_ends() -> None:
     assert (source.ended, source.fileno(), source.read(2 * MS), source.next_time_ns()) == (True, None, None, None)
 
 
-# ---- finding ---------------------------------------------------------------------------------------------
-
-
 @dataclass
 class FakeEvdev:
     """The package."""

@@ -32,9 +32,6 @@ def machine(tmp_path: Path) -> Iterator[FakeMachine]:
     made.close()
 
 
-# ---- finding ---------------------------------------------------------------------------------------------
-
-
 def test_without_the_module_hidraw_the_remedy_is_named() -> None:
     def import_module(name: str) -> object:
         if name not in installed:
@@ -99,9 +96,6 @@ def test_the_descriptor_is_read_without_permission_to_open(machine: FakeMachine)
     assert read_descriptor(system, find_digitizers(system)[0]) == DESCRIPTOR
 
 
-# ---- reading a node --------------------------------------------------------------------------------------
-
-
 def test_reports_come_in_order_with_index_and_time(machine: FakeMachine) -> None:
     device = machine.plug()
     source = machine.open(NUMBER)
@@ -149,9 +143,6 @@ def test_a_source_ends_with_its_close_and_with_an_unplug_where_it_does_not_wait(
         assert (source.ended, source.fileno(), source.read(0)) == (True, None, None)
     machine.unplug(device)
     assert (other.read(0), other.ended, other.next_time_ns()) == (None, True, None)
-
-
-# ---- unplug ----------------------------------------------------------------------------------------------
 
 
 def test_a_lost_device_is_looked_for_less_and_less_often_and_said_to_be_lost(machine: FakeMachine) -> None:
@@ -213,9 +204,6 @@ def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
     assert "another device" in str(source.problem)
 
 
-# ---- overflow --------------------------------------------------------------------------------------------
-
-
 def drain(source: Source, digitizer: Digitizer, now_ns: int) -> TouchFrame | None:
     """A pass of the loop: all that is there, then the watchdog; the last frame."""
     last = None
@@ -242,9 +230,6 @@ def test_a_full_ring_overflows_and_releases_all(machine: FakeMachine, bursts: tu
     assert [contact.contact_id for contact in frame.contacts] == ([1] if overflows else [1, 2])
     assert source.clock_time_ns(source.report_time_ns) == 1008 * MS
     assert source.clock_time_ns(source.source_time_ns(1009 * MS)) == 1009 * MS
-
-
-# ---- refusals --------------------------------------------------------------------------------------------
 
 
 def test_no_permission_prints_where_the_rule_goes_and_it_names_the_device_as_the_kernel_does(

@@ -110,8 +110,6 @@ def test_a_pipe_that_nobody_reads_does_not_block_the_page_and_an_engine_that_is_
     assert (source.ended, source.fileno()) == (True, None)
 
 
-# ---- reports made up -------------------------------------------------------------------------------------
-
 axes = st.tuples(st.integers(-(2**31), 2**31 - 2), st.integers(1, 2**31), st.none() | st.floats(1, 5000)).map(
     lambda parts: Axis(parts[0], min(parts[0] + parts[1], 2**31 - 1), parts[2])
 )

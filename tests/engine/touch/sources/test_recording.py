@@ -93,8 +93,6 @@ def test_a_pipe_and_a_device_that_never_ends_are_refused(tmp_path: Path) -> None
             read_recording(path)
 
 
-# ---- other forms -----------------------------------------------------------------------------------------
-
 PANEL = f"R: {len(HYBRID)} {HYBRID.hex(' ')}"
 TOUCHES = [f"E: 000000.{8 * k:03d}000 14 {hybrid(Finger(1, 100 + k), NOBODY, 1).hex(' ')}" for k in range(3)]
 EVDEV = [(3, 0x2F, 1), (3, 0x39, 7), (3, 0x35, 40), (3, 0x36, 9), (0, 0, 0), (3, 0x35, 41), (0, 0, 0), (3, 0x39, -1)]
