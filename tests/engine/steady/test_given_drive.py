@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from base.arrays import Array
 from engine.steady.given_drive import CASES, compute_levels
 from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
@@ -24,17 +23,3 @@ def test_levels_and_their_spread_are_those_of_finite_elements(name: str) -> None
     assert np.percentile(found_db[1:], PERCENTS, axis=0) == pytest.approx(
         np.percentile(figures.sampled_level_db, PERCENTS, axis=0), abs=0.2
     )
-
-
-def test_tones_add_in_power_and_a_still_actuator_has_no_tone() -> None:
-    device = DEVICES["reference-a"]
-    modes = designer_of(device).modes
-
-    def power(hz: tuple[float, float], amplitude: tuple[complex, complex]) -> Array:
-        found: Array = 10 ** (compute_levels(device, modes, POSITIONS_M, hz, np.array(amplitude)) / 10)
-        return found
-
-    apart = power((120.0, 0.0), (0.5, 0.0)) + power((0.0, 180.0), (0.0, 0.25j))
-    assert power((120.0, 180.0), (0.5, 0.25j)) == pytest.approx(apart, rel=1e-9)
-    assert power((120.0, 180.0), (1.0, 0.5j)) == pytest.approx(4 * apart, rel=1e-9)
-    assert power((120.0, 120.0), (0.5, 0.25j)) != pytest.approx(power((120.0, 120.0), (0.5, -0.25j)), rel=0.1)

@@ -1,6 +1,5 @@
 """Laws of the clicks of a table: found by the places and roles of fingers, and given back as they were written."""
 
-import pickle
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -8,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.table import ClickEntry, Clicks, Table, TableError
+from engine.table import ClickEntry, Table, TableError
 from engine.table.click_grid import NO_ROW
 from engine.touch import Placement, PlacementError
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.made_clicks import click_of, every_click, in_zones, made_clicks, places_of
+from tests.engine.made_clicks import click_of, in_zones, made_clicks, places_of
 from tests.engine.made_table import write_table
 from tests.precompute.devices import shipped
 
@@ -72,16 +71,6 @@ def test_a_table_without_clicks_has_places_and_solves_drives_all_the_same(tmp_pa
     assert drive.level_db[0] > drive.level_db[1]
 
 
-def test_every_row_is_found_by_its_key_and_no_other_key_finds_it() -> None:
-    clicks = every_click(DEVICE)
-    for row in range(len(clicks)):
-        assert clicks.row_of(clicks.key_of(row)) == row
-        assert PLACES.key(clicks[row].placement) == clicks.key_of(row)
-    assert sorted(np.unique(clicks.pair).tolist()) == [NO_ROW, *range(len(clicks))]
-    assert clicks.row_of((0,)) is None  # a quiet finger alone has no click
-    assert clicks.row_of((2, 3)) is None  # two fingers at one place
-
-
 def test_clicks_are_given_by_number_slice_and_key_and_the_renderer_reads_the_same() -> None:
     clicks = made_clicks(DEVICE, varied_clicks())
     assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
@@ -94,12 +83,3 @@ def test_clicks_are_given_by_number_slice_and_key_and_the_renderer_reads_the_sam
         assert np.array_equal(clicks.weights[row, :own], click.weights) and not clicks.weights[row, own:].any()
         assert clicks.fraction_bits[row] == click.fraction_bits and clicks.basis_set[row] == click.basis_set
         assert clicks.felt_low_db[row] == click.level_db
-
-
-def test_clicks_travel_to_another_process_as_arrays() -> None:
-    clicks = every_click(DEVICE)
-    data = pickle.dumps(clicks)
-    arrays = sum(value.nbytes for value in vars(clicks).values() if isinstance(value, np.ndarray))
-    assert len(data) < arrays + 10_000
-    again: Clicks = pickle.loads(data)
-    assert all(same(one, other) for one, other in zip(again, clicks, strict=True))

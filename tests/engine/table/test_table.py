@@ -167,18 +167,3 @@ def test_an_array_with_missing_elements_is_not_written(tmp_path: Path) -> None:
         stream.append(np.ones(3))
         stream.close()
     assert not list(tmp_path.iterdir())
-
-
-def test_pieces_of_any_size_make_the_same_array(tmp_path: Path) -> None:
-    values = np.random.default_rng(0).random((2, 6, 3))
-    for step in (1, 4, 5, 6):
-        path = tmp_path / f"{step}.nc"
-        with TableWriter(path) as writer:
-            fill(writer)
-            stream = writer.open_stream("more", Variable("x", ("a", "b", "c"), "1", ""), values.shape, np.float64)
-            for row in values:
-                for start in range(0, 6, step):
-                    stream.append(row[start : start + step])
-            stream.close()
-        with Table.open(path) as table:
-            assert (table.values("more", "x") == values).all()

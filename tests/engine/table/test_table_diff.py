@@ -14,7 +14,7 @@ from engine.device import Device
 from engine.table import ClickEntry, Clicks, Table
 from engine.table.best_rows import BestRow, BestRows
 from engine.table.levels import shifted
-from engine.table.table_diff import TableDiff, Tolerance, compare_tables, row_figures
+from engine.table.table_diff import TableDiff, Tolerance, compare_tables
 from engine.touch.places import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
 from tests.engine.made_rows import row_of
@@ -123,17 +123,6 @@ def test_a_change_of_a_figure_is_found_where_it_was_made(
     assert found.differs
     count, where, change = found.best_rows.largest()[0]
     assert (count, where, change.figure) == (1, state, figure)
-
-
-def test_only_the_phase_between_actuators_of_one_tone_is_felt() -> None:
-    before = replace(ROWS[0], frequencies_hz=(100.0, 100.0), phases_rad=(3.0, -3.0))
-    for phases_rad, size in (((2.0, 2.0 - 6.0), 0.0), ((3.0, -2.5), 0.5), ((-3.0, 3.0), 4 * (math.pi - 3))):
-        after = replace(before, phases_rad=phases_rad)
-        figures = {figure: size for figure, _, _, size in row_figures(before, after, same_actuators=True)}
-        assert figures["phase_rad"] == pytest.approx(size, abs=1e-9)
-    two_tones = replace(ROWS[0], phases_rad=(1.0, -1.0))
-    figures = {figure: size for figure, _, _, size in row_figures(ROWS[0], two_tones, same_actuators=True)}
-    assert figures["phase_rad"] == 0.0
 
 
 def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare) -> None:

@@ -9,11 +9,8 @@ from engine.device import Device
 from precompute.clicks.click_basis import (
     SAMPLE_RATE_HZ,
     make_tones,
-    orthogonalised,
 )
-from tests.precompute.devices import any_device, shipped
-
-LENGTH_S = 0.02
+from tests.precompute.devices import any_device
 
 
 @any_device
@@ -31,16 +28,3 @@ def test_tones_lie_in_the_band_evenly_as_close_as_asked(device: Device, length_s
         assert found_hz[0] - low_hz == pytest.approx(high_hz - found_hz[-1], abs=1e-6)
         assert 0 <= found_hz[0] - low_hz <= 0.5 / (crowding * length_s) + 1e-6
         assert all(b - a == pytest.approx(1 / (crowding * length_s)) for a, b in pairwise(found_hz.tolist()))
-
-
-@pytest.mark.parametrize("crowding", [1.0, 1.5, 4.0])
-def test_independent_tones_are_orthogonal_and_span_the_same(crowding: float) -> None:
-    tones = make_tones(shipped("reference-a"), LENGTH_S, crowding)
-    apart = orthogonalised(tones)
-    for actuator in range(2):
-        wave, new = (each.wave[each.actuator == actuator] for each in (tones, apart))
-        products = new @ new.T
-        assert products == pytest.approx(products[0, 0] * np.eye(len(new)), abs=1e-9 * products[0, 0])
-        left = wave - (wave @ new.T / products[0, 0]) @ new
-        assert abs(left).max() <= 1e-2
-    assert len(apart.wave) <= len(tones.wave) and not apart.wave[:, [0, -1]].any()

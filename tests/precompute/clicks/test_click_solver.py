@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from precompute.clicks.click_basis import SAMPLE_RATE_HZ
-from precompute.clicks.click_solver import FULL_SCALE, ClickSolver
+from precompute.clicks.click_solver import FULL_SCALE
 from tests.precompute.clicks.click_cases import CHEAP, placed, solver_of
-from tests.precompute.devices import mirrored, shipped
 
 any_case = pytest.mark.parametrize("letters", ["F--q-", "FqFq-", "F----", "qqFqq"])
 
@@ -24,24 +23,3 @@ def test_an_entry_is_the_click_on_the_grid_of_the_wire_at_rest_at_both_ends_with
     assert (entry.felt, entry.quiet, entry.fingers) == (figures.felt, figures.quiet, figures.fingers)
     assert entry.tolerance_m == solver.device.spread.finger_position_m
     assert entry.achieved and list(entry.exceeds_s) == [*solver.device.levels_db, np.inf]
-
-
-def test_an_order_of_placements_changes_no_click() -> None:
-    """Neighbours share plants, which are kept; a click depends on nothing but its placement."""
-    device = shipped("reference-a")
-    first, second = placed(device, "F--q-"), placed(device, "q--F-")
-    one, other = ClickSolver(device, CHEAP), ClickSolver(device, CHEAP)
-    forth = [one.solve(each).waveform for each in (first, second)]
-    back = [other.solve(each).waveform for each in (second, first)]
-    assert all((a == b).all() for a, b in zip(forth, back[::-1], strict=True))
-
-
-@pytest.mark.parametrize("letters", ["F--q-", "qqFqq", "F----"])
-def test_a_mirrored_bar_gets_mirrored_clicks_of_one_felt_finger(letters: str) -> None:
-    """The same waveforms, up to their sign. Instants of several felt fingers are chosen in the order along the bar."""
-    device = shipped("reference-a")
-    here = solver_of("reference-a").solve(placed(device, letters))
-    there = ClickSolver(mirrored(device), CHEAP).solve(placed(mirrored(device), letters[::-1]))
-    assert there.evaluation.felt.nominal_db == pytest.approx(here.evaluation.felt.nominal_db, abs=0.1)
-    sign = np.sign((there.waveform * here.waveform).sum())
-    assert abs(sign * there.waveform - here.waveform).max() <= 0.05

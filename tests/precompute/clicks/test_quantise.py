@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, amplitude_steps, clamp_samples, sample_limits, weighted_sum
-from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_set, tones_of
+from precompute.clicks.click_basis import SAMPLE_RATE_HZ, click_set
 from precompute.clicks.quantise import quantise
 from tests.precompute.clicks.click_cases import placed, solver_of
 from tests.precompute.clicks.test_closed_form import problem
@@ -25,15 +25,6 @@ def test_no_sample_passes_the_amplitude_and_the_device_clamps_none(seed: int, am
     sums = weighted_sum(SET, found.words, found.fraction_bits, 2)
     limits = sample_limits([round(65_535 * amplitude)] * 2, 655_350_000, round(SAMPLE_RATE_HZ))
     np.testing.assert_array_equal(clamp_samples(sums, limits), steps.T)
-
-
-@given(st.integers(0, 2**32))
-def test_weights_within_the_limits_are_only_rounded(seed: int) -> None:
-    weight = np.random.default_rng(seed).normal(size=len(SET.actuators))
-    weight *= 0.9 / abs(tones_of(SET).waveform(weight)).max()
-    found = quantise(SET, weight, 1.0)
-    assert abs(found.words / 2**found.fraction_bits - weight).max() <= 0.5 / 2**found.fraction_bits
-    assert abs(found.waveform - tones_of(SET).waveform(weight)).max() <= 1e-3
 
 
 @pytest.mark.parametrize("letters", ["F--q-", "q--F-", "FqFq-", "F----", "qqFqq"])

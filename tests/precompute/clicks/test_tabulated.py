@@ -31,20 +31,6 @@ def test_whatever_one_or_two_fingers_come_their_placement_is_tabulated(
         assert key in set(tabulated_keys(places, 2))
 
 
-@pytest.mark.parametrize("pitch_m", [3e-3, 12e-3])
-def test_no_placement_is_tabulated_twice_or_without_a_felt_finger(pitch_m: float) -> None:
-    places = Places.every(LENGTH_M, pitch_m)
-    keys = tabulated_keys(places, 2)
-    assert len(set(keys)) == len(keys)
-    assert all(any(code % 2 for code in key) and list(key) == sorted(key) for key in keys)
-    assert (
-        tabulated_keys(places, 1)
-        == [key for key in keys if len(key) == 1]
-        == [(2 * p + 1,) for p in range(places.count)]
-    )
-    assert tabulated_keys(places, 0) == []
-
-
 @pytest.mark.machine(stall_s=None)
 def test_clicks_are_the_same_by_however_many_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     for few in ("_PAYS", "_TOGETHER"):  # each of these four clicks for itself

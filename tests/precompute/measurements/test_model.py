@@ -11,7 +11,6 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
-from precompute.model.response import blocked_force
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_bar
 from tests.precompute.measured import NAN
@@ -76,17 +75,6 @@ def test_responses_per_newton_are_those_of_the_dense_model_to_one_newton(device:
         omega, ends = 2 * np.pi * rows.frequency_hz[row, 0], model.rows([place_m, 0.61 * device.bar.length_m])
         stiffness = model.K + 1j * omega * model.C - omega**2 * model.M
         assert found[row] == pytest.approx(-(omega**2) * ends[0] @ np.linalg.solve(stiffness, ends[1]), rel=1e-7)
-
-
-@on_each({device.name: device for device in [*DEVICES, with_transfers(DEVICE)]})
-def test_a_force_at_an_actuator_times_its_blocked_force_is_full_scale(device: Device) -> None:
-    for index, actuator in enumerate(device.actuators):
-        hz = np.where(np.arange(len(device.actuators)) == index, np.array([[150.0], [201.0], [66.0]]), NAN)
-        rows = rows_of(device, hz, Kind.RESPONSE)
-        per_newton = replace(rows, force_m=np.full(len(rows), actuator.position_m))
-        full, force = (MeasurementModel(device, m, ()).predict(np.zeros(0)) for m in (rows, per_newton))
-        found = np.exp(full.log_acceleration - force.log_acceleration)
-        assert found == pytest.approx(blocked_force(device.actuators, rows.frequency_hz[:, index])[:, index], rel=1e-9)
 
 
 @pytest.mark.parametrize("device", [DEVICE, ASSEMBLY, with_transfers(DEVICE)], ids=["bar", "assembly", "transfers"])

@@ -1,9 +1,7 @@
 """Laws of the parameters: names, bounds, coordinates, and devices with other values."""
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +14,6 @@ from precompute.measurements.parameters import (
     paper_names,
     parameter_unit,
     with_changes,
-    with_values,
 )
 from tests.precompute.devices import random_device, shipped, with_actuators
 
@@ -64,15 +61,6 @@ def test_a_damping_of_0_may_be_fitted_and_its_coordinate_becomes_a_logarithm() -
     (damping,) = find_parameters(with_actuators(DEVICE, damping_n_s_per_m=0.0), ["actuator.damping"], {}, 0.0)
     assert damping.start == damping.low == sigma.coordinate(0.0) == 0.0
     assert sigma.coordinate(100.0) - sigma.coordinate(10.0) == pytest.approx(math.log(10), rel=1e-3)
-
-
-def test_values_go_to_the_actuators_that_share_them() -> None:
-    parameters = find_parameters(DEVICE, ["actuator.damping", "actuator[2].mass", "bar.density"], {}, 0.0)
-    changed = with_values(DEVICE, parameters, np.array([0.1, 0.02, 2800.0]))
-    assert [a.damping_n_s_per_m for a in changed.actuators] == [0.1, 0.1]
-    assert [a.mass_kg for a in changed.actuators] == [DEVICE.actuators[0].mass_kg, 0.02]
-    assert changed.bar.density_kg_per_m3 == 2800.0
-    assert replace(changed, surface=DEVICE.bar, actuators=DEVICE.actuators) == DEVICE
 
 
 @pytest.mark.parametrize(

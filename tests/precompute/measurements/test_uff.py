@@ -100,20 +100,6 @@ def test_responses_to_a_force_anywhere_are_accelerations_per_newton(
     assert found.acceleration == pytest.approx(factor * np.array([1 + 2j, 3 - 1j, -2 + 0.5j]), rel=1e-4)
 
 
-@pytest.mark.parametrize(("kind", "order"), [(8, 2), (11, 1), (12, 0)])
-def test_unlabelled_responses_per_force_are_in_the_units_of_the_file(kind: int, order: int, tmp_path: Path) -> None:
-    inches = dict(units(7, 39.37008)) | {"force": 0.2248089}
-    places, none = nodes(), {"ordinate_axis_units_lab": "NONE", "ordinate_spec_data_type": kind}
-    places["x"] = 39.37008 * np.asarray(places["x"])
-    for changes, force_n in ((FORCE, 4.448222), ({}, 1.0)):
-        path = written(tmp_path, inches, places, response(1, 8, **none, **changes))
-        found = read_uff(path, DEVICE, 0.0)
-        path.unlink()
-        assert (found.force_m is None) == (changes == {})
-        wanted = (1j * OMEGA) ** order * np.array([1 + 2j, 3 - 1j, -2 + 0.5j]) / 39.37008 / force_n
-        assert found.acceleration == pytest.approx(wanted, rel=1e-4)
-
-
 def units(code: int, per_metre: float) -> dict[str, Any]:
     """Dataset 164, whose factor leads from metres to the file's unit."""
     others = {"temp_mode": 1, "force": 1.0, "temp": 1.0, "temp_offset": 0.0}

@@ -21,15 +21,6 @@ def test_no_peak_between_them_is_missed_by_more_than_a_tenth_of_a_decibel(name: 
     assert (20 * np.log10(true / found) < 0.1).all()
 
 
-def test_they_rise_on_the_steps_of_the_wire_within_the_sweep() -> None:
-    plant = assemble(shipped("reference-a"))
-    hz = fine_frequencies(plant)
-    assert (np.diff(hz) > 0).all()
-    assert np.round(hz, 2) == pytest.approx(hz, abs=1e-12)
-    assert (hz[0], hz[-1]) == (60.0, 300.0)
-    assert set(plant.device.sweep.frequency_hz) <= set(hz.tolist())
-
-
 def test_an_actuator_plays_its_band_and_its_edges_are_looked_at() -> None:
     device = shipped("reference-a")
     left, right = device.actuators

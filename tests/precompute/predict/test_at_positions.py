@@ -5,7 +5,6 @@ import pytest
 
 from engine.device import Device
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
-from precompute.predict.rise_time import WITHIN
 from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
@@ -42,18 +41,6 @@ def test_levels_are_those_of_a_dense_model_and_their_spread_that_of_the_sampled_
     assert figures.finger_percentiles(0) == spread.felt
     mean = (10 ** (sampled_db / 10)).mean(axis=0)
     assert figures.expected_contrast_db == pytest.approx(10 * np.log10(mean[0] / mean[1:].max()))
-
-
-def test_t90_is_when_the_envelope_stays_near_its_final_value() -> None:
-    device = shipped("reference-a")
-    figures = figures_of(device)
-    step_s = 1e-4
-    time_s = np.arange(0, figures.t90_s + 0.05, step_s)
-    hz = np.full(2, figures.drive.frequency_hz)
-    model = touched_model(device, POSITIONS_M)
-    course, final = model.envelope(hz, figures.drive.complex_amplitudes, np.array(POSITIONS_M[:1]), time_s)
-    off = np.flatnonzero(abs(course[:, 0] / final[0] - 1) > WITHIN)
-    assert time_s[off[-1]] == pytest.approx(figures.t90_s, abs=2 * step_s)
 
 
 def test_a_designer_takes_a_plant_that_is_at_hand() -> None:

@@ -48,15 +48,3 @@ def test_the_interpolation_error_is_that_of_a_direct_comparison(device: Device) 
     relative = abs(((peak[:-1] + peak[1:]) / 2 - peak_there) / peak_there).max(axis=2)
     assert error.localized_factor == pytest.approx(expected, rel=1e-3, abs=1e-6)
     assert error.peak_acceleration == pytest.approx(relative, rel=1e-3, abs=1e-6)
-
-
-@any_device
-def test_the_grid_response_is_that_of_the_dense_model(device: Device) -> None:
-    points_m = zone_points(device)
-    grid = compute_grid_response(assemble(device), FREQUENCY_HZ, points_m)
-    model = DenseModel(device)
-    for z, zone in enumerate(device.zones):
-        expected = model.unit_acceleration(FREQUENCY_HZ, points_m[z]).transpose(0, 2, 1)
-        assert abs(grid.acceleration[:, :, z] - expected).max() <= 1e-7 * abs(expected).max()
-        gram = model.unit_gram(FREQUENCY_HZ, zone.start_m.real, zone.stop_m.real)
-        assert abs(grid.gram[:, z] - gram).max() <= 1e-6 * abs(gram).max()

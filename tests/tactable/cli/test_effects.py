@@ -35,14 +35,6 @@ def test_each_event_is_told_with_what_becomes_of_it(tmp_path: Path) -> None:
     assert isinstance(run("show", str(FILES / "drop.haptic"), "--level", "full").exception, OptionError)
 
 
-def test_a_picture_has_the_segments_as_data(tmp_path: Path) -> None:
-    picture, data = tmp_path / "knock.svg", tmp_path / "knock.csv"
-    done = run("show", str(FILES / "knock.ahap"), "-o", str(picture), "-o", str(data))
-    assert done.exit_code == 0 and picture.stat().st_size > 10_000
-    rows = data.read_text(encoding="utf-8").splitlines()
-    assert rows[0] == "start (ms),stop (ms),kind,dB" and rows[1] == "0.0,30.0,click,25.0"
-
-
 def test_an_effect_is_written_with_the_frequency_of_its_place(tmp_path: Path) -> None:
     path = tmp_path / "error.hjif"
     assert run("export", "error", "-o", str(path), "--device", "reference-a", "--at", "40mm").exit_code == 0

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.precompute.builder.test_table_build import SMALL
-from tests.tactable.cli.in_process import run_here, summary_of
+from tests.tactable.cli.in_process import summary_of
 
 CLICK = ("click", "bar.nc", "--felt", "I", "--quiet", "III")
 PICTURES = {
@@ -41,13 +41,6 @@ def test_a_picture_comes_with_its_data_and_a_summary(folder: Path, name: str) ->
         assert "detection threshold" in summary["estimated"]
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert len((folder / f"{name}.csv").read_text(encoding="utf-8").splitlines()) > 3
-
-
-def test_a_picture_goes_where_it_is_wanted_and_a_line_says_what_it_shows(folder: Path) -> None:
-    caption, written = run_here(folder, "plot", *PICTURES["reach"], "-o", "wanted.svg").stdout.splitlines()
-    assert caption.startswith("reference-a")
-    assert written == "written: wanted.svg"
-    assert (folder / "wanted.svg").stat().st_size > 10_000
 
 
 def test_a_level_that_full_scale_stands_for_is_null_in_json(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from tactable.cli.main import app
 from tactable.cli.options import OptionError
 from tactable.cli.touch import map_json
 from tactable.digitizers.axis_map import FINGERTIP_MM, Stroke, digitizer_table, learn, learn_axis
-from tactable.digitizers.record import learn_from_recording, learn_live, record_source
+from tactable.digitizers.record import learn_from_recording, learn_live
 from tactable.doctor.layers import Layer
 from tactable.doctor.ports import check_cards
 from tactable.doctor.touch_check import Machine, examine
@@ -196,14 +195,6 @@ def test_what_is_recorded_is_read_back_report_for_report(bench: Bench, tmp_path:
     identity = (recording.name, recording.bus, recording.vendor_id, recording.product_id, recording.descriptor)
     assert identity == ("Touch Bar", 3, 0x04F3, 0x200A, device.descriptor)
     assert (summary["reports"], summary["recording"]) == (5, str(path))
-
-
-def test_an_unplug_ends_the_recording_cleanly(bench: Bench, clock: VirtualClock) -> None:
-    device = bench.hid.plug()
-    bench.hid.send(device, touch_report((1, 5, True)))
-    clock.actors.append(Once(clock.time_ns + 200 * MS, lambda: bench.hid.unplug(device)))
-    recording = record_source(bench.hid.open("04f3:200a", reconnect=False), 3, clock, threading.Event())
-    assert len(recording.reports) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

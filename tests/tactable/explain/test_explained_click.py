@@ -66,15 +66,6 @@ def test_fingers_that_the_table_does_not_hold_are_said(source: ClickSource) -> N
     assert "the table plays its click of 46.57 mm (I) felt" in page_of(source, explained_of(source, "I", "III"))
 
 
-def test_what_lost_is_told_beside_the_click_as_strong_as_it_is(source: ClickSource) -> None:
-    explained = explained_of(source, "I", "III", 1.0, rivals=True)
-    values = click_json(source.table, explained)
-    assert [rival["name"] for rival in values["alternatives"]] == ["energy contrast", "gated steady drive"]
-    page = page_of(source, explained)
-    for part in ("this click", f"{explained.strongest.felt.low_db:z.1f}", "lost", "dB less"):
-        assert part in page
-
-
 def test_the_page_names_the_promise_what_is_missed_and_what_is_not_known(source: ClickSource) -> None:
     explained = explained_of(source, "I", "III")
     click, device = explained.click, source.table.device

@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from precompute.calibration.calibrate import calibrate
-from precompute.measurements.types import Kind
 from tactable.figures.calibration import plot_calibration
-from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
-from tests.precompute.measured import NAN, read_bar
+from tests.precompute.calibration.calibrations import noisy_calibration
 
 
 def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
@@ -17,10 +14,3 @@ def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
     assert all(line["measured"] + line["measured, taken for wrong"] == 22 for line in lines)
     assert sum(line["measured, taken for wrong"] for line in lines) == 3
     assert "SIMULATED" in figure.get_suptitle()
-
-
-def test_of_very_many_drives_a_dozen_are_drawn() -> None:
-    read = read_bar(DEVICE, {}, [(hz, NAN) for hz in np.linspace(80, 280, 40)], points=3, kind=Kind.RESPONSE)
-    figure = plot_calibration(calibrate(DEVICE, read, ["actuator.full_scale"], starts=1))
-    assert len([axes for axes in figure.axes if axes.get_visible()]) == 12
-    assert "12 of 40 drives" in figure.get_suptitle()

@@ -15,7 +15,7 @@ from engine.touch import Placement
 from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.predict.untouched import BarDrive, find_untouched_optima
+from precompute.predict.untouched import BarDrive
 from precompute.studies.reach_along import compute_reach
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
@@ -24,7 +24,7 @@ from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.reach_picture import plot_reach
 from tactable.figures.state_picture import compute_envelope, plot_state
-from tactable.figures.zones import plot_optimum, plot_zones
+from tactable.figures.zones import plot_zones
 from tests.precompute.devices import shipped
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
@@ -140,14 +140,3 @@ def test_the_data_by_zone_are_the_steady_state_of_each_drive(tmp_path: Path) -> 
         assert list(columns["localized factor (1)"][rows]) == pytest.approx(state.share.tolist())
         assert list(columns["peak acceleration (m/s^2)"][rows]) == pytest.approx(state.peak.tolist())
     assert sum(columns["localized factor (1)"]) == pytest.approx(2.0), "zones cover the bar"
-
-
-def test_the_optimum_is_drawn_with_its_wanted_zones(tmp_path: Path) -> None:
-    picture = plot_optimum(DEVICE, ["I", "III", "V"])
-    check_picture(picture, DEVICE, ("drive", "zone"), tmp_path)
-    names = {text.get_text() for text in picture.figure.axes[1].texts}
-    assert {"I, wanted", "II", "III, wanted", "IV", "V, wanted"} <= names
-    for found, drive in zip(picture.summary["drives"], find_untouched_optima(assemble(DEVICE), [0, 2, 4]), strict=True):
-        share = compute_steady_state(assemble(DEVICE), drive.frequency_hz, drive.amplitude).share
-        assert found["localized_factor"] == pytest.approx(share[[0, 2, 4]].sum())
-    assert picture.summary["drives"][1]["localized_factor"] > picture.summary["drives"][0]["localized_factor"] > 0.8626

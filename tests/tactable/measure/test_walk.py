@@ -1,6 +1,5 @@
 """A walk along the bar: what is complete is kept, and the result is what calibrate takes."""
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,13 +14,11 @@ from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.measure.stepped_sine import AtRest, SteppedSineOptions
 from tactable.measure.swept_sine import SweepOptions
-from tactable.measure.tone_fit import is_beside_hum
 from tactable.measure.walk import (
     Method,
     RawFolder,
     Stop,
     StopRecord,
-    default_frequencies,
     even_walk,
     measure_walk,
     measurements_of,
@@ -143,11 +140,3 @@ def test_a_planned_walk_reads_what_the_plan_proposes_from_one_end_to_the_other()
     assert places_m == sorted(set(places_m), key=order_of)
     assert 10 <= sum(len(stop.tones) for stop in walk) <= 20
     assert all(60 <= hz <= 300 for stop in walk for _, hz in stop.tones)
-
-
-def test_the_usual_frequencies_are_beside_no_line_of_the_mains() -> None:
-    found = default_frequencies(DEVICE)
-    assert len(found) == 12
-    assert not any(is_beside_hum(hz, 2 * OPTIONS.window_s) for hz in found)
-    assert math.isclose(found[0], 60, abs_tol=5)
-    assert math.isclose(found[-1], 300, abs_tol=5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from engine.table import TableError
-from tactable import Table, response
+from tactable import Table
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +47,6 @@ def test_pictures_are_those_of_the_command(table: Table) -> None:
     drive, click = table.drive_for(["35 mm"], ["0.2 m"]), table.click_for(["35 mm"], ["0.2 m"])
     for figure in (drive.plot(), click.plot()):
         assert all(axes.has_data() for axes in figure.axes)
-
-
-def test_a_response_is_the_one_that_the_table_was_built_from(table: Table) -> None:
-    held = table.to_xarray("responses")
-    parts = held.acceleration.isel(frequency=[3, 9])
-    here_m = held.position.values.ravel()
-    found = response(table.device, parts.frequency.values, here_m)
-    complex_held = (parts.sel(part="real") + 1j * parts.sel(part="imaginary")).values.reshape(found.shape)
-    assert found.values == pytest.approx(complex_held, rel=1e-9)
 
 
 def test_groups_are_datasets_and_a_missing_one_is_named(table: Table) -> None:

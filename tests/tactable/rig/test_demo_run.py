@@ -19,7 +19,7 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, read_recording, write_recording
-from firmware_link.emulator.drive_log import Cause, DriveEvent, PlayedWaveform
+from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.host.reopening import ReopeningPort
 from precompute.builder.table_build import build_table
@@ -328,19 +328,6 @@ def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(tabl
 def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
     run = play(table, read_recording(DEMO_RECORDING), 3.0)
     return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
-
-
-def test_a_broken_promise_of_a_click_is_found(
-    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
-) -> None:
-    _, applied = clicked
-    (wanted, event), *_ = applied.items()
-    assert event.waveform is not None
-    louder = replace(event, waveform=replace(event.waveform, amplitude=1.03 * event.waveform.amplitude))
-    assert reporter.report_click(wanted, louder).disagreement > AGREEMENT
-    reversed_samples = event.waveform.samples[::-1]
-    other = replace(event, waveform=PlayedWaveform.of(event.waveform.sample_rate_hz, reversed_samples, 1.0))
-    assert reporter.report_click(wanted, other).disagreement > AGREEMENT
 
 
 def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_that_is_not_driven_moves_nothing(

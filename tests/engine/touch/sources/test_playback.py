@@ -42,16 +42,6 @@ def test_reports_come_at_their_pace_times_the_speed_with_their_times(recording: 
     assert (source.read(now_ns + 10**12), source.next_time_ns()) == (None, None)
 
 
-@given(recordings(), speeds, st.integers(0, 10**12))
-def test_a_deadline_of_a_recording_has_a_clock_time(recording: Recording, speed: float | None, wait_ns: int) -> None:
-    source = Playback(recording, speed)
-    source.read(START_NS)
-    deadline_ns = source.report_time_ns + wait_ns
-    assert source.source_time_ns(source.clock_time_ns(deadline_ns)) >= deadline_ns
-    pace = speed or 1.0
-    assert source.clock_time_ns(deadline_ns) - START_NS == pytest.approx(wait_ns / pace, rel=1e-9, abs=2)
-
-
 @given(recordings(), speeds)
 def test_what_is_repeated_goes_on_after_its_end_with_rising_times(recording: Recording, speed: float | None) -> None:
     source, now_ns, taken = Playback(recording, speed, repeats=True), START_NS, list[tuple[bytes, int]]()

@@ -37,20 +37,6 @@ def ids(frame: TouchFrame) -> list[int]:
     return [contact.contact_id for contact in frame.contacts]
 
 
-def test_each_event_is_a_frame_of_all_that_is_pressed(pipe: Pipe) -> None:
-    source, feed = pipe
-    feed.send(PointerEvent(7, 0.25, 0.5, Phase.DOWN))
-    feed.send(PointerEvent(1_234_567_890, 1.0, 0.0, Phase.DOWN))
-    feed.send(PointerEvent(7, 0.5, 0.5, Phase.MOVE))
-    feed.send(PointerEvent(7, 0.5, 0.5, Phase.UP))
-    feed.send(PointerEvent(1_234_567_890, 0.0, 0.0, Phase.CANCEL))
-    found = frames(source, 5 * MS)
-    assert [ids(frame) for frame in found] == [[7], [7, 1_234_567_890], [7, 1_234_567_890], [1_234_567_890], []]
-    assert found[0].contacts[0] == Contact(7, round(0.25 * RESOLUTION), round(0.5 * RESOLUTION), tip=True)
-    assert found[1].contacts[1][1:3] == (RESOLUTION, 0)
-    assert (source.report_index, source.report_time_ns) == (4, 5 * MS)
-
-
 def test_a_pointer_rests_while_the_page_is_late_and_one_that_it_forgot_is_released_alone(pipe: Pipe) -> None:
     source, feed = pipe
     digitizer = open_digitizer(source.descriptor)

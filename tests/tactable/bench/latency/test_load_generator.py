@@ -5,23 +5,12 @@ import socket
 from itertools import cycle
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
 from tests.tools.virtual import MS, VirtualClock
 
 PACKETS = [bytes([number]) * 20 for number in range(7)]
-
-
-@given(st.integers(0, 10**10), st.integers(1, 10**8), st.integers(1, 10**8))
-def test_a_stall_comes_and_goes_when_it_says(since_ns: int, duration_ns: int, pause_ns: int) -> None:
-    stall = Stall(StalledLayer.LINK, duration_ns, duration_ns + pause_ns)
-    change_ns = stall.next_change_ns(since_ns)
-    assert since_ns < change_ns <= since_ns + max(duration_ns, pause_ns)
-    assert stall.is_on(change_ns) != stall.is_on(change_ns - 1)
-    assert stall.is_on(change_ns - 1) == stall.is_on(since_ns)
 
 
 class Run:
