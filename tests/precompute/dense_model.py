@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import scipy.linalg
 from numpy.polynomial import Polynomial
 from scipy.integrate import simpson
 
@@ -121,29 +120,6 @@ class DenseModel:
             peak=np.array([level.max() for _, level in zones]),
             dead=np.array([level.min() for _, level in zones]),
         )
-
-    def envelope(
-        self, frequency_hz: Array, amplitude: Complex, position_m: Array, time_s: Array
-    ) -> tuple[Array, Array]:
-        """Acceleration amplitude from rest, (time, place), tones started at t = 0; and what it becomes, (place,).
-
-        time_s: even steps from 0. Of each tone the magnitude under exp(j omega t); tones add as magnitudes.
-        """
-        size, inverse = len(self.K), np.linalg.inv(self.M)
-        upper = np.hstack([np.zeros((size, size)), np.eye(size)])
-        system = np.vstack([upper, np.hstack([-inverse @ self.K, -inverse @ self.C])])
-        rows, step = self.rows(position_m), scipy.linalg.expm(system * time_s[1])
-        course, final = np.zeros((len(time_s), len(rows))), np.zeros(len(rows))
-        for hz in np.unique(frequency_hz[amplitude != 0]):
-            omega, weight = 2 * np.pi * hz, np.where(frequency_hz == hz, amplitude, 0)
-            force = np.append(np.zeros(size), inverse @ ((self.spring + 1j * omega * self.damper) @ weight))
-            state = np.linalg.solve(1j * omega * np.eye(2 * size) - system, force)
-            steady = -(omega**2) * (rows @ state[:size])
-            for k, turning in enumerate(np.exp(1j * omega * time_s)):
-                course[k] += abs(steady * turning - rows @ (system[size:] @ state))  # less what dies away
-                state = step @ state
-            final += abs(steady)
-        return course, final
 
     def unit_gram(self, frequency_hz: Array, start_m: float, stop_m: float, count: int = 401) -> Complex:
         """Shape (frequency, actuator, actuator): integral over a stretch of conj(v_a) v_b, v the unit velocities."""

@@ -68,14 +68,6 @@ def test_points_of_a_system_give_it_between_them_and_beside_the_axis(system: Cal
     assert all(pole.real < 0 for pole in transfer.series.pole_per_s)
 
 
-@pytest.mark.parametrize("system", [lag, coupled, resonant])
-def test_noise_of_the_points_is_not_followed(system: Callable[[Complex], Complex]) -> None:
-    hz = np.linspace(60.0, 300.0, 97)
-    transfer = points_of(system, hz, noise=0.01)
-    off = abs(transfer.at(FINE_HZ) / system(1j * TURN * FINE_HZ) - 1)
-    assert off.max() < 0.01 < transfer.misses().max()
-
-
 def test_the_file_gives_the_points_and_its_fingerprint_them() -> None:
     transfer, bare = points_of(lag), Device.parse(TEXT, "bare")
     device = Device.parse(text_with(rows_of(transfer)), "bar")

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, DeviceError, Threshold
-from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold, shipped_thresholds
+from engine.device.threshold import DEFAULT, read_threshold_file, shipped_threshold
 from tactable.shipped import device_folder, find_device
 from tests.engine.device.test_description import TEXT
 from tests.precompute.sampled import threshold
@@ -54,12 +54,6 @@ def test_rms_displacement_means_the_same_acceleration_as_its_peak() -> None:
     moved = replace(OWN, quantity="displacement", amplitude="rms")
     hz = np.array([60.0, 250.0])
     assert moved.peak_m_per_s2(hz) == pytest.approx(OWN.peak_m_per_s2(hz) * np.sqrt(2) * (2 * np.pi * hz) ** 2)
-
-
-def test_every_shipped_file_says_its_name_title_and_source() -> None:
-    for name in shipped_thresholds():
-        curve = read_threshold_file(CURVES / f"{name}.toml")
-        assert curve.name == name and curve.title != name and curve.source
 
 
 def test_a_device_has_the_present_curve_unless_its_file_names_another_one() -> None:

@@ -125,12 +125,6 @@ def test_a_change_of_a_figure_is_found_where_it_was_made(
     assert (count, where, change.figure) == (1, state, figure)
 
 
-def test_the_worst_come_first_and_losing_the_level_is_the_worst(compare: Compare) -> None:
-    changes: tuple[dict[str, Any], ...] = ({"level_db": 14.0}, {"achieved": False}, {"level_db": 17.0})
-    changed = compare([replace(row, **change) for row, change in zip(ROWS, changes, strict=False)]).best_rows.changed
-    assert [state.felt for state in changed] == [("IV",), ("I",), ("II", "III")]
-
-
 @pytest.mark.parametrize(
     ("change", "figure", "size"),
     [

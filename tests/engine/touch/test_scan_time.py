@@ -34,16 +34,6 @@ def test_a_late_host_is_jitter_and_no_period() -> None:
     assert found.jitter_p99_ns == pytest.approx(np.quantile(abs(np.diff(late_ns)), 0.99), rel=0.1)
 
 
-def test_pauses_between_touches_do_not_count() -> None:
-    kept = ScanTimes()
-    for touch in range(20):
-        for index in range(10):
-            kept.record(round((touch + 0.008 * index) * 1e9), round((touch + 0.008 * index) * 1e9))
-    found = kept.summarise()
-    assert found is not None
-    assert (found.frames, found.period_ns) == (180, 8 * MS)
-
-
 def test_few_frames_say_nothing_and_a_capacity_too_small_is_refused() -> None:
     assert times(50, 100_000.0, np.zeros(50)).summarise() is None
     assert ScanTimes().summarise() is None

@@ -14,26 +14,6 @@ from firmware_link.emulator.fault_plan import (
 )
 
 
-def test_a_text_says_its_faults_and_an_empty_one_none() -> None:
-    text = (
-        "bit_errors=1e-5, drop=0.01,stall=0.3s@5s,reboot@12s,baud=115200,delay=2ms,drift=-80ppm,at_noise,stall=20ms/1s"
-    )
-    assert parse_fault_plan("") == FaultPlan()
-    assert parse_fault_plan(text) == FaultPlan(
-        bit_errors=1e-5,
-        drop=0.01,
-        baud_hz=115_200,
-        delay_us=2_000,
-        drift_ppb=-80_000,
-        at_noise=True,
-        timed=(
-            TimedFault(TimedKind.STALL, 5_000_000, 300_000, None),
-            TimedFault(TimedKind.REBOOT, 12_000_000, 0, None),
-            TimedFault(TimedKind.STALL, 1_000_000, 20_000, 1_000_000),
-        ),
-    )
-
-
 @pytest.mark.parametrize("key", fault_help())
 def test_the_example_of_each_key_is_understood(key: str) -> None:
     for example in fault_help()[key].split(": ")[1:]:

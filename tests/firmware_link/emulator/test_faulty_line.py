@@ -67,12 +67,6 @@ def test_faults_come_as_often_as_asked_and_the_receiver_sees_what_was_counted(te
     assert refused.crc + refused.framing + refused.length + refused.overrun == counters.damaged
 
 
-def test_the_same_seed_gives_the_same_faults() -> None:
-    text = "bit_errors=1e-3,drop=0.1,insert=0.1,jitter=3ms"
-    first, again, other = (carry(line_of(text, seed), frames(500)) for seed in ("1", "1", "2"))
-    assert first == again != other
-
-
 def test_a_slow_line_takes_its_time() -> None:
     line = line_of("baud=9600")
     line.push(b"".join(frames(10)), 0)

@@ -7,7 +7,6 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.table_diff import compare_tables
 from engine.touch.places import Places
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
@@ -65,21 +64,3 @@ def test_its_clicks_are_of_one_finger_at_points_and_lead_to_the_nearest(path: Pa
         assert table.values("responses", "position_across").max() == pytest.approx(0.18)
         with pytest.raises(TableError, match=r"100 x 60 mm, 200 x 120 mm.*solved when they come"):
             table.click_for(["100 x 60 mm"], ["200 x 120 mm"])
-
-
-def test_drives_are_solved_for_its_points_and_clicks_of_two_fingers_are_refused_by_name(path: Path) -> None:
-    with Table.open(path) as table:
-        drive = table.drive_for(["100 x 60 mm"], ["200 x 120 mm"], 14.0)
-    assert drive.felt == (True, False) and drive.level_db[0] > drive.level_db[1]
-    with pytest.raises(TableError, match=r"up to 2 fingers.*plate"):
-        build_table(DEVICE, path, clicks_up_to=2)
-
-
-def test_it_is_taken_over_by_the_next_build_and_equals_itself(path: Path, tmp_path: Path) -> None:
-    again = tmp_path / "again.nc"
-    again.write_bytes(path.read_bytes())
-    told = list[str]()
-    build_table(DEVICE, again, created="", click_options=CHEAP, progress=lambda step, _: told.append(step))
-    assert {"responses as before", "clicks as before"} <= set(told)
-    with Table.open(path) as before, Table.open(again) as after:
-        assert not compare_tables(before, after).differs

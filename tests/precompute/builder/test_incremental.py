@@ -92,20 +92,12 @@ def test_what_is_taken_over_is_what_would_be_computed(path: Path) -> None:
         assert table.attributes["responses_input_fingerprint"]
 
 
-def test_without_reuse_all_is_computed(path: Path) -> None:
-    assert not build(DEVICE, path, reuse=False) & set(AS_BEFORE.values())
-
-
 def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     assert not build(DEVICE, path) & set(AS_BEFORE.values())
     Table.open(path, device=DEVICE).close()
-
-
-def test_other_wishes_are_computed(path: Path) -> None:
-    assert AS_BEFORE["clicks"] not in build(DEVICE, path, clicks_up_to=2)
 
 
 def test_a_table_says_what_it_was_built_by_and_is_current_without_clicks_if_it_was_to_have_none(path: Path) -> None:

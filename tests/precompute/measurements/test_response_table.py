@@ -72,15 +72,6 @@ def test_the_errors_are_upper_bounds_and_the_model_agrees_with_itself() -> None:
         assert errors.model.max() < 1e-9
 
 
-def test_noise_and_another_bar_show_in_the_disagreement_of_the_model() -> None:
-    assert estimate_errors(REFERENCE, measured(REFERENCE, SMALL_HZ, noise=0.05)).model == pytest.approx(
-        [0.07, 0.07], rel=0.1
-    )
-    actuators = tuple(replace(a, full_scale_m=1.1 * a.full_scale_m) for a in REFERENCE.actuators)
-    louder = measured(replace(REFERENCE, actuators=actuators), SMALL_HZ)
-    assert estimate_errors(REFERENCE, louder).model == pytest.approx([1 - 1 / 1.1] * 2, rel=1e-6)
-
-
 def test_a_finger_cannot_be_assembled_into_measured_responses() -> None:
     with pytest.raises(ValueError, match="cannot be assembled"):
         measured_plant(REFERENCE, measured(REFERENCE, SMALL_HZ)).with_fingers([0.1], REFERENCE.finger)

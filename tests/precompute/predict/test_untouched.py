@@ -10,7 +10,7 @@ from base.arrays import Complex
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant
 from precompute.model.steady import compute_steady_state
-from precompute.predict.untouched import BarDrive, find_untouched_optima, greatest_factors
+from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tests.precompute.devices import every_device, shipped
 
 
@@ -50,14 +50,6 @@ def test_the_optima_of_reference_a_are_those_of_the_documents(zones: list[int], 
     assert abs(one.amplitude).max() == pytest.approx(1.0)
     assert factor("reference-a", different, zones) == pytest.approx(single, abs=0.002)
     assert factor("reference-a", one, zones) == pytest.approx(coherent, abs=0.002)
-
-
-def test_the_factor_of_each_zone_is_that_of_its_own_optimum() -> None:
-    plant = assemble(shipped("reference-d"))
-    found = greatest_factors(plant)
-    for zone in range(5):
-        _, one = find_untouched_optima(plant, [zone])
-        assert found[zone] == pytest.approx(factor("reference-d", one, [zone]), rel=1e-9)
 
 
 def test_an_actuator_out_of_its_band_is_not_driven() -> None:

@@ -33,15 +33,6 @@ def soft(scenarios: Scenarios, position_m: tuple[float, ...] = POSITION_M) -> Ar
 
 
 @any_device
-def test_the_first_plant_is_the_nominal_one(device: Device) -> None:
-    scenarios = sample_scenarios(device, 8, seed=1)
-    assert scenarios.device_of(0) == device
-    for (at_m, finger), position_m in zip(scenarios.place(POSITION_M).of(0), POSITION_M, strict=True):
-        assert at_m == position_m
-        assert replace(finger, spread=device.finger.spread) == device.finger
-
-
-@any_device
 def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
     spread = Spread(stiffness=0.02, mass=0.01, finger=0.3, finger_position_m=0.004)
     scenarios = sample_scenarios(replace(device, spread=spread), 2000, 5)

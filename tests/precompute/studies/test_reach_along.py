@@ -28,18 +28,6 @@ def test_no_drive_gives_a_place_more(name: str) -> None:
         assert (abs(together) <= TENTH_DB * reach.one_tone).all()
 
 
-def test_the_drive_that_it_names_gives_what_it_says() -> None:
-    device = shipped("reference-t")
-    plant, place_m = assemble(device), np.array([0.03, 0.2])
-    reach = compute_reach(plant, place_m)
-    for k, at in enumerate(place_m):
-        each = abs(solve_response(plant, reach.tones_hz[k]).acceleration(np.array([at])))[:, :, 0]
-        assert np.diag(each).sum() == pytest.approx(reach.tones[k], rel=1e-9)
-        together = abs(solve_response(plant, reach.one_tone_hz[k : k + 1]).acceleration(np.array([at]))).sum()
-        assert together == pytest.approx(reach.one_tone[k], rel=1e-9)
-        assert reach.one_tone[k] <= reach.tones[k]
-
-
 def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
     device = shipped("reference-a")
     place_m = np.array([0.0, 0.05, 0.141, 0.2794])

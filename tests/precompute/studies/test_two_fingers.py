@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.studies.two_fingers import TwoFingers, finger_pairs, screen_two_fingers, solve_two_fingers
+from precompute.studies.two_fingers import TwoFingers, finger_pairs, solve_two_fingers
 from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.devices import coarsely_swept, shipped
-from tests.quick import first_quick
 
 
 def small(name: str = "reference-a") -> Device:
@@ -23,11 +22,3 @@ def test_every_two_zones_are_a_pair_both_ways_round_and_the_worst_one_is_the_lea
     assert sorted(finger_pairs(small())) == [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]
     assert np.isnan(np.diag(solved.contrast_db)).all() and np.isfinite(solved.contrast_db).sum() == 6
     assert solved.is_reached and solved.worst_db == np.nanmin(solved.contrast_db) > 3.0
-
-
-@pytest.mark.parametrize("name", first_quick(["reference-a", "reference-d", "reference-t"]))
-def test_the_screening_comes_near_the_solved_contrasts(name: str) -> None:
-    device = small(name)
-    screened, found = screen_two_fingers(device, 20.0, 4.0), solve_two_fingers(device, 20.0)
-    assert np.nanmax(abs(screened.contrast_db - found.contrast_db)) < 1.5
-    assert screened.is_reached == found.is_reached

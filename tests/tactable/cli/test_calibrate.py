@@ -74,17 +74,6 @@ def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path,
     assert "Not done: " in (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
 
 
-def test_a_plan_proposes_readings_and_what_they_would_tell_with_measurements_or_without(measured: Path) -> None:
-    done = run("plan-measurements", "reference-a", str(measured), "--count", "3", "--json")
-    plan = json.loads(done.stdout)
-    assert len(plan["readings"]) == 3
-    for parameter in plan["parameters"]:
-        assert parameter["standard_error_after"] <= parameter["standard_error"]
-    done = run("plan-measurements", "reference-a", "--count", "2", "--also", "bar.density")
-    assert done.returncode == 0
-    assert "bar.density" in done.stdout and "standard error" in done.stdout
-
-
 def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -> None:
     path = simulated(tmp_path / "m.csv", "--points", "3", "--seed", "4")
     text = path.read_text(encoding="utf-8")

@@ -1,6 +1,5 @@
 """Pictures of studies: what is drawn and written is what was found."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from precompute.studies.placement_search import Placement, PlacementSearch, even
 from precompute.studies.two_fingers import TwoFingers
 from precompute.studies.zone_resolution import Resolved
 from tactable.figures.placement_picture import plot_placement
-from tactable.figures.resolution_picture import TOLD_APART_DB, narrowest_zone_m, plot_resolution
+from tactable.figures.resolution_picture import plot_resolution
 from tests.precompute.devices import shipped
 from tests.tactable.figures.pictures import check_picture
 
@@ -68,15 +67,6 @@ def test_placements_of_a_plate_are_drawn_from_above_and_written_in_both_directio
     row = list(picture.columns["placement"]).index("as described")
     assert (picture.columns["position 1 (m)"][row], picture.columns["position 1 across (m)"][row]) == (0.03, 0.025)
     assert picture.columns["position 4 across (m)"][0] is None
-
-
-def test_zones_are_told_apart_down_to_the_first_that_are_not() -> None:
-    two = STUDY[:3]
-    assert narrowest_zone_m(two) == pytest.approx(DEVICE.bar.length_m / 4)
-    assert narrowest_zone_m(STUDY[3:]) is None, "the widest are not, whatever narrower ones are"
-    missed = [replace(two[0], fingers=fingers(14.0, 19.0)), *two[1:]]
-    assert narrowest_zone_m(missed) is None, "not at the level that was asked for"
-    assert narrowest_zone_m([resolved(2, 2, TOLD_APART_DB)]) is not None
 
 
 def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_missed(tmp_path: Path) -> None:
