@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from engine.device import Device, DeviceError
-from engine.device.surface_description import ROMAN
 from engine.device.values import compare_values, device_values
 from tests.precompute.devices import shipped
 
@@ -273,23 +272,6 @@ def test_a_description_is_utf_8_and_a_byte_order_mark_is_no_part_of_it(tmp_path:
     path.write_bytes(TEXT.replace("mm", "\u00b5m", 1).encode("cp1252"))
     with pytest.raises(DeviceError, match=re.escape(str(path)) + ".*save it as UTF-8"):
         Device.read(path)
-
-
-@pytest.mark.parametrize("places", [["0 %"], ["0 mm", "50 %", "100 %"], ["1 %", "2 %", "3 %", "99 %", "98 %"]])
-def test_any_number_of_actuators(places: list[str]) -> None:
-    device = Device.parse(with_actuators(places), "some.toml")
-    assert [actuator.name for actuator in device.actuators] == [f"actuator {i + 1}" for i in range(len(places))]
-    assert device.actuators[-1].position_m.real <= device.bar.length_m
-
-
-@pytest.mark.parametrize("count", [1, 2, 8, 16])
-def test_any_number_of_equal_zones_covers_the_bar(count: int) -> None:
-    device = Device.parse(changed("zones", "count", str(count)), "some.toml")
-    assert [zone.name for zone in device.zones] == list(ROMAN[:count])
-    edges = [0.0, *(zone.stop_m for zone in device.zones)]
-    assert [zone.start_m for zone in device.zones] == edges[:-1]
-    assert edges[-1] == device.bar.length_m
-    assert [zone.length_m for zone in device.zones] == pytest.approx([device.bar.length_m / count] * count)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])

@@ -11,7 +11,7 @@ from engine.table import ClickEntry, Table, TableError
 from engine.table.click_grid import NO_ROW
 from engine.touch import Placement, PlacementError
 from firmware_link.protocol.basis import Basis, BasisSet
-from tests.engine.made_clicks import click_of, in_zones, made_clicks, places_of
+from tests.engine.made_clicks import click_of, in_zones, places_of
 from tests.engine.made_table import write_table
 from tests.precompute.devices import shipped
 
@@ -69,17 +69,3 @@ def test_a_table_without_clicks_has_places_and_solves_drives_all_the_same(tmp_pa
         drive = table.drive_for(["35 mm"], ["IV"], 14.0)
     assert drive.felt == (True, False) and drive.wanted_level_db == 14.0
     assert drive.level_db[0] > drive.level_db[1]
-
-
-def test_clicks_are_given_by_number_slice_and_key_and_the_renderer_reads_the_same() -> None:
-    clicks = made_clicks(DEVICE, varied_clicks())
-    assert [click.placement for click in clicks[1:3]] == PLACEMENTS[1:3] and clicks[-1].placement == PLACEMENTS[4]
-    with pytest.raises(IndexError):
-        clicks[5]
-    three_fingers = PLACES.key(PLACEMENTS[4])
-    assert clicks.row_of(three_fingers) == 4 and clicks.row_of(tuple(code ^ 1 for code in three_fingers)) is None
-    for row, click in enumerate(clicks):
-        own = len(click.weights)
-        assert np.array_equal(clicks.weights[row, :own], click.weights) and not clicks.weights[row, own:].any()
-        assert clicks.fraction_bits[row] == click.fraction_bits and clicks.basis_set[row] == click.basis_set
-        assert clicks.felt_low_db[row] == click.level_db

@@ -24,13 +24,6 @@ def test_the_grid_reaches_from_end_to_end_in_as_few_places_as_the_pitch_allows(l
     assert places.count == 2 or length_m / (places.count - 2) > pitch_m
 
 
-@given(LENGTHS, PITCHES, st.floats(-1, 2))
-def test_a_finger_belongs_to_the_place_at_most_half_a_pitch_away(length_m: float, pitch_m: float, part: float) -> None:
-    """Beyond an end of the bar it belongs to the last place."""
-    places, on_bar_m = Places.every(length_m, pitch_m), min(max(part, 0), 1) * length_m
-    assert abs(places.position_m[places.nearest(part * length_m)] - on_bar_m) <= places.pitch_m / 2 * (1 + 1e-9)
-
-
 @example(0.1, 0.1)
 @given(st.floats(-1, 2), st.floats(-1, 2))
 def test_a_finger_on_a_plate_belongs_to_the_nearest_place_along_and_across(along: float, across: float) -> None:

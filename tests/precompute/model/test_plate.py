@@ -81,13 +81,6 @@ def test_a_strip_without_poissons_ratio_has_the_modes_of_the_bar() -> None:
         assert near.damping_ratio == pytest.approx(mode.damping_ratio, rel=0.02)
 
 
-def test_what_a_point_gets_of_a_force_at_another_it_gives_back() -> None:
-    plant = plant_of(TABLET).with_fingers([0.15 + 0.09j], TABLET.finger)
-    response = solve_response(plant, HZ, POINTS_M)
-    mutual = plant.sampler(POINTS_M).sample(response.displacement_m)[:, len(TABLET.actuators) :]
-    assert mutual == pytest.approx(mutual.transpose(0, 2, 1), rel=1e-9, abs=1e-12 * abs(mutual).max())
-
-
 def test_zones_share_what_the_whole_plate_has_and_a_zones_integral_is_that_of_its_points() -> None:
     plant = plant_of(replace(TABLET, zones=(*TABLET.zones[:2], *TABLET.zones[3:])))
     field = solve_response(plant, HZ).displacement_m

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
+from precompute.predict.at_positions import PlacementFigures
 from precompute.sampling.fingers import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import shipped
 from tests.precompute.sampled import threshold
 
 POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)
@@ -41,11 +40,3 @@ def test_levels_are_those_of_a_dense_model_and_their_spread_that_of_the_sampled_
     assert figures.finger_percentiles(0) == spread.felt
     mean = (10 ** (sampled_db / 10)).mean(axis=0)
     assert figures.expected_contrast_db == pytest.approx(10 * np.log10(mean[0] / mean[1:].max()))
-
-
-def test_a_designer_takes_a_plant_that_is_at_hand() -> None:
-    device = shipped("reference-d")
-    own = designer_of(device)
-    again = SteadyDesigner(device, own.plant)
-    assert again.plant is own.plant
-    assert again.solve(POSITIONS_M, ROLES, 10.0).drive.value == own.solve(POSITIONS_M, ROLES, 10.0).drive.value

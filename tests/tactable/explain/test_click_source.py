@@ -9,7 +9,6 @@ import pytest
 from engine.table import Table, TableError
 from engine.touch import Placement
 from tactable.explain.click_source import ClickSource
-from tactable.run.click_process import solver_of
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
@@ -35,10 +34,3 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
     levels_db = [[finger.level_db for finger in click.fingers] for click in (solved, held)]
     assert levels_db[0] == pytest.approx(levels_db[1], abs=1e-6)
     assert (solved.exceeds_s, solved.wanted_level_db) == (held.exceeds_s, held.wanted_level_db)
-
-
-def test_a_click_of_more_fingers_is_solved_for_their_positions_as_a_run_does(source: ClickSource) -> None:
-    placement = Placement.named(source.table.device, ["50 mm"], ["135 mm", "230 mm"])
-    click, solved = ClickSource(source.table).click_of(placement), solver_of(source.table.path).solve_entry(placement)
-    assert click.placement == solved.placement == placement
-    assert np.array_equal(click.samples, solved.samples) and click.tolerance_m == solved.tolerance_m

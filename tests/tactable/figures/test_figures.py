@@ -15,7 +15,6 @@ from engine.touch import Placement
 from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.predict.untouched import BarDrive
 from precompute.studies.reach_along import compute_reach
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
@@ -24,7 +23,6 @@ from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
 from tactable.figures.reach_picture import plot_reach
 from tactable.figures.state_picture import compute_envelope, plot_state
-from tactable.figures.zones import plot_zones
 from tests.precompute.devices import shipped
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
@@ -127,16 +125,3 @@ def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(tmp_path: Path) 
     level = reach.columns["greatest level under a finger there (dB above threshold oh-choi-2019)"]
     assert np.asarray(level)[::20] == pytest.approx(touched.level_db)
     assert reach.summary["under_a_finger"]["least_m_per_s2"] == min(reach.columns[name])
-
-
-def test_the_data_by_zone_are_the_steady_state_of_each_drive(tmp_path: Path) -> None:
-    drives = [BarDrive("", np.array(hz), np.ones(2, dtype=np.complex128)) for hz in ((60.0, 90.0), (150.0, 130.0))]
-    picture = plot_zones(DEVICE, drives)
-    check_picture(picture, DEVICE, ("drive", "zone"), tmp_path)
-    columns = picture.columns
-    for k, drive in enumerate(drives):
-        state = compute_steady_state(assemble(DEVICE), drive.frequency_hz, drive.amplitude)
-        rows = slice(5 * k, 5 * k + 5)
-        assert list(columns["localized factor (1)"][rows]) == pytest.approx(state.share.tolist())
-        assert list(columns["peak acceleration (m/s^2)"][rows]) == pytest.approx(state.peak.tolist())
-    assert sum(columns["localized factor (1)"]) == pytest.approx(2.0), "zones cover the bar"

@@ -25,15 +25,6 @@ def readings(*hz: tuple[float, float]) -> Measurements:
     return simulate_measurements(DEVICE, lay_out(np.array(hz), even_places(DEVICE), 2e-3), Flaws(), seed=0)
 
 
-def test_magnitudes_of_different_frequencies_add_and_fields_of_one() -> None:
-    columns = plot_response(DEVICE, drives((150.0, 130.0), (150.0, 150.0), (NAN, 140.0)), has_readings=False).columns
-    place_m, two, one, single = (np.asarray(column) for column in columns.values())
-    field = solve_response(assemble(DEVICE), np.array([130.0, 140.0, 150.0])).acceleration(place_m)
-    assert two == pytest.approx(abs(field[2, 0]) + abs(field[0, 1]), rel=1e-6)
-    assert one == pytest.approx(abs(field[2].sum(axis=0)), rel=1e-6)
-    assert single == pytest.approx(abs(field[1, 1]), rel=1e-6)
-
-
 def test_noiseless_readings_lie_on_the_curve_that_has_the_sensor_at_each_place() -> None:
     read = readings((150.0, 130.0), (NAN, 200.0))
     picture = plot_response(DEVICE, read, has_readings=True)

@@ -20,16 +20,6 @@ BIT_RATE_HZ = 1_000_000
 RATE_HZ, SYNTHESIS_HZ = 3_200.0, 48_000
 
 
-class Lossy(BoardBench):
-    """A bench whose line loses every 29th answer."""
-
-    answers = 0
-
-    def _answer(self, data: bytes, time_ns: int) -> None:
-        self.answers += bool(data)
-        super()._answer(b"" if self.answers % 29 == 0 else data, time_ns)
-
-
 def read(bench: BoardBench, actuator: int, hz: float, **options: float) -> tuple[Reading, BoardSensor]:
     sensor = open_board_sensor(DEVICE, bench, bench, BIT_RATE_HZ)
     with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0), BIT_RATE_HZ, accelerometer=sensor) as driven:
@@ -61,13 +51,6 @@ def test_what_the_part_does_not_show_is_named(flaws: str, hz: float, least: floa
     reading, _ = read(bench_of(flaws, BoardBench), int(hz > 100), hz, least=least, attempts=1)
     assert fault in reading.faults
     assert reading.error > 0.02 or fault is Fault.CLIPPING
-
-
-def test_frames_that_the_line_loses_are_counted_and_named() -> None:
-    reading, sensor = read(bench_of("", Lossy), 1, 209, least=1.0, attempts=1)
-    assert Fault.LOST_SAMPLES in {*reading.faults, *reading.earlier}
-    assert sensor.losses.frames > 3
-    assert sensor.losses.samples == 0
 
 
 def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:

@@ -154,12 +154,6 @@ def test_a_flaw_is_named_by_the_reading_that_it_spoils(flaws: str, hz: float, fa
     assert fault not in flawless(hz).faults
 
 
-def test_samples_that_are_lost_while_the_bar_settles_are_named_and_spoil_nothing() -> None:
-    readings = [read(bench_of(flaws), 0, 209) for flaws in ("drops=3", "")]
-    assert [Fault.LOST_SAMPLES in {*each.faults, *each.earlier} for each in readings] == [True, False]
-    assert errors(readings[0])[0] < 0.05
-
-
 @pytest.mark.parametrize("odd", first_quick([math.nan, 3e38, math.inf, -math.inf], 2))
 def test_samples_that_are_no_numbers_spoil_their_reading(odd: float) -> None:
     reading = read_after_loss(0, odd)

@@ -30,17 +30,6 @@ def test_a_tone_is_found_exactly_beside_offset_hum_and_harmonics(hz: float) -> N
     assert fit.error(0) < 1e-6
 
 
-def test_noise_is_the_error_that_is_stated() -> None:
-    phasor, errors, stated = 1.0 + 0j, [], []
-    random = np.random.default_rng(3)
-    clean = samples(150, phasor)
-    for _ in range(200):
-        fit = fit_tone(clean + 0.5 * random.standard_normal(clean.shape), RATE_HZ, 150)
-        errors.append(abs(fit.phasor[0] - phasor))
-        stated.append(fit.error(0))
-    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.1)
-
-
 def test_a_line_of_the_mains_is_beside_the_tones_that_a_window_cannot_part_from_it() -> None:
     found = [hz for hz in range(140, 190) if is_beside_hum(hz, SECONDS)]
     assert found == [*range(148, 153), *range(178, 183)]

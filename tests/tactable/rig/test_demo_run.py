@@ -145,19 +145,6 @@ def test_every_finger_of_the_demo_touches_is_promised_what_it_gets(table: Table,
     assert max(report.disagreement for report in reports) <= AGREEMENT
 
 
-def test_promises_are_for_where_the_fingers_are_and_not_for_their_places(table: Table, reporter: Reporter) -> None:
-    """A finger rests and another taps, both almost half a pitch from the places of this coarse table."""
-    strokes = make_recording([Stroke(0.0, 0.6, 0.51, 0.51), Stroke(0.3, 0.6, 0.11, 0.11)])
-    applied = first_applied(play(table, strokes, 1.0))
-    wanted, event = next((w, e) for w, e in applied.items() if w.placement.quiet)
-    report = reporter.report_click(wanted, event)
-    at_m = [0.11 * table.device.bar.length_m, 0.51 * table.device.bar.length_m]
-    assert report.placement.position_m == pytest.approx(at_m, abs=5e-5)
-    at_places = np.array([finger.acceleration_at_finger_m_per_s2 for finger in report.click.fingers])
-    assert abs(at_places / report.promise.acceleration_m_per_s2 - 1).max() > 5 * AGREEMENT
-    assert report.disagreement <= AGREEMENT
-
-
 def test_a_table_that_a_user_names_is_built_there_and_nothing_lies_beside_it(
     tmp_path: Path, table: Table, monkeypatch: pytest.MonkeyPatch
 ) -> None:

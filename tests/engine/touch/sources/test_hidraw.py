@@ -186,15 +186,6 @@ def test_the_twin_of_a_lost_device_does_not_stand_in_for_it(machine: FakeMachine
     assert source.device.path.endswith("hidraw2")
 
 
-def test_a_device_with_a_serial_number_is_known_at_any_port(machine: FakeMachine) -> None:
-    machine.plug("hidraw0", serial_number="A1", port="usb-1")
-    source = lose(machine, "A1")
-    machine.plug("hidraw3", serial_number="B2", port="usb-1")
-    machine.plug("hidraw4", serial_number="A1", port="usb-9")
-    source.read(1000 * MS)
-    assert source.device.path.endswith("hidraw4")
-
-
 def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
     machine.plug()
     source = lose(machine, NUMBER)

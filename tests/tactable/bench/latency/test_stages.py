@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tactable.bench.latency.stages import (
     STAGES,
@@ -33,18 +31,6 @@ def stamps_of(count: int, **late_ns: float) -> Stamps:
     stamps = np.full((count, len(Point)), np.nan)
     stamps[:, : Point.WRITTEN + 1] = ways.cumsum(axis=1)
     return stamps
-
-
-@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=150))
-def test_a_percentile_is_a_sample_and_told_only_with_ten_beyond_it(durations_ns: list[int]) -> None:
-    figures = figures_of(np.array(durations_ns, np.float64))
-    assert figures is not None
-    count = len(durations_ns)
-    assert figures["count"] == count
-    assert round(1e3 * (figures["p50_us"] or 0)) in durations_ns
-    assert (figures["p90_us"] is None) == (count < 100)
-    assert figures["p99_us"] is None
-    assert round(1e3 * (figures["max_us"] or 0)) == max(durations_ns)
 
 
 def test_without_samples_there_are_no_figures_what_is_not_known_is_a_dash_and_what_was_never_written_a_miss() -> None:
