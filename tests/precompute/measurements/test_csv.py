@@ -75,22 +75,6 @@ def test_units_are_heeded_absent_columns_have_their_meaning_and_a_byte_order_mar
     assert np.isnan(found.finger_m[0]) and not found.is_simulated
 
 
-@pytest.mark.parametrize(
-    ("header", "cells", "expected"),
-    [
-        ("peak acceleration (g)", "2", 2 * 9.80665),
-        ("peak acceleration (m/s2)", "2", 2.0),
-        ("peak acceleration (m/s²)", "2", 2.0),
-        ("acceleration magnitude (m/s²),acceleration phase (deg)", "2,90", 2j),
-        ("acceleration magnitude (g),acceleration phase (rad)", "1,0", 9.80665),
-    ],
-)
-@pytest.mark.parametrize("first", ["", "sep=,\n"])
-def test_accelerations_are_read_as_others_write_them(header: str, cells: str, expected: complex, first: str) -> None:
-    text = f"{first}position (mm),frequency left (Hz),{header}\n100,150,{cells}\n"
-    assert parse_csv(text, DEVICE, 0.0, "x.csv").acceleration == pytest.approx([expected])
-
-
 W = 300 * np.pi
 
 

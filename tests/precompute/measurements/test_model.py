@@ -93,15 +93,3 @@ def test_derivatives_are_those_of_differences(name: str, kind: Kind | str, devic
     above, below = (model.predict(np.array([value + s])).log_acceleration for s in (step, -step))
     numeric = (above - below) / (2 * step)
     assert np.abs(found - numeric).max() <= 1e-5 * np.abs(numeric).max()
-
-
-def test_frequencies_beyond_one_chunk_are_solved_alike() -> None:
-    drives_hz = np.column_stack([np.linspace(60, 300, 150), np.full(150, NAN)])
-    rows = lay_out(drives_hz, even_places(DEVICE, 2), 2e-3, Kind.RESPONSE)
-    parameters = find_parameters(DEVICE, ["actuator[1].stiffness"], {}, 0.0)
-    value = np.array([parameters[0].start])
-    whole = MeasurementModel(DEVICE, rows, parameters).predict(value)
-    part = np.array([3, 140, 141, 299])
-    alone = MeasurementModel(DEVICE, rows.part(part), parameters).predict(value)
-    assert whole.log_acceleration[part] == pytest.approx(alone.log_acceleration, rel=1e-9)
-    assert whole.by_parameter[part] == pytest.approx(alone.by_parameter, rel=1e-7)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from precompute.model.assembly import assemble
-from precompute.model.frequencies import fine_frequencies
 from precompute.model.response import solve_response
 from precompute.studies.reach_along import compute_reach
-from tests.precompute.devices import every_device, shipped
+from tests.precompute.devices import every_device
 
 TENTH_DB = 10 ** (0.1 / 20)
 """What may lie between two frequencies (tests/precompute/model/test_frequencies.py)."""
@@ -26,14 +25,3 @@ def test_no_drive_gives_a_place_more(name: str) -> None:
         assert (amplitude @ each <= TENTH_DB * reach.tones).all()
         together = np.exp(2j * np.pi * random.random(len(hz))) @ solve_response(plant, hz[:1]).acceleration(place_m)[0]
         assert (abs(together) <= TENTH_DB * reach.one_tone).all()
-
-
-def test_a_finger_at_each_place_is_the_finger_in_the_matrices() -> None:
-    device = shipped("reference-a")
-    place_m = np.array([0.0, 0.05, 0.141, 0.2794])
-    reach = compute_reach(assemble(device), place_m, device.finger)
-    for k, at in enumerate(place_m):
-        plant = assemble(device).with_fingers([float(at)], device.finger)
-        hz = fine_frequencies(assemble(device))
-        under = abs(solve_response(plant, hz).acceleration(np.array([at])))[:, :, 0]
-        assert reach.tones[k] == pytest.approx(under.max(axis=0).sum(), rel=1e-9)

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from engine.device import Device
-from tactable.cli.console import EXIT_DOUBTFUL
 from tests.tactable.cli.in_process import run_here
 
 pytestmark = pytest.mark.long
@@ -59,19 +58,6 @@ def test_a_new_folder_holds_the_measured_device_what_to_flash_data_report_and_pi
     flashed = ", ".join(f"{1e12 * actuator.full_scale_m:.0f}" for actuator in device.actuators)
     assert printed["flash"] == f"full_scales_pm = {{{flashed}}}"
     assert f"Flash the board with `{printed['flash']}`" in (folder / "report.md").read_text(encoding="utf-8")
-
-
-def test_a_misfit_beyond_what_is_accepted_is_written_and_doubted(measured: Path, tmp_path: Path) -> None:
-    fitted = ("--fit", "actuator.full_scale=0.3 µm..0.6 µm", "--also", "actuator[1].stiffness")
-    options = ("--accept", "1 %", "--strict", "--starts", "1", "--no-compare")
-    done = run("calibrate", "reference-a", str(measured), "-o", str(tmp_path / "new"), *fitted, *options)
-    assert done.returncode == EXIT_DOUBTFUL
-    for part in ("reference-a SIMULATED: 66 readings", "actuator[1].stiffness", "DOUBTFUL: the typical misfit"):
-        assert part in done.stdout
-    assert "flash the board" not in done.stdout
-    assert f"written: {tmp_path / 'new'}" in done.stdout.replace("\n", "")
-    assert (tmp_path / "new" / "reference-a.toml").is_file()
-    assert "Not done: " in (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
 
 
 def test_simulated_measurements_are_marked_and_never_overwrite(tmp_path: Path) -> None:

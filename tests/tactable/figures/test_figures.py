@@ -15,15 +15,12 @@ from engine.touch import Placement
 from precompute.builder.table_build import build_table
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
-from precompute.studies.reach_along import compute_reach
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
 from tactable.figures.factor import PairDrive, compute_factor
 from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.played_drive import PlayedDrive, solved_drive
-from tactable.figures.reach_picture import plot_reach
 from tactable.figures.state_picture import compute_envelope, plot_state
-from tests.precompute.devices import shipped
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
 
@@ -110,18 +107,3 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_one_before(tmp_path: Path, mo
     with pytest.raises(OSError, match="no space"):
         write_picture(Picture(figure, {}, {}, ""), path)
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"before"]
-
-
-DEVICE = shipped("reference-a")
-
-
-def test_the_data_of_the_dead_zones_are_the_reach_of_each_place(tmp_path: Path) -> None:
-    reach = plot_reach(DEVICE)
-    check_picture(reach, DEVICE, (), tmp_path)
-    place_m = np.asarray(reach.columns["position (m)"])
-    touched = compute_reach(assemble(DEVICE), place_m[::20], DEVICE.finger)
-    name = "each actuator at its best frequency, under a finger there (m/s^2)"
-    assert np.asarray(reach.columns[name])[::20] == pytest.approx(touched.tones, rel=1e-9)
-    level = reach.columns["greatest level under a finger there (dB above threshold oh-choi-2019)"]
-    assert np.asarray(level)[::20] == pytest.approx(touched.level_db)
-    assert reach.summary["under_a_finger"]["least_m_per_s2"] == min(reach.columns[name])
