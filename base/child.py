@@ -39,8 +39,7 @@ _END_TIMEOUT_S = 10.0  # a child ends in well under a second; one that hangs is 
 _READ_SIZE = 1 << 16
 _MOST_DESCRIPTORS = 4
 _PR_SET_PDEATHSIG = 1
-_PICKLE = "pickle"
-"""The only key of an object that stands for a value of ours."""
+_PICKLE = "pickle"  # the only key of an object that stands for a value of ours
 Document = dict[str, Any]
 
 

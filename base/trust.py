@@ -14,8 +14,7 @@ import stat
 from pathlib import Path
 
 REMEDY = "other users can change {}; make it yours alone (chmod go-w), or name another folder"
-_MOST_LINKS = 40
-"""As many as Linux follows on one way."""
+_MOST_LINKS = 40  # as many as Linux follows on one way
 
 
 def open_to_others(path: Path, user_id: int | None = None) -> Path | None:

@@ -13,8 +13,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-MEMORY = Path("/dev/shm")
-"""Where Linux keeps files in memory."""
+MEMORY = Path("/dev/shm")  # where Linux keeps files in memory
 _PREFIX = "tactable-work-"
 
 

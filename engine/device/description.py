@@ -14,13 +14,11 @@ from engine.device.parts import Actuator, DeviceError, Limits, Spread, Surface, 
 from engine.device.quantity import QuantityError, read_angle_rad, read_quantity
 from engine.device.toml_table import TomlTable
 
-_WIDEST_SPREAD = 0.2
-"""Standard deviation of a stiffness or a mass: five of them are still above 0."""
+_WIDEST_SPREAD = 0.2  # standard deviation of a stiffness or a mass: five of them are still above 0
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
-KINDS = ("grounded", "inertial")
-"""Of actuators: what their spring and damper stand on, the ground or a moving mass."""
+KINDS = ("grounded", "inertial")  # of actuators: what their spring and damper stand on, the ground or a moving mass
 MOST_ACTUATORS = 16
 """More than any bar that is known. To fit a transfer function to points takes up to 50 ms, however few they are."""
 MOST_TRANSFER_POINTS = 1000
@@ -40,8 +38,7 @@ class DeviceTable(TomlTable):
 
     def __init__(self, source: str, path: str, table: object) -> None:
         super().__init__(source, path, table)
-        self.inferred: list[str] = []
-        """Marked keys with their paths, of all tables of the file that were closed."""
+        self.inferred: list[str] = []  # marked keys with their paths, of all tables of the file that were closed
         marks = self.left.pop("inferred", [])
         if not (isinstance(marks, list) and all(isinstance(mark, str) for mark in marks)):
             raise self.error("inferred", marks, "expected a list of keys of this table")

@@ -78,8 +78,7 @@ class Plate:
         return float((density_kg_per_m2 * (2 * math.pi * frequency_hz) ** 2 / self.bending_n_m) ** 0.25)
 
 
-Surface = Bar | Plate
-"""What fingers touch."""
+Surface = Bar | Plate  # what fingers touch
 
 
 @dataclass(frozen=True)

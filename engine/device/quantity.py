@@ -64,8 +64,7 @@ _CREDIBLE = {
     "": (1e-9, 1e6),
 }
 """Least and greatest value above 0 by unit, far beyond any bar or touch: what lies outside is a slip, and overflows."""
-_GREATEST = 1e30
-"""Of a plain number: its square is finite."""
+_GREATEST = 1e30  # of a plain number: its square is finite
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 # Factors joined by * · or /, one-digit exponents: pint would evaluate '5 ** 9 ** 9' for minutes.
 _FACTOR = r"[A-Za-zµμ%][A-Za-zµμ%_0]*(?:\^-?\d)?"

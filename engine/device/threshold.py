@@ -20,8 +20,7 @@ from base.files import shipped
 from engine.device.parts import DeviceError
 from engine.device.toml_table import TomlTable, read_text
 
-DEFAULT = "oh-choi-2019"
-"""The curve of a device whose file names none."""
+DEFAULT = "oh-choi-2019"  # the curve of a device whose file names none
 _MOST_POINTS = 1000
 _LOWEST_HZ, _HIGHEST_HZ = 1e-3, 1e5  # the credible frequencies of toml_table.py
 _MOST_DB = 300.0  # a factor of 1e15 in either direction: a slip, whatever the curve is relative to

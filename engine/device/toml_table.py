@@ -15,8 +15,7 @@ from base.points import point_words
 from engine.device.quantity import QuantityError, read_quantity
 
 HIGHEST_LEVEL_DB = 80.0  # 1.5 g is 33 to 41 dB (docs/theory.md); 80 dB is a hundred times that, beyond any bar
-MOST_BYTES = 16 << 20
-"""Greatest size of a text file: a hundred times the largest manifest that is known."""
+MOST_BYTES = 16 << 20  # greatest size of a text file: a hundred times the largest manifest that is known
 MOST_DOTS = 100
 """Most dots of a line beside those of its numbers. Readers of TOML take the square of the parts of a dotted key, once
 more for each key of its table: 31 kB took 3.6 s. tomlkit refuses keys of more than 100 parts."""

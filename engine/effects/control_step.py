@@ -10,24 +10,18 @@ class Outcome(StrEnum):
     """Result of a control step: done, or why not."""
 
     DONE = "done"
-    NO_FINGER = "no finger"
-    """The finger that it names does not touch the bar; nothing was done."""
-    OFF_BAR = "off the bar"
-    """The place that it names is beyond the end of the bar that plays now; nothing was done."""
-    QUIET = "quiet"
-    """A program keeps the finger that it names quiet; nothing was triggered."""
-    OFF = "off"
-    """A program has switched feeling off; nothing was triggered."""
+    NO_FINGER = "no finger"  # the finger that it names does not touch the bar; nothing was done
+    OFF_BAR = "off the bar"  # the place that it names is beyond the end of the bar that plays now; nothing was done
+    QUIET = "quiet"  # a program keeps the finger that it names quiet; nothing was triggered
+    OFF = "off"  # a program has switched feeling off; nothing was triggered
 
 
 @dataclass(frozen=True)
 class SceneSettings:
     """Settings of the whole bar. They apply to everything that is played on it, by rules or by programs."""
 
-    is_enabled: bool = True
-    """False: nothing is felt."""
-    uses_rule_file: bool = True
-    """Whether the rules that the run began with hold where no region is."""
+    is_enabled: bool = True  # False: nothing is felt
+    uses_rule_file: bool = True  # whether the rules that the run began with hold where no region is
     level_change_db: float = 0.0
 
 
@@ -50,8 +44,7 @@ class Role:
     """A finger is kept quiet for a program until it lifts or the program is gone, or follows its rules again."""
 
     contact_id: int
-    is_quiet: bool
-    """False: no program keeps it quiet any more."""
+    is_quiet: bool  # False: no program keeps it quiet any more
     owner: int
 
 

@@ -19,8 +19,7 @@ class Play:
         trigger: Trigger | None = None,
         owner: int | None = None,
     ) -> None:
-        self.trigger = trigger
-        """The event of the rule that began it; None: a program did, whose number is `owner`."""
+        self.trigger = trigger  # the event of the rule that began it; None: a program did, whose number is `owner`
         self.owner = owner
         self.began_at = began_at
         self._click_length_ns = click_length_ns

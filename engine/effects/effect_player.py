@@ -60,11 +60,9 @@ FOLLOW_M = 0.5e-3
 """A finger that drives are made for is followed once it is farther away than this; drives allow for 1 mm."""
 STILL_M = 2e-3
 """A finger that stays within this distance of its resting place is still: a fingertip rolls by a millimetre."""
-DEFAULT_CLICK_NS = 30_000_000
-"""Length of a click for which the table states none."""
+DEFAULT_CLICK_NS = 30_000_000  # length of a click for which the table states none
 _NO_CONTACT = -1
-DRAG_REST_NS = 100_000_000
-"""A drag ends when the finger has not travelled the next distance within this time."""
+DRAG_REST_NS = 100_000_000  # a drag ends when the finger has not travelled the next distance within this time
 
 
 class EffectPlayer:
@@ -75,35 +73,26 @@ class EffectPlayer:
     """
 
     def __init__(self, effects: Effects, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
-        self.placement: Placement | None = None
-        """The fingers and their roles; None: no finger feels."""
-        self.level_db: float | None = None
-        """The level that is wanted under every felt finger; None: no finger feels."""
-        self.click_ns: int | None = None
-        """When the click that is felt now began; None: the drive is steady."""
+        self.placement: Placement | None = None  # the fingers and their roles; None: no finger feels
+        self.level_db: float | None = None  # the level that is wanted under every felt finger; None: no finger feels
+        self.click_ns: int | None = None  # when the click that is felt now began; None: the drive is steady
         self.effect = ""
         """Name of the effect that is felt now, of several that of the finger that came first; "": none is."""
-        self.next_change_ns: int | None = None
-        """When `advance_effects` is due; None: time alone changes nothing."""
+        self.next_change_ns: int | None = None  # when `advance_effects` is due; None: time alone changes nothing
         self._run_effects = effects
         self._program_rules: tuple[Rule, ...] = ()
-        self.settings = SceneSettings()
-        """What programs want of the whole bar."""
+        self.settings = SceneSettings()  # what programs want of the whole bar
         self._set_rules(effects)
-        self.fingers: dict[int, Finger] = {}
-        """The fingers that touch, by contact id."""
-        self.lifted: list[Finger] = []
-        """Fingers that are gone, their last effect still under way."""
+        self.fingers: dict[int, Finger] = {}  # the fingers that touch, by contact id
+        self.lifted: list[Finger] = []  # fingers that are gone, their last effect still under way
         self._begun_ns: float = -math.inf  # of the click that began last
         self._corner_m: complex = math.inf  # of the surface
-        self.click_length_ns = click_length_ns
-        """Length of the clicks that begin from now on."""
+        self.click_length_ns = click_length_ns  # length of the clicks that begin from now on
         self.joined = self.left_out = 0
         """Fingers of the placement that are one to the bar with another, and fingers that it has no room for."""
 
     def _set_rules(self, effects: Effects) -> None:
-        self.effects = effects
-        """The rules in force; other ones are another object."""
+        self.effects = effects  # the rules in force; other ones are another object
         self._rules = {trigger: effects.of(trigger) for trigger in Trigger}
         self.follows_moves = bool(self._rules[Trigger.HOLD] or self._rules[Trigger.DRAG])
         """Whether a finger that moves may begin or end an effect."""
@@ -377,20 +366,14 @@ class Finger:
 
     def __init__(self, touch: Touch) -> None:
         self.touch = touch
-        self.held_m = touch.position_m
-        """Where it is placed."""
+        self.held_m = touch.position_m  # where it is placed
         self.play: Play | None = None
-        self.mark_m = touch.position_m
-        """The position at which the last distance of a drag was complete."""
+        self.mark_m = touch.position_m  # the position at which the last distance of a drag was complete
         self.rest_m = touch.position_m
-        self.rest_rule: Rule | None = None
-        """The rule on HOLD that covered it when it came to rest."""
-        self.hold_rule: Rule | None = None
-        """The hold that begins if the finger stays at `rest_m`."""
-        self.quiet_for: frozenset[int] = frozenset()
-        """The programs that keep it quiet, whatever its rules say."""
-        self.hold_ns = 0
-        """When that hold begins; undefined without `hold_rule`."""
+        self.rest_rule: Rule | None = None  # the rule on HOLD that covered it when it came to rest
+        self.hold_rule: Rule | None = None  # the hold that begins if the finger stays at `rest_m`
+        self.quiet_for: frozenset[int] = frozenset()  # the programs that keep it quiet, whatever its rules say
+        self.hold_ns = 0  # when that hold begins; undefined without `hold_rule`
 
     def move_to(self, touch: Touch, corner_m: complex) -> None:
         """Go on at another place of a surface up to `corner_m`, as if it had come down and moved there."""

@@ -13,8 +13,7 @@ from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, EffectError, Eff
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"
 NO_EFFECTS: Mapping[str, Effect] = MappingProxyType({})
-MOST_RULES = 256
-"""The loop looks for a finger's rule in all of them at each event."""
+MOST_RULES = 256  # the loop looks for a finger's rule in all of them at each event
 _SHORTEST_S, _LEAST_TRAVEL_M = 1e-3, 1e-4  # finer than any digitizer reports
 
 

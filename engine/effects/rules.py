@@ -12,8 +12,7 @@ from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
 
-FULL_SCALE_DB = math.inf
-"""The level that stands for as much as full scale gives."""
+FULL_SCALE_DB = math.inf  # the level that stands for as much as full scale gives
 NS_PER_MS = 1_000_000
 
 
@@ -24,14 +23,10 @@ class EffectError(TactableError, ValueError):
 class Trigger(StrEnum):
     """The event that gives a finger its effect."""
 
-    TOUCH = "touch"
-    """It comes down."""
-    HOLD = "hold"
-    """It has rested for the time of the rule."""
-    LIFT = "lift"
-    """It lifts, or the digitizer has lost it."""
-    DRAG = "drag"
-    """It has travelled the distance of the rule."""
+    TOUCH = "touch"  # it comes down
+    HOLD = "hold"  # it has rested for the time of the rule
+    LIFT = "lift"  # it lifts, or the digitizer has lost it
+    DRAG = "drag"  # it has travelled the distance of the rule
 
 
 class Drives(StrEnum):
@@ -141,5 +136,4 @@ def click(level_db: float) -> Effect:
     return Effect("click", (Segment(None, level_db, is_click=True),))
 
 
-DEFAULT_EFFECTS = Effects((Rule(Trigger.TOUCH, click(DEFAULT_LEVEL_DB)),))
-"""Every touch feels a click at 20 dB."""
+DEFAULT_EFFECTS = Effects((Rule(Trigger.TOUCH, click(DEFAULT_LEVEL_DB)),))  # every touch feels a click at 20 dB

@@ -19,12 +19,9 @@ from engine.touch import Placement
 class Wanted(NamedTuple):
     """What the fingers are to feel."""
 
-    placement: Placement | None
-    """The fingers and their roles; None: no finger feels."""
-    level_db: float | None
-    """Level under every felt finger, dB above the detection threshold; None: no finger feels."""
-    click_ns: int | None
-    """When the click began, on the source's time axis; None: what is felt is steady."""
+    placement: Placement | None  # the fingers and their roles; None: no finger feels
+    level_db: float | None  # level under every felt finger, dB above the detection threshold; None: no finger feels
+    click_ns: int | None  # when the click began, on the source's time axis; None: what is felt is steady
 
 
 NOTHING = Wanted(None, None, None)
@@ -37,16 +34,11 @@ class Answerer:
 
     def __init__(self, renderer: Renderer) -> None:
         self.renderer = renderer
-        self.awaits_clicks = False
-        """Whether clicks that are not known are solved beside the loop."""
-        self.patience_ns = LATEST_NS
-        """For how long after its touch a click is awaited."""
-        self.awaited: Placement | None = None
-        """The fingers whose click is waited for; None: no click is."""
-        self.wanted_then = NOTHING
-        """What the click that is awaited is for."""
-        self.latest_ns: int | None = None
-        """When nothing is waited for any more; None: no click is."""
+        self.awaits_clicks = False  # whether clicks that are not known are solved beside the loop
+        self.patience_ns = LATEST_NS  # for how long after its touch a click is awaited
+        self.awaited: Placement | None = None  # the fingers whose click is waited for; None: no click is
+        self.wanted_then = NOTHING  # what the click that is awaited is for
+        self.latest_ns: int | None = None  # when nothing is waited for any more; None: no click is
         self._held = HeldDrive()
 
     def answer(self, wanted: Wanted) -> Command | None:

@@ -8,24 +8,18 @@ from numpy.typing import ArrayLike
 
 from base.arrays import Integers
 
-Stamps = tuple[int, int, int, int, int, int]
-"""Clock time of each stage in ns, in the order of `Stage`."""
+Stamps = tuple[int, int, int, int, int, int]  # clock time of each stage in ns, in the order of `Stage`
 
 
 class Stage(IntEnum):
     """The stages from a report to its written command; a stamp is taken at the end of each."""
 
-    AVAILABLE = 0
-    """The report could be read. A playback knows when; for a live device it is when the loop read it."""
+    AVAILABLE = 0  # The report could be read. A playback knows when; for a live device it is when the loop read it.
     READ = 1
-    FRAME = 2
-    """The touch frame was complete."""
-    STATE = 3
-    """What the fingers are to feel was known."""
-    COMMAND = 4
-    """The command was looked up and handed to the link."""
-    WRITTEN = 5
-    """The port had taken the whole command."""
+    FRAME = 2  # the touch frame was complete
+    STATE = 3  # what the fingers are to feel was known
+    COMMAND = 4  # the command was looked up and handed to the link
+    WRITTEN = 5  # the port had taken the whole command
 
 
 @dataclass(frozen=True)
@@ -59,8 +53,7 @@ class LatencyRecorder:
     """The stamps of the last `capacity` commands, in memory that is allocated once."""
 
     def __init__(self, capacity: int = 65_536) -> None:
-        self.count = 0
-        """Commands recorded since the start."""
+        self.count = 0  # commands recorded since the start
         self._stamps_ns = np.zeros((capacity, len(Stage)), np.int64)
 
     def record(self, stamps: Stamps) -> None:

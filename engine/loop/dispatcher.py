@@ -24,8 +24,7 @@ class Dispatcher:
         self.counters = LoopCounters()
         self.session = session
         self.held = SILENCE
-        self.play = b""
-        """The PLAY of the last command that was handed over; empty where that is no click."""
+        self.play = b""  # the PLAY of the last command that was handed over; empty where that is no click
         self._now_ns = now_ns
         self._records: list[CommandRecord] = []
         self._pending: CommandRecord | None = None

@@ -19,15 +19,11 @@ from engine.touch.scan_time import ScanTimes
 class Fate(Enum):
     """Outcome of the command of a record."""
 
-    NONE = "none"
-    """The report changed nothing that is wanted."""
-    SAME = "same"
-    """Something else is wanted, but its command is the one that the device holds already."""
-    WAITING = "waiting"
-    """The link has it; the port has not taken it yet."""
+    NONE = "none"  # the report changed nothing that is wanted
+    SAME = "same"  # something else is wanted, but its command is the one that the device holds already
+    WAITING = "waiting"  # the link has it; the port has not taken it yet
     WRITTEN = "written"
-    DROPPED = "dropped"
-    """A newer one replaced it unsent, or the link was not ready."""
+    DROPPED = "dropped"  # a newer one replaced it unsent, or the link was not ready
 
 
 class CommandRecord(NamedTuple):
@@ -72,24 +68,15 @@ class LoopCounters:
     frames: int = 0
     state_changes: int = 0
     commands: int = 0
-    replaced: int = 0
-    """Commands that a newer one replaced unsent."""
-    lost_frames: int = 0
-    """Frames that the digitizer lost."""
-    losses: int = 0
-    """How often the port, or the device behind it, was lost."""
-    reconnects: int = 0
-    """New sessions after a loss, or after the device stopped itself."""
-    swaps: int = 0
-    """Changes to another table."""
-    controlled: int = 0
-    """Control steps of programs."""
-    learned: int = 0
-    """Clicks that were solved beside the loop."""
-    joined: int = 0
-    """Times that something was wanted for fingers which are one to the bar, since they are too close."""
-    left_out: int = 0
-    """Times that something was wanted for more fingers than are placed."""
+    replaced: int = 0  # commands that a newer one replaced unsent
+    lost_frames: int = 0  # frames that the digitizer lost
+    losses: int = 0  # how often the port, or the device behind it, was lost
+    reconnects: int = 0  # new sessions after a loss, or after the device stopped itself
+    swaps: int = 0  # changes to another table
+    controlled: int = 0  # control steps of programs
+    learned: int = 0  # clicks that were solved beside the loop
+    joined: int = 0  # times that something was wanted for fingers which are one to the bar, since they are too close
+    left_out: int = 0  # times that something was wanted for more fingers than are placed
 
 
 class Observer(Protocol):

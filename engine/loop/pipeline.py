@@ -87,16 +87,11 @@ class Pipeline:
         self.rendering: Rendering | None = None
         """The table that `change_table` brought; None: the pipeline still plays the first."""
         self.wanted = NOTHING
-        self.effect = ""
-        """Name of the last effect that is wanted or was."""
-        self.touches: Sequence[Touch] = ()
-        """The fingers of the last frame."""
-        self.frame: TouchFrame | None = None
-        """The frame that the last report completed; None: it completed none."""
-        self.frame_ns = self.state_ns = 0
-        """Stamps of the last report: its frame was complete; what is wanted was known."""
-        self.due_ns: float = math.inf
-        """When `commands_due` has something to do; infinite: time alone changes nothing."""
+        self.effect = ""  # name of the last effect that is wanted or was
+        self.touches: Sequence[Touch] = ()  # the fingers of the last frame
+        self.frame: TouchFrame | None = None  # the frame that the last report completed; None: it completed none
+        self.frame_ns = self.state_ns = 0  # stamps of the last report: its frame was complete; what is wanted was known
+        self.due_ns: float = math.inf  # when `commands_due` has something to do; infinite: time alone changes nothing
         self.joined = self.left_out = 0
         """Counts of fingers joined because they lie too close, and of fingers beyond the greatest number."""
         self._stamp_ns = stamp_ns

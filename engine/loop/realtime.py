@@ -11,8 +11,7 @@ from enum import StrEnum
 from pathlib import Path
 
 DMA_LATENCY_PATH = Path("/dev/cpu_dma_latency")
-PRIORITY = 70
-"""Above the usual SCHED_FIFO threads, below threads of interrupts that have been raised."""
+PRIORITY = 70  # above the usual SCHED_FIFO threads, below threads of interrupts that have been raised
 SWITCH_INTERVAL_S = 1e-4
 """Longest time that another Python thread keeps the interpreter from the loop; Python's default is 5 ms."""
 GROUP = "realtime"

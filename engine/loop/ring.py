@@ -24,8 +24,7 @@ from engine.touch.placement import MOST_FINGERS
 MAGIC = b"tactring"
 REVISION = 5  # raise it with any change of the structures below
 MOST_TOUCHES = 16
-SLOTS = 4096
-"""Half a second of the fastest digitizer, 8000 reports a second; 8 MiB."""
+SLOTS = 4096  # half a second of the fastest digitizer, 8000 reports a second; 8 MiB
 
 # magic, revision, bytes of a slot, slots, process, records written
 _HEAD = struct.Struct("<8sIIIIQ")
@@ -58,10 +57,8 @@ class RingCounters(NamedTuple):
     frames: int
     state_changes: int
     commands: int
-    replaced: int
-    """Commands that a newer one replaced unsent."""
-    lost_frames: int
-    """Frames that the digitizer lost."""
+    replaced: int  # commands that a newer one replaced unsent
+    lost_frames: int  # frames that the digitizer lost
 
 
 class Record(NamedTuple):

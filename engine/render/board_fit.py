@@ -24,13 +24,11 @@ from engine.render.link_commands import RendererError
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.messages import LINEARISES, PM_PER_M
 
-TOLERANCE = 0.1
-"""0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)."""
+TOLERANCE = 0.1  # 0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)
 GREATEST_RATIO = 10.0  # the example above is a factor of 5, a wrong unit one of 25 (inch) or 1000
 COARSEST_STEP = 0.01
 """Of the lowest frequency. Rounding moves it by half of that at most, as 1 % of stiffness moves resonances."""
-LEAST_SAMPLES_A_PERIOD = 10
-"""Held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost."""
+LEAST_SAMPLES_A_PERIOD = 10  # held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost
 _UM_PER_M = 1e6
 
 

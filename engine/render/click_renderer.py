@@ -14,8 +14,7 @@ from firmware_link.protocol.basis import encode_click
 from firmware_link.protocol.messages import encode_amplitude
 
 MOST_LEARNED = 256  # of fingers that rest while their effect clicks again
-NOT_PLAYED = -1
-"""Stands in place of an amplitude where the device lacks the click's set, or the level is refused."""
+NOT_PLAYED = -1  # stands in place of an amplitude where the device lacks the click's set, or the level is refused
 
 
 class RenderedClicks:

@@ -3,8 +3,7 @@
 from engine.render.link_commands import Command
 from engine.touch import Placement
 
-SAME_FINGER_M = 5e-3
-"""A finger that is farther away than this from one report to the next is taken for another one."""
+SAME_FINGER_M = 5e-3  # a finger that is farther away than this from one report to the next is taken for another one
 
 
 class HeldDrive:

@@ -27,8 +27,7 @@ class PlayCommand(NamedTuple):
     """Play a click once, then silence."""
 
     click: EncodedClick
-    frequency_hz: float | None = None
-    """Always None: a click has no single frequency."""
+    frequency_hz: float | None = None  # always None: a click has no single frequency
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""

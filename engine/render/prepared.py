@@ -28,11 +28,9 @@ class Rendering:
 
     device: Device
     renderer: Renderer
-    configuration: LinkConfiguration
-    """The limits of the device and the basis of clicks."""
+    configuration: LinkConfiguration  # the limits of the device and the basis of clicks
     click_length_ns: int
-    fit: BoardFit
-    """How the amplitudes of the table are played on the device."""
+    fit: BoardFit  # how the amplitudes of the table are played on the device
 
     @property
     def basis(self) -> Basis | None:

@@ -32,10 +32,8 @@ class Renderer:
     def __init__(
         self, capabilities: Capabilities, steady: Steady, clicks: RenderedClicks, levels_db: Sequence[float]
     ) -> None:
-        self.not_achieved = 0
-        """Number of commands that do not reach the level, or do not keep quiet fingers quiet."""
-        self.levels_db = tuple(levels_db)
-        """Levels of the rules."""
+        self.not_achieved = 0  # number of commands that do not reach the level, or do not keep quiet fingers quiet
+        self.levels_db = tuple(levels_db)  # levels of the rules
         self.clicks = clicks
         self.steady = steady
         self._wire = _wire_of(capabilities)

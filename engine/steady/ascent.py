@@ -16,10 +16,8 @@ from numba import types
 from base.compiled import njit
 from engine.steady.forms import DRIVE, REAL, ROWS, TINY, USABLE, fill_products, multiply, power_of
 
-PENALTY = 60.0
-"""Nepers of ratio that a neper of missing level costs; what a level can be worth stays below."""
-SHARPEST = 3000.0
-"""1 / 3000 neper: the smoothed minimum of two is within 0.001 dB."""
+PENALTY = 60.0  # nepers of ratio that a neper of missing level costs; what a level can be worth stays below
+SHARPEST = 3000.0  # 1 / 3000 neper: the smoothed minimum of two is within 0.001 dB
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 40, 1e-7, 1e-4, 1e-6  # 20 lose nothing, a gain of 1e-4 0.2 dB (the search)
 _SHARPER = 10**0.5  # half a decade a climb; a decade loses 0.02 dB at most (drive_search.py)
 

@@ -8,8 +8,7 @@ from base.arrays import Array, Points
 from base.points import clip_points
 from engine.device import Finger
 
-TOLERANCE_M = 1e-3
-"""How far a finger may lie from where the digitizer says, evenly distributed to both sides."""
+TOLERANCE_M = 1e-3  # how far a finger may lie from where the digitizer says, evenly distributed to both sides
 SEED = 20230247606  # fixed: tables repeat bit for bit; other cases move expected contrasts by up to 4 dB (reference-a)
 _TRIES = 64  # mean correlation of three fingers: 0.148 of 8 tries, 0.139 of 64, 0.132 of 512 (50 ms)
 

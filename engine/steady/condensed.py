@@ -9,8 +9,7 @@ import numpy as np
 from base.arrays import Array, Complex, Points, Single
 from engine.steady.modes import Modes
 
-_TOLERANCE = 3e-5
-"""Principal components below it are left out; at each frequency the greatest motion is about 1."""
+_TOLERANCE = 3e-5  # principal components below it are left out; at each frequency the greatest motion is about 1
 
 
 class CondensedModes:

@@ -19,13 +19,11 @@ _LEVEL_MARGIN = 1 + 2e-4
 """Relative margin on a wanted level, 0.0009 dB, so that neither smoothing nor rounding leaves it short."""
 # Halved or doubled, tried on 198 random placements of 2 to 5 fingers at 20 dB: reference-a, -t, a bar of 3 actuators.
 _STEPS, _FIRST_STEPS = 2, 12  # 1 and 6 lose nothing, 4 and 24 gain nothing
-_NEAR, _NEAR_SEVERAL = 0.9, 0.5
-"""Peaks whose ratio is above this fraction of the best one's are refined."""
+_NEAR, _NEAR_SEVERAL = 0.9, 0.5  # peaks whose ratio is above this fraction of the best one's are refined
 _PEAKS = 6  # 3 and 12 change nothing
 _CLOSE, _REFINED = 0.95, 3
 """Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
-_STRIDE = 8
-"""The scan takes every eighth frequency first. The best of them lets it leave out most of the others."""
+_STRIDE = 8  # The scan takes every eighth frequency first. The best of them lets it leave out most of the others.
 _SCAN_STEPS, _POWER_STEPS = 2, 30  # 1 and 15 lose nothing
 _GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5  # 5 and 3 lose up to 9.5 dB, 14 and 9 gain up to 0.9 (reference-t)

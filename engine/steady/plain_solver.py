@@ -28,10 +28,8 @@ from engine.touch.placement import MOST_FINGERS
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 _CASES = 8
 _ROUNDS = 5  # of 36 placements of 3 or 4 fingers 2 lose 0.3 dB (mean), 10 win 0.1 in 1.6 times the time
-_PARTS = np.geomspace(1e-3, 1e4, 15)
-"""Added parts of the squared amplitude, relative to the form below the fraction."""
-_TRIED = 48
-"""Most frequencies at which a louder drive is looked for."""
+_PARTS = np.geomspace(1e-3, 1e4, 15)  # added parts of the squared amplitude, relative to the form below the fraction
+_TRIED = 48  # most frequencies at which a louder drive is looked for
 _TINY = 1e-9
 _TOLERANCE_DB = 1e-3  # LEVEL_TOLERANCE_DB of steady_solver.py, which imports kernels
 

@@ -21,12 +21,9 @@ class SteadyDrive:
     wanted_level_db: float
     level_db: Array
     sampled_level_db: Array
-    objective: str
-    """"contrast", "localized factor", or "level" where the loudest drive was asked for or is the nearest."""
-    value: float
-    """What was maximised: expected contrast or level in dB, or a share."""
-    achieved: bool
-    """Whether the weakest felt standard finger is at the wanted level; an infinite one is always reached."""
+    objective: str  # "contrast", "localized factor", or "level" where the loudest drive was asked for or is the nearest
+    value: float  # what was maximised: expected contrast or level in dB, or a share
+    achieved: bool  # whether the weakest felt standard finger is at the wanted level; an infinite one is always reached
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:

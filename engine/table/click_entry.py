@@ -33,8 +33,7 @@ class ClickFinger:
     """Peaks under one finger, in the nominal plant."""
 
     acceleration_at_finger_m_per_s2: float
-    level_db: float
-    """Weighted by the detection threshold."""
+    level_db: float  # weighted by the detection threshold
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,18 +45,13 @@ class ClickFigures:
     played at that level; None: one of them never does.
     """
 
-    felt: LevelSpread
-    """The weakest felt finger."""
-    quiet: LevelSpread | None
-    """The strongest quiet finger; None: nothing is quiet."""
-    fingers: tuple[ClickFinger, ...]
-    """For each finger of the placement, in order."""
+    felt: LevelSpread  # the weakest felt finger
+    quiet: LevelSpread | None  # the strongest quiet finger; None: nothing is quiet
+    fingers: tuple[ClickFinger, ...]  # for each finger of the placement, in order
     exceeds_s: Mapping[float, float | None]
-    peak_s: float
-    """When the last felt finger has its peak."""
+    peak_s: float  # when the last felt finger has its peak
     residual_from_s: float
-    residual_db: float
-    """The strongest felt finger from residual_from_s on."""
+    residual_db: float  # the strongest felt finger from residual_from_s on
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +69,7 @@ class ClickEntry(ClickFigures):
     weights: NDArray[np.int16]
     fraction_bits: int
     amplitude: float = 1.0
-    wanted_level_db: float = math.inf
-    """The level that is asked for; infinite: as strong as solved."""
+    wanted_level_db: float = math.inf  # the level that is asked for; infinite: as strong as solved
 
     @property
     def achieved(self) -> bool:

@@ -18,12 +18,9 @@ from engine.table.click_entry import ClickEntry, ClickFinger, LevelSpread
 from engine.touch.places import Key, Places
 from firmware_link.protocol.basis import Basis
 
-NO_FINGER = -1
-"""Stands in `finger_place` behind the last finger of a row."""
-NO_ROW = -1
-"""Stands in `pair` where the table holds no such click."""
-FIGURES = ("peak_s", "residual_from_s", "residual_db")
-"""Fields of an entry that are one real number."""
+NO_FINGER = -1  # stands in `finger_place` behind the last finger of a row
+NO_ROW = -1  # stands in `pair` where the table holds no such click
+FIGURES = ("peak_s", "residual_from_s", "residual_db")  # fields of an entry that are one real number
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,8 @@
 from dataclasses import astuple
 from typing import Any, TypeVar
 
-DEFAULT_LEVEL_DB = 20.0
-"""The default sensation level: plainly felt, and 20 dB below full drive on the published bar."""
-LEVEL_TOLERANCE_DB = 1e-3
-"""A level within this of the wanted one is reached."""
+DEFAULT_LEVEL_DB = 20.0  # the default sensation level: plainly felt, and 20 dB below full drive on the published bar
+LEVEL_TOLERANCE_DB = 1e-3  # a level within this of the wanted one is reached
 
 Levels = TypeVar("Levels", bound=Any)  # a dataclass whose fields are all in dB
 

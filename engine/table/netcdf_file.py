@@ -31,8 +31,7 @@ _READ_BYTES = 1 << 24  # 16 MiB at a time: tables of gigabytes are copied and ch
 _HDF5_SIGNATURE, _HDF5_SUPERBLOCK, _HDF5_END = b"\x89HDF\r\n\x1a\n", 0, 40  # superblock 0: end of file at byte 40
 _SEAL, _SEAL_MAGIC = struct.Struct("<12sI"), b"tactable end"
 
-ACROSS = "_across"
-"""Ends the name of the array that holds the second coordinate of a plate's points."""
+ACROSS = "_across"  # ends the name of the array that holds the second coordinate of a plate's points
 Values = NDArray[Any]
 
 
@@ -44,8 +43,7 @@ class Variable:
     dimensions: tuple[str, ...]
     unit: str
     meaning: str
-    scale: float | None = None
-    """What one count stands for, where counts are stored: readers of NetCDF multiply by it."""
+    scale: float | None = None  # what one count stands for, where counts are stored: readers of NetCDF multiply by it
 
     @classmethod
     def names(cls, what: str) -> "Variable":

@@ -30,8 +30,7 @@ class ArrayKind:
     greatest: float | None = None
 
 
-FIXED_SIZES = {"part": 2}
-"""Dimensions that have one size in every table; those of actuators and zones are the device's."""
+FIXED_SIZES = {"part": 2}  # dimensions that have one size in every table; those of actuators and zones are the device's
 
 
 def _arrays(dimensions: str, *names: str, **properties: object) -> dict[str, ArrayKind]:
@@ -127,8 +126,7 @@ TEXT_ATTRIBUTES = (
     "code_version", "created", "source", "click_options",
     "responses_file", "responses_sha256", "modelled",
 )  # fmt: skip
-IS_SHIPPED = "is_shipped"
-"""Attribute of a table that holds best rows and clicks alone, made to be small."""
+IS_SHIPPED = "is_shipped"  # attribute of a table that holds best rows and clicks alone, made to be small
 WHOLE_ATTRIBUTES = (
     "format_revision",
     "clicks_up_to",

@@ -24,8 +24,7 @@ from engine.touch.places import Places
 
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four
-_SPREADS = 5
-"""Nominal plant, three percentiles, and the worst."""
+_SPREADS = 5  # nominal plant, three percentiles, and the worst
 _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
 _ROWS = ("best_rows", "clicks")

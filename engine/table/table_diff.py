@@ -25,8 +25,7 @@ _Key = tuple[tuple[str, ...], tuple[str, ...], float | None]
 _Part = TypeVar("_Part", BestRow, ClickEntry)
 
 
-DEFAULT_LIMIT_DB = 0.1
-"""Changes of a level up to this are ignored: a tenth of what a finger can tell apart."""
+DEFAULT_LIMIT_DB = 0.1  # changes of a level up to this are ignored: a tenth of what a finger can tell apart
 _FREQUENCY_LIMIT_HZ = 0.015  # a step on the wire is 0.01 Hz
 _UNITS = {
     "achieved": "",
@@ -99,8 +98,7 @@ class StateChange:
         return any(f.figure == "achieved" for f in self.figures), largest["dB"], largest["%"]
 
 
-Sizes = Iterator[tuple[str, Value, Value, float]]
-"""Figure, before, after, size."""
+Sizes = Iterator[tuple[str, Value, Value, float]]  # figure, before, after, size
 
 
 def describe(felt: Sequence[str], quiet: Sequence[str], level_db: float | None) -> str:

@@ -27,8 +27,7 @@ class Debounce:
 
     def __init__(self, hold_ns: int, column: int, near: float) -> None:
         self.settings = (hold_ns, column, near)
-        self.contacts: tuple[Contact, ...] = ()
-        """Those of the panel's last frame."""
+        self.contacts: tuple[Contact, ...] = ()  # those of the panel's last frame
         self._numbers: dict[int, int] = {}  # shown number by the panel's number
         self._shown: dict[int, Contact] = {}  # by the number shown
         self._gaps: dict[int, int] = {}  # contacts without touch: when they lifted, the longest gone first

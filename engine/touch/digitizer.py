@@ -142,13 +142,10 @@ class Digitizer:
         self, surfaces: Sequence[Surface], vendor_id: int = 0, product_id: int = 0, *, is_chosen: bool = False
     ) -> None:
         self.surfaces, self.is_chosen = surfaces, is_chosen
-        self.refused: Sequence[DescriptorError] = ()
-        """Why other touch surfaces of the interface cannot be decoded."""
+        self.refused: Sequence[DescriptorError] = ()  # why other touch surfaces of the interface cannot be decoded
         self.counters = DigitizerCounters()
-        self.foreign_ids: set[int] = set()
-        """Report IDs that came and are not of the surface."""
-        self.on_surface: Callable[[], None] = _do_nothing
-        """Called when another surface is decoded from now on."""
+        self.foreign_ids: set[int] = set()  # report IDs that came and are not of the surface
+        self.on_surface: Callable[[], None] = _do_nothing  # called when another surface is decoded from now on
         self.on_foreign: Callable[[str], None] = _do_nothing
         """Called once with a notice after FOREIGN_NOTICED reports without one of the decoded surface."""
         self._number = (vendor_id, product_id)
@@ -173,8 +170,7 @@ class Digitizer:
         self.debounce: Debounce | None = None
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
-        self.frame = Frame()
-        """The frame that is being assembled."""
+        self.frame = Frame()  # the frame that is being assembled
         self._scan_clock, self._waiting = ScanClock(), _Waiting()
         self._again: dict[int, int] = {}
         """What is added to the contact ids that came down again in the frame in which they lifted."""

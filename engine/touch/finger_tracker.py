@@ -32,20 +32,16 @@ _new = tuple.__new__
 class ZoneState(IntEnum):
     """The role of a zone."""
 
-    FREE = 0
-    """No finger: its motion does not matter."""
-    QUIET = 1
-    """A finger that must not feel anything."""
-    FELT = 2
-    """A finger that feels."""
+    FREE = 0  # no finger: its motion does not matter
+    QUIET = 1  # a finger that must not feel anything
+    FELT = 2  # a finger that feels
 
 
 class Touch(NamedTuple):
     """One finger on the surface. A finger between zones has no `zone` (None); a palm loads the surface alone."""
 
     contact_id: int
-    position_m: complex
-    """Real on a bar (base.points)."""
+    position_m: complex  # real on a bar (base.points)
     zone: int | None
     is_palm: bool = False
 

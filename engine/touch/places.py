@@ -11,8 +11,7 @@ from functools import cached_property
 
 from engine.touch.placement import Placement
 
-Key = tuple[int, ...]
-"""2 * place + is_felt of each finger, rising."""
+Key = tuple[int, ...]  # 2 * place + is_felt of each finger, rising
 _ROUNDING = 1e-9
 
 

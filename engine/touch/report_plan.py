@@ -30,8 +30,7 @@ PositionBits = tuple[int, int, int, int, int]
 class SlotPlan(NamedTuple):
     """Where the fields of one contact slot are in a report; a mask of 0 stands for a field that the device lacks."""
 
-    memory: list[Any]
-    """The bits that the slot held last, and the contact that they were decoded to."""
+    memory: list[Any]  # the bits that the slot held last, and the contact that they were decoded to
     place: slice
     tip: NumberBits
     contact_id: NumberBits

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_LONGEST_PERIOD_NS = 30_000_000
-"""A longer interval between two frames is a pause between touches."""
+_LONGEST_PERIOD_NS = 30_000_000  # a longer interval between two frames is a pause between touches
 _FEWEST = 50  # 0.4 s of an 8 ms digitizer; of fewer, a 99th percentile is the greatest
 
 
@@ -18,8 +17,7 @@ class ScanPeriods:
     """
 
     frames: int
-    period_ns: int
-    """Median."""
+    period_ns: int  # median
     jitter_p99_ns: int
 
 

@@ -28,8 +28,7 @@ class Channels:
     def __init__(
         self, number_of_actuators: int, frequency_resolution_hz: float, frequency_minimum: int, frequency_maximum: int
     ) -> None:
-        self.slew_per_s = 1
-        """The slew in full scale a second, as it was armed when the last drive came."""
+        self.slew_per_s = 1  # the slew in full scale a second, as it was armed when the last drive came
         self._resolution_hz = frequency_resolution_hz
         self._range = (frequency_minimum, frequency_maximum)
         self._channels = [_Channel(frequency_minimum) for _ in range(number_of_actuators)]

@@ -15,14 +15,10 @@ _GREATEST_STEP = 127
 class Lease:
     """How long the host is believed; times in device microseconds."""
 
-    armed_us: int = 0
-    """What ARM allows; how far the clocks may be apart."""
-    drive_us: int = 0
-    """What the last SET asked, within that."""
-    fresh_us: int = 0
-    """When the last fresh frame came."""
-    renewed_us: int = 0
-    """When the drive was applied or renewed."""
+    armed_us: int = 0  # what ARM allows; how far the clocks may be apart
+    drive_us: int = 0  # what the last SET asked, within that
+    fresh_us: int = 0  # when the last fresh frame came
+    renewed_us: int = 0  # when the drive was applied or renewed
     fresh_sequence: int = 0
 
     def is_fresh(self, clock_reference: int, sequence: int, now_us: int) -> bool:

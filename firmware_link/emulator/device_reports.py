@@ -21,8 +21,7 @@ class Reports:
         self.applied_sequence = 0
         self.applied_time_us = 0
         self.was_greeted = False
-        self.fault_due_us: int | None = None
-        """The fault that waits for its ACK, or None."""
+        self.fault_due_us: int | None = None  # the fault that waits for its ACK, or None
         self.status_allowed_us = 0
         self._log_allowed_us = 0
         self._device, self._framing_counters = device, framing_counters

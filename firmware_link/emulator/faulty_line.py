@@ -29,17 +29,14 @@ class LineCounters:
     frames: int = 0
     duplicated: int = 0
     dropped: int = 0
-    unheard: int = 0
-    """Frames that a half-open line swallowed."""
-    lost: int = 0
-    """Frames lost on a line that was hung up, or to a device without power."""
+    unheard: int = 0  # frames that a half-open line swallowed
+    lost: int = 0  # frames lost on a line that was hung up, or to a device without power
     delivered: int = 0
     flipped_bits: int = 0
     insertions: int = 0
     cuts: int = 0
     bursts: int = 0
-    delayed: int = 0
-    """Frames that a stall delayed."""
+    delayed: int = 0  # frames that a stall delayed
     intact: int = 0
     damaged: int = 0
 

@@ -37,14 +37,10 @@ class EmulatedFirmware:
         self._drive = Drive(self._device, self._lease, self._memory, self._reports)
         self._sense = Accelerations(self._device, self._reports)
         self._session = Session(self._device, self._lease, self._drive, self._memory, self._sense, self._reports)
-        self.counters = self._device.counters
-        """Counters of the firmware since boot, without those of frames."""
-        self.framing_counters = self._decoder.counters
-        """Frames accepted and refused since boot."""
-        self.drive_log = self._drive.log
-        """Every change of what sounds; it grows."""
-        self.received = self._session.received
-        """Every frame with a valid checksum; it grows."""
+        self.counters = self._device.counters  # counters of the firmware since boot, without those of frames
+        self.framing_counters = self._decoder.counters  # frames accepted and refused since boot
+        self.drive_log = self._drive.log  # every change of what sounds; it grows
+        self.received = self._session.received  # every frame with a valid checksum; it grows
 
     @property
     def state(self) -> DeviceState:

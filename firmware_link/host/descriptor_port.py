@@ -5,8 +5,7 @@ from typing import Self
 
 from firmware_link.protocol.link_errors import LinkLostError
 
-READ_SIZE = 4096
-"""Bytes read at once."""
+READ_SIZE = 4096  # bytes read at once
 
 
 class DescriptorPort:

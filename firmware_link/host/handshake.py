@@ -26,10 +26,8 @@ class Handshake:
 
     def __init__(self, configuration: LinkConfiguration, encoder: FrameEncoder, line: Line, now_ns: int) -> None:
         self.state = LinkState.GREETING
-        self.capabilities: Capabilities | None = None
-        """What the device said of itself, once it has answered."""
-        self.lease_ms = configuration.lease_ms
-        """Once the device has answered: the shorter of what both sides allow."""
+        self.capabilities: Capabilities | None = None  # what the device said of itself, once it has answered
+        self.lease_ms = configuration.lease_ms  # once the device has answered: the shorter of what both sides allow
         self.arming_device_us = 0
         """Device time when the host began to arm: a fault before it belongs to an earlier session."""
         self._configuration, self._encoder, self._line = configuration, encoder, line

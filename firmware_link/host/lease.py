@@ -23,11 +23,7 @@ class Lease:
     def __init__(self, duration_ms: int) -> None:
         self.duration_ms = duration_ms
         self.duration_us = duration_ms * US_PER_MS
-        self.renewal_ns = duration_ms * NS_PER_MS // RENEWALS_PER_LEASE
-        """Between two frames that hold a drive."""
-        self.spacing_ns = -(-duration_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)
-        """Between two commands, at least."""
-        self.free_ns = 0
-        """Time from which another command may go out."""
-        self.renewal_due_ns = 0
-        """Time by which what sounds must be renewed."""
+        self.renewal_ns = duration_ms * NS_PER_MS // RENEWALS_PER_LEASE  # between two frames that hold a drive
+        self.spacing_ns = -(-duration_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)  # between two commands, at least
+        self.free_ns = 0  # time from which another command may go out
+        self.renewal_due_ns = 0  # time by which what sounds must be renewed

@@ -11,8 +11,7 @@ class Line:
     """
 
     def __init__(self, bit_rate_hz: int) -> None:
-        self.free_ns = 0
-        """Host time from which the line is free."""
+        self.free_ns = 0  # host time from which the line is free
         self._bit_rate_hz = bit_rate_hz
         self._occupied_by_size_ns: dict[int, int] = {}
 

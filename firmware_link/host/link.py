@@ -88,14 +88,11 @@ class Link:
         self.state = LinkState.DISCONNECTED
         self.clock = DeviceClock()
         self._decoder = FrameDecoder()
-        self.framing_counters = self._decoder.counters
-        """Frames from the device, accepted and refused."""
+        self.framing_counters = self._decoder.counters  # frames from the device, accepted and refused
         self._encoder = FrameEncoder()
         self._patience_end_ns: int | None = None
-        self.status: messages.Status | None = None
-        """The last STATUS of this session; None before the first."""
-        self.acknowledgements = b""
-        """Frames that acknowledge FAULTs, to be sent."""
+        self.status: messages.Status | None = None  # the last STATUS of this session; None before the first
+        self.acknowledgements = b""  # frames that acknowledge FAULTs, to be sent
         self.reconfigure(configuration)
 
     @property

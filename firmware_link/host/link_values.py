@@ -17,8 +17,7 @@ from firmware_link.protocol.messages import (
     encode_amplitude,
 )
 
-BOARD_EMULATED, BOARD_SOUND_CARD = 0, 6
-"""Numbers of the boards that are no boards, in HELLO."""
+BOARD_EMULATED, BOARD_SOUND_CARD = 0, 6  # numbers of the boards that are no boards, in HELLO
 _NO_FEATURES = Features(0)
 
 

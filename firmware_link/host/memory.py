@@ -25,8 +25,7 @@ class BasisTransfer:
 
     def __init__(self, basis: Basis, encoder: FrameEncoder, line: Line, spacing_ns: int = 0) -> None:
         self.basis = basis
-        self.due_ns = 0
-        """The next frame is due at this time."""
+        self.due_ns = 0  # the next frame is due at this time
         self._encoder, self._line, self._spacing_ns = encoder, line, spacing_ns
         self._steps: Iterator[BasisBegin | BasisChunk | BasisCommit] = transfer_messages(basis.data)
         self._step: BasisBegin | BasisChunk | BasisCommit | None = next(self._steps)

@@ -47,13 +47,11 @@ class Outbox:
     """The slot, what sounds, and the lease that holds it; drives are bytes from `encode_drive`."""
 
     def __init__(self, counters: LinkCounters, slew_limit_per_s: int, encoder: FrameEncoder) -> None:
-        self.silent_drive = b""
-        """Zeros for every actuator of the device."""
+        self.silent_drive = b""  # zeros for every actuator of the device
         self.lease = Lease(0)
         self.drive_sequence: int | None = None
         """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
-        self.holds_clicks = False
-        """Clicks wait, since the device is changing its basis."""
+        self.holds_clicks = False  # clicks wait, since the device is changing its basis
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s
         self._encoder = encoder

@@ -31,10 +31,8 @@ class ReopeningPort(Generic[P]):
 
     def __init__(self, open_port: Callable[[], P], port: P | None = None) -> None:
         self.port = port
-        self.attempts = 0
-        """How often opening has failed since the port was lost."""
-        self.reason = ""
-        """Why the last attempt was in vain."""
+        self.attempts = 0  # how often opening has failed since the port was lost
+        self.reason = ""  # why the last attempt was in vain
         self._open_port = open_port
         self._pause_ns = FIRST_PAUSE_NS
         self._due_ns = 0

@@ -9,8 +9,7 @@ class RepeatedRequest:
     """When the next copy of a request is due; its owner says which request its state asks for."""
 
     def __init__(self, encoder: FrameEncoder, line: Line, due_ns: int) -> None:
-        self.due_ns = due_ns
-        """The next copy is due at this time."""
+        self.due_ns = due_ns  # the next copy is due at this time
         self._encoder, self._line = encoder, line
 
     def next_frame(self, request: Message, period_ns: int, now_ns: int, before: bytes = b"") -> bytes:

@@ -115,11 +115,9 @@ class Basis:
 class EncodedClick(NamedTuple):
     """A click as a PLAY carries it, encoded once ahead of time."""
 
-    play: bytes
-    """All of the body behind the clock reference."""
+    play: bytes  # all of the body behind the clock reference
     length_us: int
-    amplitude: int
-    """A word."""
+    amplitude: int  # a word
     basis_hash: int
 
 

@@ -59,8 +59,7 @@ class FrameEncoder:
     """Numbers the messages of one sender, from 1 on and modulo 256, and makes their frames."""
 
     def __init__(self) -> None:
-        self.sequence = 0
-        """The sequence number of the last frame."""
+        self.sequence = 0  # the sequence number of the last frame
 
     def next_sequence(self) -> int:
         """Take the next number."""

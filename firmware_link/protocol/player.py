@@ -11,11 +11,9 @@ class Player:
     """Which waveforms sound, by their end times alone; amplitudes are words, times device microseconds."""
 
     def __init__(self) -> None:
-        self.end_us: int | None = None
-        """When the waveform that plays ends by itself; None while none plays."""
+        self.end_us: int | None = None  # when the waveform that plays ends by itself; None while none plays
         self._amplitude = 0
-        self.fade_ends_us: list[int] = []
-        """When each waveform that was taken over has faded."""
+        self.fade_ends_us: list[int] = []  # when each waveform that was taken over has faded
 
     def has_room(self, now_us: int) -> bool:
         """Whether another waveform may start."""

@@ -31,8 +31,7 @@ _WITHOUT_NUMBERS = (
 )
 
 
-_BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")
-"""Fields of a statement that hold statements."""
+_BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # fields of a statement that hold statements
 
 
 class _Module(NamedTuple):

@@ -46,8 +46,7 @@ class BuildOptions:
     code_fingerprint: str
     clicks_up_to: int
     click_options: ClickOptions
-    responses_sha256: str = ""
-    """SHA-256 of the file of measured responses; "" where the responses are the model's."""
+    responses_sha256: str = ""  # SHA-256 of the file of measured responses; "" where the responses are the model's
 
     @classmethod
     def of(cls, table: Table) -> "BuildOptions":

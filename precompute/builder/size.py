@@ -14,8 +14,7 @@ from engine.table import TableError
 from precompute.sweep.grid import zone_points
 from precompute.sweep.sweep_kernels import fold_amplitudes
 
-_FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16
-"""Figures of a sweep; bytes of a number."""
+_FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16  # figures of a sweep; bytes of a number
 _COPIES = 3
 """Responses are held as they are solved, by zone, and split into real and imaginary parts while they are written."""
 _CLICK_S, _PLATE_CLICK_S = 2.3e-3, 4.3e-3

@@ -49,12 +49,9 @@ from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
 from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, write_responses
 
-MEMORY_BUDGET_BYTES = 64 << 20
-"""Default bound on the buffers of the sweep, whatever its grid."""
-EARLY_IN_PLACE = "early table"
-"""The step that is told when the table with the clicks of one finger is in place."""
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction done."""
+MEMORY_BUDGET_BYTES = 64 << 20  # default bound on the buffers of the sweep, whatever its grid
+EARLY_IN_PLACE = "early table"  # the step that is told when the table with the clicks of one finger is in place
+Progress = Callable[[str, float], None]  # called with what is being done and the fraction done
 
 
 def no_progress(step: str, fraction: float) -> None:

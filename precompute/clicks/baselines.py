@@ -11,10 +11,8 @@ from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, SAMPLE_RATE_HZ, make_tones
 from precompute.clicks.click_solver import Click, ClickSolver
 
-_PLANTS = 41
-"""Plants that the energies are averaged over."""
-_REGULAR = 1e-6
-"""Regularisation, relative to the mean quiet energy; without it the quotient is decided by rounding."""
+_PLANTS = 41  # plants that the energies are averaged over
+_REGULAR = 1e-6  # regularisation, relative to the mean quiet energy; without it the quotient is decided by rounding
 
 
 def energy_contrast(solver: ClickSolver, placement: Placement) -> Array:
@@ -51,8 +49,7 @@ def gate(drive: SteadyDrive, length_s: float, slew_per_s: float) -> Array:
 
 
 ENERGY_CONTRAST, GATED_DRIVE = "energy contrast", "gated steady drive"
-BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)
-"""Names of the baselines."""
+BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)  # names of the baselines
 
 
 def solve_baseline(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], name: str) -> Click:

@@ -14,8 +14,7 @@ from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
 from precompute.clicks.click_options import ClickOptions
 from precompute.model.damped_lines import DampedLines
 
-SAMPLE_RATE_HZ = 4000.0
-"""Sample rate of a waveform; between samples the displacement is linear."""
+SAMPLE_RATE_HZ = 4000.0  # sample rate of a waveform; between samples the displacement is linear
 EVALUATIONS_PER_SAMPLE = 2
 """Instants for each sample at which the response is evaluated: a peak at 300 Hz is missed by less than 0.06 dB."""
 EVALUATION_RATE_HZ = EVALUATIONS_PER_SAMPLE * SAMPLE_RATE_HZ
@@ -25,8 +24,7 @@ RINGDOWN_S = 0.08
 Levels of clicks differ by 0.01 dB in the mean from those over 0.38 s, on three bars and on ones of a quarter of their
 damping.
 """
-_NEGLIGIBLE = 1e-3
-"""Singular value, relative to the greatest, below which a combination of tones is dropped."""
+_NEGLIGIBLE = 1e-3  # singular value, relative to the greatest, below which a combination of tones is dropped
 _SIDE_LOBES = 21
 """Multiples of 1 / length above the highest band at which the lines end: beyond, a tone has 6e-4 of its amplitude.
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 from engine.touch.places import Places
 
-DIGITIZER_TOLERANCE_M = 1e-3
-"""A finger lies within this distance of where the digitizer tells."""
+DIGITIZER_TOLERANCE_M = 1e-3  # a finger lies within this distance of where the digitizer tells
 FINEST_M = 3e-3
 """Distance of neighbouring places on a bar: its clicks of one and two fingers are then solved in a minute."""
 MOST_PLACES = 900

@@ -39,8 +39,7 @@ from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 
 _STATIC_MODES = 12
 """Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars: their compliance."""
-_CONVERGED = 1e-3
-"""Change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB."""
+_CONVERGED = 1e-3  # change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB
 _MOST_MODES = 128
 _STEP_OF_MODES = 2
 _FILTER_OVERSAMPLING = 2

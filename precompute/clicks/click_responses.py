@@ -10,8 +10,7 @@ from base.compiled import njit
 from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, Tones
 from precompute.model.damped_lines import DampedLines
 
-_AT_ONCE = 64
-"""Time courses transformed at once, so that they stay in the processor's cache."""
+_AT_ONCE = 64  # time courses transformed at once, so that they stay in the processor's cache
 
 
 @dataclass(frozen=True)

@@ -42,10 +42,8 @@ from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
 from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.sampling.plants import sample_deviations, sample_scenarios
 
-FULL_SCALE = 32767
-"""Full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0."""
-RESIDUAL_S = 0.03
-"""Time after the end of a click from which its residual is evaluated."""
+FULL_SCALE = 32767  # full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0
+RESIDUAL_S = 0.03  # time after the end of a click from which its residual is evaluated
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,7 @@ from precompute.clicks.click_responses import Responses, combine
 from precompute.clicks.percentiles import ManyPlants
 from precompute.model.damped_lines import DampedLines
 
-SHARE = 95
-"""Percentage of the plants that keep to the quiet level."""
+SHARE = 95  # percentage of the plants that keep to the quiet level
 # The constants below were chosen on 40 to 100 random placements of one to five fingers on each of three bars
 # (docs/theory.md#clicks-in-closed-form). Two thirds of the courses lose up to 0.4 dB of a median felt level, a third
 # more gain up to 0.3 and take 1 ms; a step less at the start loses up to 0.4 dB, more instants or steps gain up to 0.2.
@@ -46,32 +45,24 @@ _EARLY, _LATE, _AGAIN = (1, 2), (4, 8, 8, 16, 32), (8, 8, 16, 32, 64)
 
 Early, from every instant that is tried; late, from the best of them; and again after a change of the limit.
 """
-_TRIED = 2
-"""Instants of one felt finger that are tried: the greatest maxima."""
-_THINNED, _EVERY = 4, 3
-"""Up to this exponent every third row counts, since a sum over fewer instants is as good."""
+_TRIED = 2  # instants of one felt finger that are tried: the greatest maxima
+_THINNED, _EVERY = 4, 3  # up to this exponent every third row counts, since a sum over fewer instants is as good
 _COURSES, _COURSES_OF_A_FINGER, _MOST_COURSES = 24, 9, 40
 """Plants whose rows are made: for one quiet finger, at least for each of some, and at most for all of many."""
-_AT_ONCE = 4
-"""Courses whose rows are made at once: 36 with 66 tones take 0.8 ms so, and 2.5 ms all at once."""
-_ROWS_S = 0.04
-"""Rows are made from the start of the click until this long after its end; later peaks are trimmed alone."""
+_AT_ONCE = 4  # courses whose rows are made at once: 36 with 66 tones take 0.8 ms so, and 2.5 ms all at once
+_ROWS_S = 0.04  # rows are made from the start of the click until this long after its end; later peaks are trimmed alone
 _DRIVE, _ENERGY, _RIDGE = 1e-3, 0.1, 1e-3
 """Parts, by trace: of R in the least energy, of that in every later M, and of the unit matrix in the least energy.
 
 They keep M far from singular, whose rows are in single precision: another processor's rounding moves a waveform by
 0.1 %. With a hundredth of the energy it was 2 %, another level by up to 0.8 dB, and contrasts lower by up to 0.4 dB.
 """
-_NEGLIGIBLE = np.float32(1e-4)
-"""Rows of a lower weight, relative to the greatest, are left out of M."""
+_NEGLIGIBLE = np.float32(1e-4)  # rows of a lower weight, relative to the greatest, are left out of M
 _STEPS = np.array([0, 0.05, 0.1, 0.2, 0.35, 0.6, 1], np.float32)
 """Fractions of a Newton step that are tried; 0: it stays."""
-_LEAST_CHANGE, _MOST_CHANGE = 0.7, 2.0
-"""Factors by which trimming changes the rows at once."""
-_FIRST, _AFTER_S = 0.5, 0.025
-"""Felt fingers may peak from this fraction of the click until this long after its end."""
-_LIKELY = 60
-"""Instants of each of several felt fingers that are tried: those with the least energy alone."""
+_LEAST_CHANGE, _MOST_CHANGE = 0.7, 2.0  # factors by which trimming changes the rows at once
+_FIRST, _AFTER_S = 0.5, 0.025  # felt fingers may peak from this fraction of the click until this long after its end
+_LIKELY = 60  # instants of each of several felt fingers that are tried: those with the least energy alone
 _TURNS = 3
 
 

@@ -16,12 +16,9 @@ from precompute.model.modal import compute_basis
 from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transient import TransientPlant
 
-_STEPS = 12
-"""Steps for each sample; acceleration changes sharply at the corners of the waveform."""
-_RINGING_STEPS = 4
-"""Steps from _SHARP_S after the waveform on: a peak at 300 Hz is missed by less than 0.02 dB."""
-_SHARP_S = 5e-3
-"""Time after which what the last corner of the waveform excites above 1 kHz is damped."""
+_STEPS = 12  # steps for each sample; acceleration changes sharply at the corners of the waveform
+_RINGING_STEPS = 4  # steps from _SHARP_S after the waveform on: a peak at 300 Hz is missed by less than 0.02 dB
+_SHARP_S = 5e-3  # time after which what the last corner of the waveform excites above 1 kHz is damped
 
 
 class NominalFingers:

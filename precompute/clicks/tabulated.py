@@ -14,12 +14,9 @@ from precompute.parallel.pool import WorkerPool
 
 MOST_TABULATED = 2
 """More fingers are solved when they come: a grid coarse enough for their number has clicks that are hardly felt."""
-_ROLES = ((0, 1), (1, 0), (1, 1))
-"""Whether each of two fingers feels; one of them does."""
-_TOGETHER = 12
-"""Keys that a process solves in one piece, about: the roles of four pairs of places, which takes 0.1 s."""
-_PAYS = 20
-"""Pieces for which a further process is started: its imports take 1 s."""
+_ROLES = ((0, 1), (1, 0), (1, 1))  # whether each of two fingers feels; one of them does
+_TOGETHER = 12  # keys that a process solves in one piece, about: the roles of four pairs of places, which takes 0.1 s
+_PAYS = 20  # pieces for which a further process is started: its imports take 1 s
 _ROUNDING_M = 1e-9
 
 

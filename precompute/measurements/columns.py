@@ -27,8 +27,7 @@ _ANGLES = {"rad": 1.0, **dict.fromkeys(("deg", "degrees", "°"), np.pi / 180)}
 _ACROSS = " across"
 OPTIONAL = ("frequency", "amplitude", "phase", "finger position")
 """Columns whose cells may be empty: the actuator is still, or no finger is on the bar."""
-SIMULATED = "SIMULATED"
-"""The word in a comment that marks simulated readings."""
+SIMULATED = "SIMULATED"  # the word in a comment that marks simulated readings
 
 
 def column_names(device: Device) -> dict[str, str]:

@@ -21,10 +21,8 @@ from precompute.measurements.columns import SIMULATED
 from precompute.measurements.sheet import MOST_ROWS
 from precompute.measurements.types import MeasurementError
 
-LIMIT_S = 20
-"""Processor time of the child, with its start: some hundred times what a file of a thousand readings takes."""
-_LONGEST_S = 300.0
-"""The longest that reading may take by the clock, even on a machine that much other work keeps busy."""
+LIMIT_S = 20  # processor time of the child, with its start: some hundred times what a file of a thousand readings takes
+_LONGEST_S = 300.0  # the longest that reading may take by the clock, even on a machine that much other work keeps busy
 _NUMBERS = "double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 _MOST_NUMBERS = 10 * MOST_ROWS
 

@@ -22,8 +22,7 @@ from precompute.measurements.types import (
 )
 from precompute.model.response import blocked_force
 
-FEWEST_PLACES = 4
-"""Places that a cubic spline needs; a plate that moves as a whole is told by three."""
+FEWEST_PLACES = 4  # places that a cubic spline needs; a plate that moves as a whole is told by three
 _SAME_HZ, _SAME_M = 1e-6, 1e-6
 _SLACK = 1e-9
 

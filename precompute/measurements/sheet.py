@@ -18,8 +18,7 @@ from engine.device.quantity import QuantityError, read_number
 from precompute.measurements.columns import SIMULATED, read_column, side_of
 from precompute.measurements.types import MeasurementError
 
-MOST_ROWS = 100_000
-"""Twice the rows of every frequency at every place, which is the most that a build reads."""
+MOST_ROWS = 100_000  # twice the rows of every frequency at every place, which is the most that a build reads
 _TOLD = re.compile(r'\s*"?sep=(\\t|[,;\t])"?\s*', re.IGNORECASE)
 _TITLE = re.compile(r"(.+?) ?\(((?:[^()]|\([^()]*\))*)\)(/\w+)?")
 _NUMBERS = re.compile(r"[-+\d.,eEij() ]*\d[-+\d.,eEij() ]*")

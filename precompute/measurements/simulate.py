@@ -9,8 +9,7 @@ from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.types import Kind, Measurements
 
-POINTS = 22
-"""Measured points along the bar, as in the paper."""
+POINTS = 22  # measured points along the bar, as in the paper
 _FIRST, _LAST = 0.02, 0.98  # fractions of each side: the middle of a sensor cannot be at the edge
 _WRONG = 3.0  # a wrong range of the sensor; four standard deviations (OUTLIER) at 27 % noise
 

@@ -23,12 +23,9 @@ class MeasurementError(CalibrationError):
     """Measurements cannot be used; the message names the file, the place in it, the value and the remedy."""
 
 
-MOST_M_S2 = 1e6
-"""Limit of a reading: what is said to be more than 100 000 times gravity has another unit."""
-MOST_KG = 1.0
-"""Limit of the mass of a sensor."""
-AT_ACTUATOR = 0.01
-"""Of the length of the surface: how far a place may be from the actuator that it stands for."""
+MOST_M_S2 = 1e6  # limit of a reading: what is said to be more than 100 000 times gravity has another unit
+MOST_KG = 1.0  # limit of the mass of a sensor
+AT_ACTUATOR = 0.01  # of the length of the surface: how far a place may be from the actuator that it stands for
 
 
 class Kind(Enum):
@@ -57,8 +54,7 @@ class Measurements:
     sensor_mass_kg: Array
     finger_m: Points
     acceleration: Complex
-    is_simulated: bool
-    """Whether the file marks the readings as SIMULATED."""
+    is_simulated: bool  # whether the file marks the readings as SIMULATED
     force_m: Points | None = None
 
     def __len__(self) -> int:

@@ -14,10 +14,8 @@ from engine.device.parts import Bar, DeviceError
 from precompute.model.element import shape_functions, shape_integral, stiffness_matrix
 from precompute.model.plant import FreeSurface, KnownDrive, Plant, Sampler
 
-BANDWIDTH = 3
-"""Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each."""
-_SNAP = 1e-6
-"""Places closer than this fraction of the bar share a node: a shorter element ruins the conditioning."""
+BANDWIDTH = 3  # Super-diagonals of the assembled matrices: neighbouring nodes couple, two degrees of freedom each
+_SNAP = 1e-6  # places closer than this fraction of the bar share a node: a shorter element ruins the conditioning
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from numba import prange, types
 from base.compiled import njit
 from precompute.model.assembly import BANDWIDTH
 
-FIRST_SUPER = 2 * BANDWIDTH
-"""Super-diagonals, with the fill-in of pivoting."""
+FIRST_SUPER = 2 * BANDWIDTH  # Super-diagonals, with the fill-in of pivoting
 BAND_ROWS = BANDWIDTH + FIRST_SUPER + 1
 _BAND = types.Array(types.float64, 2, "C", readonly=True)
 _VECTOR = types.Array(types.float64, 1, "C", readonly=True)

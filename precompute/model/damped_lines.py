@@ -15,8 +15,7 @@ from base.arrays import Array, Complex, Complex32, Single
 
 SIGMA_PER_S = 25.0
 """Wrap-around is attenuated to 1/1000 in 0.27 s; single precision keeps 3e-5 of the greatest value at the end."""
-_MARGIN_S = 0.04
-"""Time by which the period exceeds the evaluated course."""
+_MARGIN_S = 0.04  # time by which the period exceeds the evaluated course
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,8 @@ from precompute.model.plant import Plant
 
 BEAT_HZ = 10.0
 """Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): no drive has two such."""
-_PARTS = 4
-"""Parts of a step of the sweep in `fine_frequencies`."""
-_NARROW = 3.0
-"""A resonance whose half bandwidth is below this many steps of a grid gets frequencies of its own."""
+_PARTS = 4  # parts of a step of the sweep in `fine_frequencies`
+_NARROW = 3.0  # a resonance whose half bandwidth is below this many steps of a grid gets frequencies of its own
 _CLUSTER = np.sinh(np.linspace(-2.8, 2.8, 17))
 """Distances from a narrow resonance in half bandwidths, up to 8.
 

@@ -20,8 +20,7 @@ from precompute.model.plant import KnownDrive, Plant, Sampler, moved_masses
 
 _MOST_MODES = 150
 """Modes that stand for the plant. Those above, at about 10 kHz on a tablet, would be as stiff as 3 MN/m at a point."""
-_HELD = 100.0
-"""Stiffness of the springs at measured points, in that of the highest mode."""
+_HELD = 100.0  # stiffness of the springs at measured points, in that of the highest mode
 
 
 class Functions(Protocol):

@@ -10,8 +10,7 @@ LENGTH_S = 0.1
 
 For the curve `android`, which has corners close to each other, by less than 0.2 dB.
 """
-_LOWEST_HZ = 10.0
-"""Below, where nothing is known and the bar has no mode, the threshold is held."""
+_LOWEST_HZ = 10.0  # below, where nothing is known and the bar has no mode, the threshold is held
 _FINE = 1 << 16
 
 

@@ -18,16 +18,11 @@ from engine.device import Actuator, Finger
 from precompute.model.modal import Basis, compute_modal_model
 from precompute.model.transfers import moved_bases
 
-WITHIN = 0.1
-"""Risen: the envelope stays within this fraction of its final value (t90)."""
-_HEARD = 2e-4
-"""Transients below this fraction of the final envelope are left out: 0.2 % of the band."""
-_LOOKS = 16
-"""Looks in a period of the fastest beat; of two tones the envelope has cusps, which eight looks may miss."""
-_BLOCK = 64
-"""Looks after which the transients that are heard are chosen again, and computed afresh against rounding."""
-LONGEST_RISE_S = 10.0
-"""No rise is followed for longer: this t90 stands for every longer one."""
+WITHIN = 0.1  # risen: the envelope stays within this fraction of its final value (t90)
+_HEARD = 2e-4  # transients below this fraction of the final envelope are left out: 0.2 % of the band
+_LOOKS = 16  # looks in a period of the fastest beat; of two tones the envelope has cusps, which eight looks may miss
+_BLOCK = 64  # looks after which the transients that are heard are chosen again, and computed afresh against rounding
+LONGEST_RISE_S = 10.0  # no rise is followed for longer: this t90 stands for every longer one
 _FOLLOWED_S = 4 * LONGEST_RISE_S
 """The scan starts at most this late, so that a rise of less than LONGEST_RISE_S is not cut off by its start."""
 

@@ -8,8 +8,7 @@ import numpy as np
 from base.arrays import Array, Complex, Integers
 from engine.device import Finger
 
-SAMPLES = 32
-"""Sampled cases, each with its own finger in every zone."""
+SAMPLES = 32  # sampled cases, each with its own finger in every zone
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from base.points import is_within, order_of, point_text
 from engine.device import Device
 from engine.touch import Placement, PlacementError
 
-_MOST_DRAWS = 20_000
-"""Draws of one placement on a plate after which it counts as one that does not fit."""
+_MOST_DRAWS = 20_000  # draws of one placement on a plate after which it counts as one that does not fit
 _ROUNDING_M = 1e-9
 
 

@@ -12,8 +12,7 @@ from precompute.model.modal import Basis, compute_basis, compute_modal_model, mo
 from precompute.model.plant import Plant
 from precompute.model.response import blocked_force
 
-PITCH_M = 5e-3
-"""Largest distance of neighbouring places (docs/theory.md#steady-drives-at-positions says what it costs)."""
+PITCH_M = 5e-3  # largest distance of neighbouring places (docs/theory.md#steady-drives-at-positions says what it costs)
 _TIMES_SWEEP, _FEWEST_MODES, _MOST_MODES = 32.0, 40, 150
 _MOST_LINES = 600
 """reference-a has 353, reference-t 438, plates 821 and 1180. The grid alone is searched three times as fast, and costs

@@ -28,11 +28,9 @@ MARGIN, APART = 0.02, 0.05
 _STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
 _STARTS, _MOVES, _FINEST = 4, 12, 0.005
 """Placements moved, rounds of moves of each, and the smallest step as a fraction of the surface's length."""
-_WAYS = (1.0, -1.0, 1j, -1j)
-"""Directions of a move; those across a bar leave it."""
+_WAYS = (1.0, -1.0, 1j, -1j)  # directions of a move; those across a bar leave it
 _EVALUATED = 2
-_SCREENING, _MOVING = 0.3, 0.6
-"""Fractions done after these parts."""
+_SCREENING, _MOVING = 0.3, 0.6  # fractions done after these parts
 
 
 @dataclass(frozen=True, eq=False)

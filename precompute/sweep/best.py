@@ -30,15 +30,12 @@ from base.arrays import Array, Single
 from engine.device import Device
 from engine.table.best_rows import BestRow, BestRows, combination_of
 
-Figures = Sequence[Single]
-"""Factor, peak and dead spot."""
+Figures = Sequence[Single]  # factor, peak and dead spot
 Drive = tuple[int, tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 """Index of a row, and frequency, amplitude (the strongest is 1) and phase by actuator."""
 
-ALL_UP_TO, MOST_BEYOND = 8, 3
-"""Zones up to which every combination has rows; zones of a combination beyond that."""
-STEP = 1e-4
-"""Localized factors closer than this are equal."""
+ALL_UP_TO, MOST_BEYOND = 8, 3  # zones up to which every combination has rows; zones of a combination beyond that
+STEP = 1e-4  # localized factors closer than this are equal
 _UNLIMITED = "nothing: no row of the sweep has a greater localized factor"
 _BY_LEVEL = "level: rows of a greater localized factor do not reach it within full scale"
 _BY_SCALE = "full scale: no row is louder in the weakest wanted zone"
@@ -48,22 +45,17 @@ class Rows(NamedTuple):
     """A chunk of one sweep, the strongest actuator at full scale."""
 
     group: str
-    figures: Figures
-    """Each (zone, *row)."""
-    threshold_m_per_s2: Single
-    """Shape that broadcasts to the rows."""
+    figures: Figures  # each (zone, *row)
+    threshold_m_per_s2: Single  # shape that broadcasts to the rows
     drive_at: Callable[[tuple[int, ...]], Drive]
 
 
 @dataclass(frozen=True)
 class _Best:
-    value: float
-    """What is compared first: the localized factor in steps; for full scale the level as a ratio."""
-    weakest: float
-    """Peak over threshold in the weakest wanted zone, the strongest actuator at full scale."""
+    value: float  # what is compared first: the localized factor in steps; for full scale the level as a ratio
+    weakest: float  # peak over threshold in the weakest wanted zone, the strongest actuator at full scale
     group: str
-    figures: Array
-    """Factor, peak and dead spot (figure, zone)."""
+    figures: Array  # factor, peak and dead spot (figure, zone)
     drive: Drive
 
 

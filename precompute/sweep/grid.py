@@ -87,10 +87,8 @@ def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Points)
 class InterpolationError:
     """What a straight line between neighbouring frequencies gets wrong at their middle: shape (interval, actuator)."""
 
-    localized_factor: Array
-    """Greatest error of a zone's localized factor, one actuator driven."""
-    peak_acceleration: Array
-    """Greatest error of a zone's peak, relative to the peak there."""
+    localized_factor: Array  # greatest error of a zone's localized factor, one actuator driven
+    peak_acceleration: Array  # greatest error of a zone's peak, relative to the peak there
 
 
 def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> InterpolationError:

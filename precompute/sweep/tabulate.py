@@ -26,8 +26,7 @@ from precompute.sweep.grid import (
 )
 from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
 
-_CHUNK_BYTES = 1 << 23
-"""Of rows that are not kept; few enough for the caches of a processor."""
+_CHUNK_BYTES = 1 << 23  # of rows that are not kept; few enough for the caches of a processor
 _FIGURES = (
     ("localized_factor", "1", "share of the surface's kinetic energy, paper eq. (10); NaN: nothing moves"),
     ("peak_acceleration", "m s-2", "greatest peak acceleration in the zone, paper eq. (8); NaN: nothing moves"),

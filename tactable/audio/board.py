@@ -34,8 +34,7 @@ from tactable.audio.names import AudioError, AudioOutput
 
 Samples = Single
 
-RISE_S = 0.005
-"""Time of the rise from silence after a block that came too late: the ramp of the shipped devices."""
+RISE_S = 0.005  # time of the rise from silence after a block that came too late: the ramp of the shipped devices
 _FIRMWARE = Path(__file__).parents[2] / "firmware_link" / "firmware"
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-DTACTABLE_ACTUATORS=64u")
 _US_PER_S = 1_000_000

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from firmware_link.protocol.link_errors import LinkError
 
 PREFIX = "audio:"
-SIMULATED = "simulated"
-"""The name of a card that is not there: it takes samples at the pace of the clock. SIMULATED."""
+SIMULATED = "simulated"  # The name of a card that is not there: it takes samples at the pace of the clock. SIMULATED.
 _MOST_CHANNELS = 64  # TACTABLE_ACTUATORS of the core that board.py compiles
 _LEAST_RATE_HZ, _GREATEST_RATE_HZ = 8_000, 192_000  # what sound cards have; a click to 300 Hz needs 3 kHz
 _LEAST_BLOCK_S, _GREATEST_BLOCK_S = 0.001, 0.02  # docs/audio.md; a command waits for a block: half a lease at most

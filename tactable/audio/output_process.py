@@ -30,10 +30,8 @@ class Feeder:
     def __init__(
         self, board: AudioBoard, output: AudioOutput, wire: socket.socket, monotonic_ns: Callable[[], int]
     ) -> None:
-        self.blocks = self.gaps = 0
-        """Blocks that the card has asked for, and those that came too late."""
-        self.is_silent = threading.Event()
-        """Set once the host is gone and all is silent."""
+        self.blocks = self.gaps = 0  # blocks that the card has asked for, and those that came too late
+        self.is_silent = threading.Event()  # set once the host is gone and all is silent
         self._board, self._channels, self._wire = board, list(output.channels), wire
         self._pace, self._monotonic_ns = CardPace(output.rate_hz), monotonic_ns
         self._has_host = True

@@ -95,8 +95,7 @@ class CardReopening:
             self._started.close()
 
 
-OpenPort = SerialPort | AudioPort
-"""What a port's name opens."""
+OpenPort = SerialPort | AudioPort  # what a port's name opens
 
 
 def open_port(name: str, bit_rate_hz: int = BIT_RATE_HZ) -> OpenPort:

@@ -41,8 +41,7 @@ class SimulatedCard:
     ) -> None:
         self.output = output
         self.board = AudioBoard(library, output, 0x5EED + seed)
-        self.gaps = 0
-        """Blocks that came too late."""
+        self.gaps = 0  # blocks that came too late
         self._flaws, self._random = flaws or CardFlaws(), np.random.default_rng(seed)
         self._pace = CardPace(output.rate_hz)
         self._period_us = output.block / output.rate_hz * _US_PER_S / (1 + self._flaws.drift)
@@ -50,8 +49,7 @@ class SimulatedCard:
         self._stall_us = 0
         self._waiting = b""
         self._played: list[Array] = []
-        self._kept = 0
-        """Samples of the card before the first in `_played`."""
+        self._kept = 0  # samples of the card before the first in `_played`
 
     def stall(self, duration_us: int) -> None:
         """Let the program that feeds the card stand still from its next callback on."""

@@ -27,12 +27,10 @@ from tactable.bench.light_device import LightDevice
 from tactable.rig.emulate import configuration_of
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
 
-ROUNDS = 1000
-"""The 99th percentile has ten samples beyond it."""
+ROUNDS = 1000  # the 99th percentile has ten samples beyond it
 _SLOTS = 2
 _LIFTED_NS = 3_000_000  # the lift has been taken before the next touch comes
-_PAUSE_NS = 36_000_000
-"""Longer than a click: one that is still playing has the next one wait."""
+_PAUSE_NS = 36_000_000  # longer than a click: one that is still playing has the next one wait
 _LONGEST_NS = 1_000_000_000
 _HELLO = {"type": "hello", "version": 1, "name": "bench", "lease": "60 s"}
 

@@ -40,8 +40,7 @@ class _PacedClock:
 
     def __init__(self) -> None:
         self._ahead_ns = 0
-        self.waited_ns = 0
-        """Real time of the last wait, where a pass of the loop ends."""
+        self.waited_ns = 0  # real time of the last wait, where a pass of the loop ends
 
     def now_ns(self) -> int:
         return time.monotonic_ns() + self._ahead_ns
@@ -59,12 +58,10 @@ class _Memory(OnClock):
     def __init__(self, stream: Stream, count: int, configuration: DeviceConfiguration, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
-        self.answer_ns: list[int] = []
-        """From each report in hand until the loop asks for more."""
+        self.answer_ns: list[int] = []  # from each report in hand until the loop asks for more
         self.write_ns: list[int] = []
         """From each report in hand until something was written, perhaps a renewal; 0 where nothing was."""
-        self.is_fast: list[bool] = []
-        """Of each report: whether the compiled step answered it."""
+        self.is_fast: list[bool] = []  # of each report: whether the compiled step answered it
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock
         self._device = LightDevice(configuration, clock.now_ns())

@@ -51,8 +51,7 @@ class Stream:
     vendor_id: int
     product_id: int
     reports: tuple[bytes, ...]
-    reports_per_command: int | None
-    """One report in this many brings a click; None where only the engine knows."""
+    reports_per_command: int | None  # one report in this many brings a click; None where only the engine knows
     simulated: bool
 
     def packets(self) -> Iterator[bytes]:

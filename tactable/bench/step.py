@@ -44,8 +44,7 @@ _HANDSHAKE_STEP_NS = 500_000  # of virtual time: finer than any pause of the han
 _PAUSE_NS = 1_000_000_000
 # What the link owes anyway, such as a renewal, leaves this long before a report and is not counted.
 _EARLIER_NS = 2_000_000
-Stamps = Array
-"""Shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached."""
+Stamps = Array  # shape (report, stage + 1): ns from the start of the step, NaN for a stage that was not reached
 IN_ZONES = replace(HELD, drives=Drives.ZONES)
 RULES = {"a drive while touched": HELD, "a row while touched": IN_ZONES, "a click for every touch": DEFAULT_EFFECTS}
 """Rules to compare: the simplest, which bring drives for positions or for zones; then those that bring clicks."""
@@ -134,8 +133,7 @@ class Step:
         self._renderer, self._click_ns, self._effects = rendering.renderer, rendering.click_length_ns, effects
         self._link, self._far_end, self._now_ns = _ready_link(rendering.configuration, device)
         self._recording = recording
-        self.commands = {"SET": 0, "PLAY": 0}
-        """How many commands of each kind all rounds brought."""
+        self.commands = {"SET": 0, "PLAY": 0}  # how many commands of each kind all rounds brought
 
     def run(self) -> Stamps:
         """One round, with fingers and effects at their start; time goes on from the round before."""

@@ -21,8 +21,7 @@ from precompute.sweep.grid import GridResponse, compute_grid_response, zone_poin
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
 
 ROUNDS = 5  # of each task, in turn; their median is shown
-TWIN_ROWS = 8
-"""Rows of frequency_1 that the NumPy twin computes: it is timed on these and scaled up."""
+TWIN_ROWS = 8  # rows of frequency_1 that the NumPy twin computes: it is timed on these and scaled up
 SAMPLED_POINTS = 40  # some milliseconds each; their mean is scaled up, and the output says so
 
 

@@ -36,13 +36,10 @@ class CalibrationJob:
     sensor_mass_kg: float
     starts: int
     seed: int
-    compares: bool
-    """Also fit as the paper does: each drive alone, then the mean."""
+    compares: bool  # also fit as the paper does: each drive alone, then the mean
     accepted_misfit: float
-    is_strict: bool
-    """A parameter that is not known within a factor of 2 makes the result doubtful."""
-    is_modes: bool = False
-    """The measurements are modes."""
+    is_strict: bool  # a parameter that is not known within a factor of 2 makes the result doubtful
+    is_modes: bool = False  # the measurements are modes
 
     @property
     def device_file(self) -> Path:

@@ -35,8 +35,7 @@ from tactable.shipped import find_device, find_device_file
 if TYPE_CHECKING:
     from precompute.builder.cost import BuildCost
 
-LOOK_S = 0.5
-"""Time between two looks at a watched description."""
+LOOK_S = 0.5  # time between two looks at a watched description
 _MANY_CLICKS = 5000  # half a minute
 
 

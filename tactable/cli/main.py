@@ -18,8 +18,7 @@ from typer.main import get_command
 from base.errors import TactableError
 from tactable.kernel_cache import provide_kernel_cache, refuse_open_caches
 
-EXIT_INTERRUPTED = 130
-"""The exit status is 128 plus the number of SIGINT, by convention."""
+EXIT_INTERRUPTED = 130  # the exit status is 128 plus the number of SIGINT, by convention
 _SETTINGS = {"max_content_width": 120, "help_option_names": ["-h", "--help"]}
 
 

@@ -100,8 +100,7 @@ PortName = Annotated[
         help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
     ),
 ]
-_BIT_RATES = 9_600, 12_000_000
-"""The slowest carries some commands a second, and the fastest is USB's full speed."""
+_BIT_RATES = 9_600, 12_000_000  # the slowest carries some commands a second, and the fastest is USB's full speed
 BitRate = Annotated[
     int, typer.Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s.")
 ]

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from tactable.control.osc import OscControl
 
 _READ_BYTES = 1 << 16
-EVENTS_EVERY_S = 0.004
-"""Time between two looks at the ring while a program wants events."""
+EVENTS_EVERY_S = 0.004  # time between two looks at the ring while a program wants events
 _NICE = 2
 
 

@@ -42,10 +42,8 @@ from tactable.control.requests import (
 from tactable.control.steps import NOTHING_ASKED, StepEncoder
 
 MOST_PROGRAMS = 16
-MOST_UNREAD_BYTES = 262_144
-"""Events are dropped for a program that leaves more than this unread."""
-GREET_WITHIN_S = 10.0
-"""A connection without a hello for so long is closed, so that it takes no program's place."""
+MOST_UNREAD_BYTES = 262_144  # events are dropped for a program that leaves more than this unread
+GREET_WITHIN_S = 10.0  # a connection without a hello for so long is closed, so that it takes no program's place
 _GREETING = '{"type": "hello", "version": 1, "name": "my program"}'
 HandOver = Callable[[bytes], Awaitable[Outcome]]
 
@@ -70,10 +68,8 @@ class _Program:
         self.number, self.connection = number, connection
         self.hello: Hello | None = None
         self.streams: frozenset[str] = frozenset()
-        self.has_acted = False
-        """Whether it has ever asked for a step: what may be under way then ends with its lease."""
-        self.is_lasting = False
-        """Whether it has triggered an effect without an end, or kept a finger quiet."""
+        self.has_acted = False  # whether it has ever asked for a step: what may be under way then ends with its lease
+        self.is_lasting = False  # whether it has triggered an effect without an end, or kept a finger quiet
         self.lost_events = 0
         self.timer: asyncio.TimerHandle | None = None
 

@@ -16,8 +16,7 @@ from engine.table import Table
 from engine.touch import Touch
 from tactable.control.promise import Board, promise_of
 
-MATCHED_M = 4e-3
-"""A finger is the one of a placement if it touches within this distance of it."""
+MATCHED_M = 4e-3  # a finger is the one of a placement if it touches within this distance of it
 RegionAt = Callable[[complex, int | None], str | None]
 
 
@@ -26,8 +25,7 @@ class Events:
 
     def __init__(self, table: Table, region_at: RegionAt) -> None:
         self.table = table
-        self.board: Board | None = None
-        """The connected board, as which the bytes of drives are read."""
+        self.board: Board | None = None  # the connected board, as which the bytes of drives are read
         self._region_at = region_at
         self._touches: tuple[Touch, ...] = ()
 

@@ -24,8 +24,7 @@ from tactable.control.security import LOOPBACK
 LEASE_S = 30.0  # senders of OSC do not renew on their own: longer than the 5 s of programs that do
 PREFIX = "/tactable/"
 HELLO = f"{PREFIX}hello"
-_MOST_WAITING = 256
-"""Messages of one sender that were not answered yet; more are refused."""
+_MOST_WAITING = 256  # messages of one sender that were not answered yet; more are refused
 Peer = tuple[str, int]
 
 

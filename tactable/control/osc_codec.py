@@ -14,13 +14,11 @@ from pythonosc.parsing import osc_types
 from base.errors import TactableError
 from tactable.control.requests import MOST_BYTES
 
-MOST_MESSAGES = 64
-"""Of one datagram."""
+MOST_MESSAGES = 64  # of one datagram
 _DEEPEST = 4
 _BUNDLE = b"#bundle\0"
 _TIME_TAG_BYTES = 8
-_TYPES = frozenset("ifsbhdTFN")
-"""Those of the specification (i f s b) and its common extensions."""
+_TYPES = frozenset("ifsbhdTFN")  # those of the specification (i f s b) and its common extensions
 Value = int | float | str | bytes | bool | None
 
 

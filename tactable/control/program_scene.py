@@ -19,10 +19,8 @@ class Scene:
     """What all programs want; `named` are the effects that every run knows."""
 
     def __init__(self, named: dict[str, Effect]) -> None:
-        self.effects = dict(named)
-        """The effects that a message may name."""
-        self.regions: dict[str, Region] = {}
-        """The lowest first."""
+        self.effects = dict(named)  # the effects that a message may name
+        self.regions: dict[str, Region] = {}  # the lowest first
         self.owners: dict[str, int] = {}
         """The program that holds a region; a region that stays has none once that is gone."""
         self._definers: dict[str, int] = {}

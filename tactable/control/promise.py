@@ -22,8 +22,7 @@ from engine.table import ClickEntry, Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive
 
-SHARE = 0.95
-"""Of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised."""
+SHARE = 0.95  # of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised
 _PERCENTS = (5, 50, 95)  # as precompute/predict/at_positions.py
 _REACHED_DB = 0.05
 """The words of the wire round amplitude and frequency: a level within this of the wanted one is reached."""

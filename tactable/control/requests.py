@@ -20,13 +20,10 @@ from engine.effects.files.read import FORMATS, decode_effect_file
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
 from engine.effects.rules import Effect, EffectError, Rule
 
-VERSION = 1
-"""Version of the messages; `hello` states it."""
-MOST_BYTES = 16_384
-"""Limit of a line."""
+VERSION = 1  # version of the messages; `hello` states it
+MOST_BYTES = 16_384  # limit of a line
 MOST_SEGMENTS = 16
-MOST_RULES = 8
-"""The most rules of one region."""
+MOST_RULES = 8  # the most rules of one region
 GREATEST_ID = (1 << 53) - 1  # the greatest integer that every JSON reader keeps exact (RFC 8259, 6)
 DEFAULT_LEASE_S, SHORTEST_LEASE_S, LONGEST_LEASE_S = 5.0, 0.1, 3600.0  # of a program that hangs, what it held ends
 STREAMS = ("touches", "played")
@@ -49,15 +46,12 @@ class Region:
     """A stretch of the bar or some zones, with rules in place of those of the rule file."""
 
     name: str
-    rules: tuple[Rule, ...]
-    """Without the place and the change of level, which are the region's."""
+    rules: tuple[Rule, ...]  # without the place and the change of level, which are the region's
     zones: frozenset[int] | None
     region_m: tuple[complex, complex] | None
-    is_enabled: bool
-    """False: no event in it is felt; programs may trigger effects there all the same."""
+    is_enabled: bool  # False: no event in it is felt; programs may trigger effects there all the same
     level_change_db: float
-    stays: bool
-    """It outlasts the program's lease."""
+    stays: bool  # it outlasts the program's lease
 
 
 @dataclass(frozen=True)
@@ -72,8 +66,7 @@ class DefineEffect:
     """An effect that later messages of all programs may name, until the program's lease ends."""
 
     effect: Effect
-    converted: Converted | None = None
-    """What became of the events, where it came as an effect file."""
+    converted: Converted | None = None  # what became of the events, where it came as an effect file
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from pathlib import Path
 import uvicorn
 from starlette.applications import Starlette
 
-GRACE_S = 1
-"""How long a server that ends waits for its connections."""
+GRACE_S = 1  # how long a server that ends waits for its connections
 _TOKEN_BYTES = 24  # 192 bits in 32 letters; 128 bits cannot be guessed either
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 POLICY = "; ".join(
@@ -134,8 +133,7 @@ class AccessPolicy:
         return self.admits_host(host) and origin == f"http://{host}"
 
 
-Endpoint = tuple[str, int]
-"""IP address and port of one end of a connection."""
+Endpoint = tuple[str, int]  # IP address and port of one end of a connection
 _CONNECTIONS = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
 _ESTABLISHED = "01"
 

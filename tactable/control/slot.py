@@ -25,12 +25,9 @@ class ControlOf:
     socket: Path
     ring: Path
     table: Path
-    port: int | None = None
-    """The loopback port of the WebSocket, 0 for any; None: no WebSocket."""
-    osc_port: int | None = None
-    """The loopback port of Open Sound Control, 0 for any; None: no Open Sound Control."""
-    is_watched: bool = True
-    """Whether the run changes over to another table at the same path."""
+    port: int | None = None  # the loopback port of the WebSocket, 0 for any; None: no WebSocket
+    osc_port: int | None = None  # the loopback port of Open Sound Control, 0 for any; None: no Open Sound Control
+    is_watched: bool = True  # whether the run changes over to another table at the same path
 
 
 class ControlProcess(BesideLoop):
@@ -40,8 +37,7 @@ class ControlProcess(BesideLoop):
         super().__init__("tactable.control.control_process", {"served": served}, "the control channel", start)
         self._decoder = StepDecoder()
         try:
-            self.lines: list[str] = self._child.read()["lines"]
-            """What to print: where it is reached."""
+            self.lines: list[str] = self._child.read()["lines"]  # what to print: where it is reached
         except BaseException:
             self._child.kill()
             raise

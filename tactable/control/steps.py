@@ -28,12 +28,9 @@ from engine.effects.rules import Effect, Rule, Segment, Trigger
 from tactable.control.program_scene import Scene
 from tactable.control.requests import Region
 
-MOST_BYTES = 8192
-"""Of one part."""
-MOST_SEGMENTS = 128
-"""Of one part."""
-_MOST_NUMBERS = 1024
-"""Effects and regions that the loop may hold; the bounds of a scene are below that."""
+MOST_BYTES = 8192  # of one part
+MOST_SEGMENTS = 128  # of one part
+_MOST_NUMBERS = 1024  # effects and regions that the loop may hold; the bounds of a scene are below that
 _FULL_SCALE = "full scale"
 _NOTHING = Effect("nothing", ())
 NOTHING_ASKED = ControlStep()
@@ -47,8 +44,7 @@ class StepEncoder:
     """Gives the parts that bring the loop up to a scene, and remembers what it was given."""
 
     def __init__(self) -> None:
-        self._effects: dict[int, tuple[int, Effect]] = {}
-        """Number and effect, by the identity of the effect."""
+        self._effects: dict[int, tuple[int, Effect]] = {}  # number and effect, by the identity of the effect
         self._regions: dict[int, tuple[int, Region]] = {}
         self._sent: tuple[list[int], SceneSettings] = ([], SceneSettings())
 
@@ -108,8 +104,7 @@ class StepDecoder:
     """Gives the step of each part that has one, and holds the effects and regions that parts name."""
 
     def __init__(self) -> None:
-        self.scene = ControlStep((), SceneSettings())
-        """What programs want of the whole bar now: what a run begins with."""
+        self.scene = ControlStep((), SceneSettings())  # what programs want of the whole bar now: what a run begins with
         self._effects: dict[int, Effect] = {}
         self._begun: tuple[int, str, list[Segment]] = 0, "", []
         self._regions: dict[int, tuple[Rule, ...]] = {}

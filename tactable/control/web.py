@@ -18,8 +18,7 @@ from tactable.control.control_server import ControlServer
 from tactable.control.requests import MOST_BYTES
 from tactable.control.security import GRACE_S, LOOPBACK, AccessPolicy, new_token, quiet_server
 
-_LONGEST_MESSAGE = 64 * MOST_BYTES
-"""Beyond it the WebSocket is closed; up to it a message that is too long is answered."""
+_LONGEST_MESSAGE = 64 * MOST_BYTES  # beyond it the WebSocket is closed; up to it a message that is too long is answered
 
 
 class _Browser:

@@ -42,14 +42,11 @@ class LearntAxis:
     start_margin: float
     end_margin: float
     length_mm: float | None
-    touch_mm: float | None
-    """Length of the touch area as the device states it."""
+    touch_mm: float | None  # length of the touch area as the device states it
     first: int
-    last: int
-    """Logical values at the start and end of the surface, as drawn."""
+    last: int  # logical values at the start and end of the surface, as drawn
     notes: tuple[str, ...]
-    across: "LearntAxis | None" = None
-    """On a plate: how it lies across it."""
+    across: "LearntAxis | None" = None  # on a plate: how it lies across it
 
     def margin_text(self, margin: float) -> str:
         """A margin as text of a device file."""

@@ -13,8 +13,7 @@ from tactable.audio.names import SIMULATED as SIMULATED_CARD
 from tactable.doctor.touch_check import Machine, open_found
 from tactable.shipped import DEMO_RECORDING
 
-SIMULATED = "simulated"
-"""Stable id of the simulated digitizer: the touches of the demo, played once."""
+SIMULATED = "simulated"  # stable id of the simulated digitizer: the touches of the demo, played once
 _MARK = "SIMULATED"
 
 

@@ -28,8 +28,7 @@ from tactable.shipped import DEMO_RECORDING
 _WAKES = 200  # two lie beyond the 99th percentile
 _PERIOD_S = 0.002  # the process must have fallen asleep in between; 200 of them take 0.4 s
 _ACTUATORS = 2
-_CLICK_WEIGHTS = 22
-"""Number of weights for each actuator of a click of 30 ms between 60 and 300 Hz."""
+_CLICK_WEIGHTS = 22  # number of weights for each actuator of a click of 30 ms between 60 and 300 Hz
 _HALF_LEASE_S = 0.02  # of the default of 40 ms: a click must be on the board before its lease is half over
 _PANEL_MS = 8.0
 """Longest wait for the panel's next frame. Without a touch its rate is not known; 125 frames a second are usual."""

@@ -7,8 +7,7 @@ from engine.loop.realtime import DMA_LATENCY_PATH, DMA_LATENCY_REMEDY, LIMITS_RE
 from tactable.doctor.check import Check
 from tactable.doctor.ports import SystemFiles
 
-_LOCKED_BYTES = 1 << 29
-"""More memory than a run uses, with numpy and a table of ten zones."""
+_LOCKED_BYTES = 1 << 29  # more memory than a run uses, with numpy and a table of ten zones
 _FAST = "performance"
 
 

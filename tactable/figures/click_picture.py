@@ -16,8 +16,7 @@ from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
 SPREAD_NOTE = "spreads of the sampled plants"
-_SHOWN_AFTER_S = 0.03
-"""How much of the ringing is drawn; the data have all that is looked at."""
+_SHOWN_AFTER_S = 0.03  # how much of the ringing is drawn; the data have all that is looked at
 _LEGEND_ROOM = 1.6  # of the greatest value, above the curves
 _BANDS = ((0.0, 0.4, "under the threshold (ESTIMATE)"), (8.0, 0.15, "up to 8 dB above it"))
 """Around zero: what few people feel, and what some do not."""

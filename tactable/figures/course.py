@@ -19,10 +19,8 @@ from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, finish_pictur
 PROMPT_MS = (5.0, 50.0)
 """When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""
 _STEP_S = 5e-4  # seven samples in a period of 300 Hz; envelopes change slower
-_LONGER, _SHORTEST_S = 2.5, 0.3
-"""The time axis ends after this many rise times, but not before the shortest time."""
-_LOWEST_DB = 50.0
-"""How far the axis reaches below the greatest level."""
+_LONGER, _SHORTEST_S = 2.5, 0.3  # the time axis ends after this many rise times, but not before the shortest time
+_LOWEST_DB = 50.0  # how far the axis reaches below the greatest level
 _STYLES = ("-", "--", "-.", ":")
 _TINY = 1e-12  # -120 dB, below the axis: silence has a logarithm
 

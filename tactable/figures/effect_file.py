@@ -11,8 +11,7 @@ from engine.effects.rules import NS_PER_MS
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import BLUE, GREEN, GREY, ORANGE, VERMILLION
 
-LOWEST_DB = -12.0
-"""Where the axis ends: what lies below the threshold is drawn down to here."""
+LOWEST_DB = -12.0  # where the axis ends: what lies below the threshold is drawn down to here
 _FATES = {Fate.KEPT: (GREEN, "o"), Fate.CHANGED: (ORANGE, "s"), Fate.JOINED: (BLUE, "D"), Fate.LOST: (VERMILLION, "X")}
 
 

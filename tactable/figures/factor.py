@@ -18,10 +18,8 @@ from precompute.model.response import solve_response
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, finish_picture
 
-_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4
-"""Panels in a row and their sides, of many and of one or two."""
-_ON_GRID = 1e-6
-"""An amplitude this close to one of the sweep is it."""
+_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4  # panels in a row and their sides, of many and of one or two
+_ON_GRID = 1e-6  # an amplitude this close to one of the sweep is it
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from precompute.model.steady import compute_steady_state
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from precompute.sampling.fingers import SAMPLES
 
-Load = Sequence[tuple[complex, Finger]]
-"""Position in metres and finger, for each finger."""
+Load = Sequence[tuple[complex, Finger]]  # position in metres and finger, for each finger
 
 
 @dataclass(frozen=True)

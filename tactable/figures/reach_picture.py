@@ -12,8 +12,7 @@ from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
 PLACES = 141  # 2 mm apart on 280 mm, closer than a fingertip is wide; 21 mm on a tablet
-PAPER_G = 1.5
-"""The published bar: "a peak acceleration greater than 1.5 g can be achieved throughout"."""
+PAPER_G = 1.5  # the published bar: "a peak acceleration greater than 1.5 g can be achieved throughout"
 _FLOOR, _LEGEND_ROOM = 0.4, 4.0  # of the least and of the greatest value
 
 

@@ -17,8 +17,7 @@ from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
 MOST_PANELS = 12  # a page's worth
-NODE = 0.1
-"""A minimum below this fraction of the greatest acceleration is marked: a dead spot of this drive."""
+NODE = 0.1  # a minimum below this fraction of the greatest acceleration is marked: a dead spot of this drive
 _MM_PER_INCH = 25.4  # by definition
 _MAPS_A_ROW, _MAP_INCHES = 2, 4.0
 _TITLE_LETTERS = 60  # a line above a panel

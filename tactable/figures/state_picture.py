@@ -18,10 +18,8 @@ from tactable.figures.played_drive import Load, PlayedDrive, PlayedFinger
 
 _MAP_POINTS = 1500  # 6 mm apart on a tablet
 _LOWEST_DB = -20.0  # where the map of a plate begins
-_BELOW_THRESHOLD = 0.3
-"""The acceleration axis begins at this fraction of the threshold, or under the stillest finger."""
-_HEADROOM = 4.0
-"""Factor on the greatest value, which leaves room for the names of the zones above it."""
+_BELOW_THRESHOLD = 0.3  # the acceleration axis begins at this fraction of the threshold, or under the stillest finger
+_HEADROOM = 4.0  # factor on the greatest value, which leaves room for the names of the zones above it
 _TITLE_LETTERS = 100  # a line of the title across the figure
 
 

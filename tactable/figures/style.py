@@ -24,8 +24,7 @@ if TYPE_CHECKING:  # as in picture_file.py: pages use the words of this module, 
 
 # Okabe and Ito's colours, told apart by the colour-blind.
 BLUE, VERMILLION, GREEN, GREY, BLACK = "#0072B2", "#D55E00", "#009E73", "#999999", "#000000"
-ROLE_COLOUR = {True: GREEN, False: VERMILLION}
-"""Colours by whether a finger is to feel."""
+ROLE_COLOUR = {True: GREEN, False: VERMILLION}  # colours by whether a finger is to feel
 ORANGE, PURPLE = "#E69F00", "#CC79A7"
 CURVES: tuple[tuple[str, Any], ...] = (
     (BLUE, "-"),
@@ -38,8 +37,7 @@ CURVES: tuple[tuple[str, Any], ...] = (
 """Colour and line of curves that are compared: told apart in grey, too."""
 COLOUR_MAP = "viridis"
 """Its brightness rises evenly, for the colour-blind and in print. It has no grey, which stands for absent values."""
-THRESHOLD_NOTE = "detection threshold"
-"""Stands for the curve of the device, which the note under a picture names."""
+THRESHOLD_NOTE = "detection threshold"  # stands for the curve of the device, which the note under a picture names
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."
 _NOTE_LETTERS_PER_INCH, _TITLE_LETTERS_PER_INCH = 16, 12

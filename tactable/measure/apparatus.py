@@ -49,10 +49,8 @@ class ApparatusOptions:
     flaws: ConverterFlaws = field(default_factory=ConverterFlaws)
     changes: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
-    is_fine: bool = False
-    """Whether the simulated bar has enough modes and samples to err by less than 0.001 dB."""
-    clicks: Basis | None = None
-    """The basis of clicks that the board is to hold."""
+    is_fine: bool = False  # whether the simulated bar has enough modes and samples to err by less than 0.001 dB
+    clicks: Basis | None = None  # the basis of clicks that the board is to hold
 
     @property
     def is_simulated(self) -> bool:

@@ -37,8 +37,7 @@ class Taker:
         self._longest = round(_LONGEST_LOSS_S * source.rate_hz)
         self._unwritten = write_header(self.form)
         self._was_full = False
-        self.blocks = 0
-        """Blocks that have come."""
+        self.blocks = 0  # blocks that have come
         os.set_blocking(pipe, False)
         with contextlib.suppress(OSError):  # a user may be allowed less
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)

@@ -36,8 +36,7 @@ class Listener(Protocol):
         """Take an event."""
 
 
-_BLOCKED_LINE_NS = 5_000_000
-"""A line that takes nothing is tried again this often."""
+_BLOCKED_LINE_NS = 5_000_000  # a line that takes nothing is tried again this often
 _NS_PER_US = 1_000
 
 
@@ -68,8 +67,7 @@ class DrivenDevice:
         self.fit = fit_board(device, self.capabilities)
         configuration = _limited(device, bit_rate_hz, self.fit.scales, most)
         basis = choose_basis(clicks, self.capabilities, bit_rate_hz, configuration.lease_ms)
-        self.basis = scaled(basis, self.fit.scales)
-        """The functions of `clicks` that the board plays."""
+        self.basis = scaled(basis, self.fit.scales)  # the functions of `clicks` that the board plays
         if set(self.fit.scales) != {1.0} or self.basis.basis is not None:
             self.session.link.reconfigure(replace(configuration, basis=self.basis.basis))
             connect(self.session, clock)

@@ -6,8 +6,7 @@ from base.arrays import Array
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sensor import Sensor, SensorError
 
-PATIENCE_NS = 3_000_000_000
-"""A converter that says nothing for longer has stopped."""
+PATIENCE_NS = 3_000_000_000  # a converter that says nothing for longer has stopped
 _NS_PER_S = 1_000_000_000
 
 

@@ -49,10 +49,8 @@ _ONSET = 0.05  # of the amplitude: a sine passes it within 1 % of a period; a lo
 _LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5  # more often, and the board has a fault that arming does not mend
 _LOST = 5  # windows of one reading; more, and a channel has come off
-_LAPSING_NS = 20_000_000_000
-"""For so long the bar is waited for again in a drive that lapses."""
-_SCATTER = 3.0
-"""Standard deviations of a window by which noise may hide a change."""
+_LAPSING_NS = 20_000_000_000  # for so long the bar is waited for again in a drive that lapses
+_SCATTER = 3.0  # standard deviations of a window by which noise may hide a change
 _NS_PER_S = 1_000_000_000
 
 
@@ -119,24 +117,17 @@ class SteppedSine:
     ) -> None:
         self.device, self.driven, self.form, self.options = device, driven, sensor.form, options
         self._sensor = sensor
-        self.recorder = Recorder(driven, sensor)
-        """Takes the samples."""
+        self.recorder = Recorder(driven, sensor)  # takes the samples
         self.decay_per_s = slowest_decay_per_s(device) if decay_per_s is None else decay_per_s
         """Decay rate of the slowest mode."""
         self._left = math.exp(-self.decay_per_s * options.window_s)
         self._amplitude = options.least
-        self.rest = AtRest(0.0, 0.0, 0.0)
-        """The sensor with the bar at rest, as `listen` found it."""
-        self.drift = 0.0
-        """The pace of the converter's clock over the board's, less 1, as found so far."""
-        self.channel = self.form.acceleration
-        """Index of the channel of the acceleration."""
-        self.lossy_windows = 0
-        """Windows in which samples were missing, beside those that a reading was made of."""
-        self.lapsed = 0
-        """How often the drive lapsed while the bar became steady or was read."""
-        self.rearmed = 0
-        """How often the board had stopped itself and was armed again."""
+        self.rest = AtRest(0.0, 0.0, 0.0)  # the sensor with the bar at rest, as `listen` found it
+        self.drift = 0.0  # the pace of the converter's clock over the board's, less 1, as found so far
+        self.channel = self.form.acceleration  # index of the channel of the acceleration
+        self.lossy_windows = 0  # windows in which samples were missing, beside those that a reading was made of
+        self.lapsed = 0  # how often the drive lapsed while the bar became steady or was read
+        self.rearmed = 0  # how often the board had stopped itself and was armed again
 
     def listen(self) -> AtRest:
         """Record the bar at rest; a sensor that knows the pace of its clock says it by then. Raises as `read`."""

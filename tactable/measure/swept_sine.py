@@ -39,20 +39,15 @@ from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, Steppe
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
 
-STEP_NS = 10_000_000
-"""Between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide."""
-_MARGIN = 0.05
-"""A sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it."""
+STEP_NS = 10_000_000  # between two frequencies: 0.5 Hz apart at 300 Hz and a sweep of 6 s, 0.02 rad off an even glide
+_MARGIN = 0.05  # a sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it
 _REST_S = BEFORE_S + 0.1  # the gate opens BEFORE_S ahead of the sweep, which may begin a little late
 _CLOCK_S = 1.0
 _LEAST_LOOPBACK = 1e-4  # of full scale
-_LEFT_S = 6.0
-"""Time constants of the slowest mode for which the bar rings: a thousandth is left."""
+_LEFT_S = 6.0  # time constants of the slowest mode for which the bar rings: a thousandth is left
 _SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0  # 2 Hz and 0.25 Hz apart; the rest of a longer ringing counts as noise
-_BESIDE = 1.5
-"""Widths of the gate's spectrum within which a line of the mains is beside a frequency."""
-_PARTS = 50
-"""Parts of a record that are looked at for clipping: it clips at a resonance only."""
+_BESIDE = 1.5  # widths of the gate's spectrum within which a line of the mains is beside a frequency
+_PARTS = 50  # parts of a record that are looked at for clipping: it clips at a resonance only
 _STEADY = 5.0  # standard errors, as _STANDS_OUT of tone_fit.py
 _FEW = 0.05
 """Noise that hides a smaller fraction of the frequencies, where the bar hardly moves, is named and raises no level."""

@@ -16,15 +16,12 @@ import numpy as np
 
 from base.arrays import Array, Complex
 
-PARTS = 8
-"""Parts of a window, whose scatter is the error of the whole."""
+PARTS = 8  # parts of a window, whose scatter is the error of the whole
 MAINS_HZ = (50.0, 60.0)  # of all grids
 HUM_LINES = 5  # 250 and 300 Hz: to the end of the band
 _HARMONICS = (2, 3)  # the greatest of an actuator's distortion; higher ones are in `rest`
-_STANDS_OUT = 5.0
-"""Standard errors of a line's amplitude: of ten lines one is by chance that great in 10 000 windows."""
-_RESOLVED = 1.2
-"""Periods of the window by which two lines must differ to be told apart."""
+_STANDS_OUT = 5.0  # standard errors of a line's amplitude: of ten lines one is by chance that great in 10 000 windows
+_RESOLVED = 1.2  # periods of the window by which two lines must differ to be told apart
 
 
 @dataclass(frozen=True)

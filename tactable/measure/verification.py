@@ -51,16 +51,12 @@ from tactable.measure.faults import SPOILING, Fault
 from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowest_decay_per_s
 
 BARS = 40  # see MOST_BROKEN; each is a mesh, and a plant in time for each click
-MOST_BROKEN = 0.1
-"""Share of the points that may be broken: the range over 40 bars leaves 5 % of them outside by chance."""
+MOST_BROKEN = 0.1  # share of the points that may be broken: the range over 40 bars leaves 5 % of them outside by chance
 MOST_UNTESTED = 0.1
 """Share of the points that may be spoiled or not shown; where more are, the promise counts as not tested."""
-MOST_BLUR = 0.25
-"""Error of a reading that keeps a promise, of the greatest promised peak: 1.9 dB."""
-PLACE_M = 0.5e-3
-"""Standard deviation of the place of the sensor."""
-LEAST_M_PER_S2 = 0.02
-"""What a point is off at the least: sensors feel a little of the other axes and of their cable."""
+MOST_BLUR = 0.25  # error of a reading that keeps a promise, of the greatest promised peak: 1.9 dB
+PLACE_M = 0.5e-3  # standard deviation of the place of the sensor
+LEAST_M_PER_S2 = 0.02  # what a point is off at the least: sensors feel a little of the other axes and of their cable
 RING_S = 0.1  # the peak is in the click or just after it
 _RATE_HZ = 24_000.0  # as _PLANT_HZ of simulated_bench.py
 

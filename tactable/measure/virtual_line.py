@@ -7,14 +7,12 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.rig.accelerometer import SensedBoard
 
-PORT, SENSOR = -1, -2
-"""Stand-ins for descriptors."""
+PORT, SENSOR = -1, -2  # stand-ins for descriptors
 _LINE_NS = 300_000  # between USB of high and of full speed (0.15 and 1 ms)
 _NS_PER_S = 1_000_000_000
 
 
-Board = EmulatedFirmware | SensedBoard | SimulatedCard
-"""A board without a line; times are microseconds of its own."""
+Board = EmulatedFirmware | SensedBoard | SimulatedCard  # a board without a line; times are microseconds of its own
 
 
 class VirtualLine:

@@ -39,8 +39,7 @@ class ClickProcess(BesideLoop):
     def __init__(self, table: Path, start: Callable[..., Child] = Child) -> None:
         super().__init__("tactable.run.click_process", {"table": str(table)}, _NAME, start)
         os.set_blocking(self._descriptor, False)
-        self.is_there = False
-        """Whether questions are answered: not before the child is ready, and not after its end."""
+        self.is_there = False  # whether questions are answered: not before the child is ready, and not after its end
         self._has_ended, self._received = False, bytearray()
         self._answers = Answers()
 

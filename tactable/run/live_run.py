@@ -106,14 +106,11 @@ class Live:
             click_ns=options.click_ns,
         )
         self.renderer = rendering.renderer
-        self.fit = rendering.fit
-        """How the first table's amplitudes are played on the board."""
+        self.fit = rendering.fit  # how the first table's amplitudes are played on the board
         self.renderer.steady.prepare()
         self.link = FastLink(rendering.configuration)
-        self.no_fast_path = ""
-        """Why a fast path that was asked for cannot be had; "" otherwise."""
-        self.outcomes: tuple[Outcome, ...] = ()
-        """The outcome of each real-time step, once it runs."""
+        self.no_fast_path = ""  # why a fast path that was asked for cannot be had; "" otherwise
+        self.outcomes: tuple[Outcome, ...] = ()  # the outcome of each real-time step, once it runs
         self._options, self._clock = options, clock
         self._session = FastSession(self.link, port, clock.now_ns)
         self.fast_counters = self._session.fast_counters

@@ -27,11 +27,9 @@ from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities
 from tactable.run.beside_loop import BesideLoop
 
-LOOK_S = 0.3
-"""Time between two looks at the file."""
+LOOK_S = 0.3  # time between two looks at the file
 _READ_BYTES = 1 << 16
-WORD = struct.Struct("<Q")
-"""The size that leads a message."""
+WORD = struct.Struct("<Q")  # the size that leads a message
 # A child that fails writes a line of text as its last words, whose first bytes are a larger number.
 _MOST_BYTES = 1 << 40
 # Arrays begin at multiples of it, as NumPy lays them out.
@@ -43,8 +41,7 @@ class Watched:
     """The watched file, and everything that the rendering of a new table depends on."""
 
     path: Path
-    identity: tuple[int, int, int]
-    """Identity of the table that plays; a new table is another file under the same name."""
+    identity: tuple[int, int, int]  # identity of the table that plays; a new table is another file under the same name
     zones: tuple[str, ...]
     effects: Effects
     capabilities: Capabilities

@@ -19,8 +19,7 @@ FORMAT = "ahap"
 _INTENSITY_CURVE = "HapticIntensityControl"
 _SHAPES = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
 """Parameters of an event's own envelope, of which no exact course is published."""
-_JUST_S = 1e-6
-"""So long before a value is replaced it is still there."""
+_JUST_S = 1e-6  # so long before a value is replaced it is still there
 Curve = list[tuple[float, float]]
 
 

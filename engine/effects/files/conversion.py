@@ -28,8 +28,7 @@ from base.arrays import Array, Mask
 from engine.effects.files.pattern import MOST_EVENT_S, Event, Kind, Pattern
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 
-FULL_LEVEL_DB = 25.0
-"""Level of intensity 1 unless stated: that of the named effect `press`."""
+FULL_LEVEL_DB = 25.0  # level of intensity 1 unless stated: that of the named effect `press`
 CLICK_MS, STEP_MS = 30, 20  # the border of pulse and vibration (docs/theory.md); below that, to follow a course
 SHORT_S, MOST_SHIFT_S = 0.040, 0.010  # of a click of 30 ms: a third longer is one too, a third late is in time
 SAME_DB, JUMP_DB = 1.5, 3.0  # a finger tells about 1.5 dB; a jump is twice that
@@ -40,14 +39,10 @@ _NS_PER_S = 1_000_000_000
 class Fate(StrEnum):
     """What becomes of an event."""
 
-    KEPT = "kept"
-    """It is played at its time and, to 2 dB, at its level."""
-    CHANGED = "changed"
-    """It is played, and differs in time or length, or others interrupt it."""
-    JOINED = "joined"
-    """It is one with the click of another event, or wholly covered by clicks."""
-    LOST = "lost"
-    """It is not played."""
+    KEPT = "kept"  # it is played at its time and, to 2 dB, at its level
+    CHANGED = "changed"  # it is played, and differs in time or length, or others interrupt it
+    JOINED = "joined"  # it is one with the click of another event, or wholly covered by clicks
+    LOST = "lost"  # it is not played
 
 
 @dataclass
@@ -56,8 +51,7 @@ class EventReport:
 
     event: Event
     fate: Fate = Fate.KEPT
-    played: str = ""
-    """What the event is played as, such as "click 20 dB at 5 ms"."""
+    played: str = ""  # what the event is played as, such as "click 20 dB at 5 ms"
     notes: list[str] = field(default_factory=list)
 
     def change(self, note: str, fate: Fate = Fate.CHANGED) -> None:
@@ -86,8 +80,7 @@ class Converted:
     """An effect, and the report of each event of its file, in the order of the file."""
 
     name: str
-    segments: tuple[Segment, ...]
-    """Empty where nothing of the file is felt."""
+    segments: tuple[Segment, ...]  # empty where nothing of the file is felt
     pattern: Pattern
     reports: tuple[EventReport, ...]
 

@@ -17,10 +17,8 @@ from engine.effects.files.pattern import Budget, Event, Kind, Pattern
 FORMAT = "hjif"
 DEFAULT_TICKS_PER_S = 1000
 _VIBRATIONS = ("Vibrotactile", "Vibration", "Other")
-_MOST_EXPONENT = 9
-"""Of ten, in the unit of amplitudes."""
-_DEEPEST = 8
-"""Composite effects in one another."""
+_MOST_EXPONENT = 9  # of ten, in the unit of amplitudes
+_DEEPEST = 8  # composite effects in one another
 Library = Mapping[int, Part]
 
 

@@ -28,8 +28,7 @@ class EffectPlace:
     device: str
     at_m: complex
     band_hz: tuple[float, float]
-    best_hz: float
-    """The frequency at which the place is moved most for the threshold."""
+    best_hz: float  # the frequency at which the place is moved most for the threshold
 
 
 def encode_hjif(

@@ -19,8 +19,7 @@ class Kind(StrEnum):
 
     TRANSIENT = "transient"
     CONTINUOUS = "continuous"
-    OTHER = "other"
-    """No vibration that an actuator could play, such as a sound."""
+    OTHER = "other"  # no vibration that an actuator could play, such as a sound
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,7 @@ class FastSource:
         self.name, self.descriptor = source.name, source.descriptor
         self.vendor_id, self.product_id, self.report_id = source.vendor_id, source.product_id, source.report_id
         self.fileno, self.next_time_ns, self.clock_time_ns = source.fileno, source.next_time_ns, source.clock_time_ns
-        self.taken: Answer | None = None
-        """The answer whose packet `read` gives next."""
+        self.taken: Answer | None = None  # the answer whose packet `read` gives next
         self._source, self._session = source, session
 
     @property

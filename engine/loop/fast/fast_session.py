@@ -13,15 +13,12 @@ class Answer(NamedTuple):
     """A packet that was read during a wait, and the frame that was written for it, where there is one."""
 
     packet: bytes
-    frame: bytes
-    """Empty: the compiled step declined."""
-    written: int
-    """Bytes of the frame that the port took."""
+    frame: bytes  # empty: the compiled step declined
+    written: int  # bytes of the frame that the port took
     read_ns: int
     frame_ns: int
     state_ns: int
-    asked_ns: int
-    """The time that the frame was encoded for."""
+    asked_ns: int  # the time that the frame was encoded for
     command_ns: int
     written_ns: int
 
@@ -58,8 +55,7 @@ class FastSession(Session):
         super().__init__(link, port, monotonic_ns)
         self.fast_link = link
         self.fast_counters = FastCounters()
-        self.answer: Answer | None = None
-        """An answer whose frame was written; the next `send` confirms it."""
+        self.answer: Answer | None = None  # an answer whose frame was written; the next `send` confirms it
 
     def send(self) -> None:
         """Write what is due, or confirm that it was written; a frame that is not the link's begins a new session."""

@@ -193,8 +193,7 @@ class EvdevSource(OnClock):
         most = min(max(2, 2 * slots), MOST_CONTACTS)
         self._encoder = ContactReports(_axis(node, _X), _axis(node, _Y), contacts=most, maximum_contacts=most)
         self.descriptor = self._encoder.descriptor
-        self.slots = slots
-        """How many fingers the device tells apart."""
+        self.slots = slots  # how many fingers the device tells apart
         axes = _axis_codes(node)
         self._codes = [code for code in _SLOT_CODES if code in axes or code not in _OPTIONAL]
         self._is_dropping = False

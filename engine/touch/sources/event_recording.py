@@ -51,8 +51,7 @@ class _Node:
     axes: dict[int, _Range] = field(default_factory=dict)
     events: deque[_Event] = field(default_factory=deque)
     descriptor: bytes = b""
-    reports: list[Report] = field(default_factory=list)
-    """Those of its hidraw node."""
+    reports: list[Report] = field(default_factory=list)  # those of its hidraw node
     fd: int = -1
     time_s: float = 0.0
 

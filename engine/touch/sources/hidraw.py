@@ -19,8 +19,7 @@ from engine.touch.sources.hid_discovery import (
     select_digitizer,
 )
 
-RING_SIZE = 63
-"""Unread reports that the kernel keeps; it then drops the newest."""
+RING_SIZE = 63  # unread reports that the kernel keeps; it then drops the newest
 # With a smaller buffer the rest of a report is lost.
 _READ_BYTES = 4096
 _FIRST_RETRY_NS = 250_000_000
@@ -57,8 +56,7 @@ class HidrawSource(OnClock):
 
     def __init__(self, system: HidSystem, device: HidDigitizer, *, reconnect: bool = True) -> None:
         self.counters = HidrawCounters()
-        self.problem: DigitizerError | None = None
-        """Why the device is not there; None while it is."""
+        self.problem: DigitizerError | None = None  # why the device is not there; None while it is
         self.name, self.report_id = device.name, device.report_id
         self.vendor_id, self.product_id = device.vendor_id, device.product_id
         self._finder = _Finder(system, device)

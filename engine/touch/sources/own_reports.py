@@ -13,8 +13,7 @@ from engine.touch.digitizer import Contact
 # A descriptor of 4096 bytes, the most Linux takes, holds 41.
 MOST_CONTACTS = 32
 
-TIP, CONFIDENT = 1, 2
-"""Flags of a contact, its first byte: it touches; it is no palm."""
+TIP, CONFIDENT = 1, 2  # flags of a contact, its first byte: it touches; it is no palm
 _REPORT_ID = b"\x01"
 _SLOT = struct.Struct("<B3I")  # tip and confidence, contact id, X, Y
 _32_BITS = 0xFFFF_FFFF  # the size of its fields, "75 20" in the descriptor

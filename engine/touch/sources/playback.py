@@ -5,8 +5,7 @@ import math
 from engine.touch.sources.recording import Recording
 
 NS_PER_S = 1_000_000_000
-PAUSE_NS = NS_PER_S
-"""Pause between two repetitions of a recording."""
+PAUSE_NS = NS_PER_S  # pause between two repetitions of a recording
 # Any clock is past this.
 _AT_ONCE_NS = 0
 
@@ -34,8 +33,7 @@ class Playback:
         self._times_ns = tuple(round(report.time_s * NS_PER_S) for report in recording.reports)
         self._is_unpaced = speed is None
         self._speed = 1.0 if speed is None else speed
-        self.repeats = repeats and bool(self._reports)
-        """Whether it begins again after its end."""
+        self.repeats = repeats and bool(self._reports)  # whether it begins again after its end
         self._next = 0
         # A clock time and the same moment on the recording's axis.
         self._anchor_clock_ns = self._anchor_source_ns = 0

@@ -10,12 +10,10 @@ from engine.touch.digitizer import Contact, DigitizerError
 from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import CONFIDENT, TIP, Axis, ContactReports
 
-RESOLUTION = 65_535
-"""Logical maximum of both axes."""
+RESOLUTION = 65_535  # logical maximum of both axes
 REPEAT_NS = 40_000_000
 """Interval at which a resting pointer is reported again; the digitizer releases a contact after 120 ms of silence."""
-SILENT_NS = 1_000_000_000
-"""A pressed pointer that the page has not mentioned for this long is released."""
+SILENT_NS = 1_000_000_000  # a pressed pointer that the page has not mentioned for this long is released
 _MOST_POINTERS = 10  # engine.touch.placement.MOST_FINGERS
 _AXIS = Axis(0, RESOLUTION)
 _REPORTS = ContactReports(_AXIS, _AXIS, contacts=1, maximum_contacts=_MOST_POINTERS)
@@ -89,8 +87,7 @@ class PointerSource(OnClock):
     def __init__(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
         self.descriptor = _REPORTS.descriptor
-        self.ended = False
-        """The page is gone and all is released."""
+        self.ended = False  # the page is gone and all is released
         self._pipe = descriptor
         self._is_open = True
         self._pressed: dict[bytes, _Pressed] = {}  # by contact id, the longest unreported first

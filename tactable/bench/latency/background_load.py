@@ -14,12 +14,9 @@ _MEMORY_BYTES = 1 << 26  # 64 MiB: more than a cache holds, so the copies go to 
 class BackgroundLoad(StrEnum):
     """Kind of load beside the engine under measurement."""
 
-    IDLE = "idle"
-    """Only what the machine does anyway."""
-    STRESS = "stress"
-    """For each processor one process that computes and one that moves memory."""
-    THREAD = "thread"
-    """A busy Python thread in the engine's own process: it shows why no other thread may live there."""
+    IDLE = "idle"  # only what the machine does anyway
+    STRESS = "stress"  # for each processor one process that computes and one that moves memory
+    THREAD = "thread"  # a busy Python thread in the engine's own process: it shows why no other thread may live there
 
 
 @contextmanager

@@ -14,14 +14,12 @@ import numpy as np
 
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, durations_of
 
-TOLERANCE = 0.05
-"""A smaller ratio is no change: a shared machine drifts by as much."""
+TOLERANCE = 0.05  # a smaller ratio is no change: a shared machine drifts by as much
 RESAMPLES = 400  # ten lie beyond either end of the interval
 _CONFIDENCE = 0.95  # the custom of the field
 _BLOCK = 32  # samples of a stretch
 Statistic = Callable[[Values], float]
-Rounds = Sequence[Stamps]
-"""One array of stamps a round."""
+Rounds = Sequence[Stamps]  # one array of stamps a round
 
 
 @dataclass(frozen=True)

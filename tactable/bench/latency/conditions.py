@@ -11,8 +11,7 @@ from engine.loop.realtime import Step
 from tactable.bench.latency.background_load import BackgroundLoad
 
 TACTABLE, ECHO, WITHOUT_FAST_PATH, ZONES = "tactable", "C echo", "tactable without fast path", "tactable, zones"
-SOCKET_BIT_RATE_HZ = 1_000_000_000
-"""A socket pair is no line: what is written has arrived."""
+SOCKET_BIT_RATE_HZ = 1_000_000_000  # a socket pair is no line: what is written has arrived
 PTY_BIT_RATE_HZ = 2_000_000  # that of a fast UART; a terminal ignores it, the renewals count with it
 
 
@@ -43,8 +42,7 @@ class Condition:
 class Transport:
     """Line of the commands: a socket pair, an emulated firmware behind a pseudo-terminal, or a given port."""
 
-    name: str
-    """`sockets`, `pty`, or the name of a port."""
+    name: str  # `sockets`, `pty`, or the name of a port
     bit_rate_hz: int = SOCKET_BIT_RATE_HZ
 
     @property
@@ -60,12 +58,9 @@ class Plan:
     rates_hz: tuple[int, ...]
     loads: tuple[BackgroundLoad, ...]
     steps: tuple[Step, ...]
-    has_echo: bool
-    """The C echo engine is measured too, as a floor."""
-    ablates: bool
-    """Also without each step, without all of them, without the fast path, and with drives of zones."""
-    has_zones: bool
-    """The table has rows of the sweep, which zones play."""
+    has_echo: bool  # the C echo engine is measured too, as a floor
+    ablates: bool  # also without each step, without all of them, without the fast path, and with drives of zones
+    has_zones: bool  # the table has rows of the sweep, which zones play
 
     @property
     def middle_hz(self) -> int:

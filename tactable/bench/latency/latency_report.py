@@ -36,8 +36,7 @@ FORMAT, REVISION = "tactable latency", 2
 _IN_PROCESS_REPORTS = 4_000  # p99 has forty samples beyond it; p99.9 is a dash
 _LEAST_FOR_P99_9 = 10_000  # ten samples lie beyond it (docs/latency.md)
 _US = 1e3
-_PROVENANCE = ("code_fingerprint", "format_revision", "created")
-"""Attributes of a table that the report repeats."""
+_PROVENANCE = ("code_fingerprint", "format_revision", "created")  # attributes of a table that the report repeats
 _METHOD = (
     "Open loop: each report has a time at which it is due, whatever became of those before it, and all times count "
     "from there. One clock for all stages but the device's. A change whose command a newer one replaced unsent counts "

@@ -54,12 +54,9 @@ class EchoReceiver:
 class StalledLayer(StrEnum):
     """Layer into which a stall is injected."""
 
-    DIGITIZER = "digitizer"
-    """Reports are held back, then all come at once."""
-    HOST = "host"
-    """The engine's process is stopped."""
-    LINK = "link"
-    """Nothing takes bytes off the line."""
+    DIGITIZER = "digitizer"  # reports are held back, then all come at once
+    HOST = "host"  # the engine's process is stopped
+    LINK = "link"  # nothing takes bytes off the line
 
 
 @dataclass(frozen=True)

@@ -73,10 +73,8 @@ class Bench:
         self._own_processor, self._engine_processor = allowed[0], allowed[-1]
         self._stack = ExitStack()
         self._exchange = build_program("exchange", folder)
-        self.generator_outcomes: tuple[Outcome, ...] = ()
-        """The real-time steps of the load generator."""
-        self.exchanges_ns: list[int] = []
-        """What `measure_exchange` found, in order."""
+        self.generator_outcomes: tuple[Outcome, ...] = ()  # the real-time steps of the load generator
+        self.exchanges_ns: list[int] = []  # what `measure_exchange` found, in order
 
     def __enter__(self) -> "Bench":
         arguments = {"table": str(self._table_path)}

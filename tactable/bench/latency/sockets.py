@@ -9,8 +9,7 @@ from collections.abc import Callable
 from engine.touch.sources import OnClock
 from firmware_link.host.descriptor_port import READ_SIZE
 
-STAMPS = struct.Struct("<qq")
-"""Leads each report on its socket: when it was due, and when it was sent, ns."""
+STAMPS = struct.Struct("<qq")  # leads each report on its socket: when it was due, and when it was sent, ns
 
 
 class SocketSource(OnClock):

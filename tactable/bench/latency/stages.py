@@ -11,8 +11,7 @@ import numpy as np
 from base.arrays import Array
 from engine.loop.command_latency import Percentiles
 
-Stamps = Array
-"""Shape (sample, point): ns after the report was due, NaN where a point was not measured."""
+Stamps = Array  # shape (sample, point): ns after the report was due, NaN where a point was not measured
 Values = Array
 
 MISSES_MS = (1, 5, 10, 20, 50)  # a frame of the fastest digitizers, to what is felt as late (50 ms, Kaaresoja 2014)
@@ -24,22 +23,16 @@ _MS = 1e6
 class Point(IntEnum):
     """Points on the way of a report, on one clock. Each but the first ends a stage."""
 
-    DUE = 0
-    """The schedule says that the report is sent."""
-    SENT = 1
-    """The digitizer has sent it."""
+    DUE = 0  # the schedule says that the report is sent
+    SENT = 1  # the digitizer has sent it
     READ = 2
     FRAME = 3
     STATE = 4
     COMMAND = 5
-    WRITTEN = 6
-    """The port has taken the whole command."""
-    RECEIVED = 7
-    """The far end of the line has it."""
-    APPLIED = 8
-    """The firmware plays it."""
-    AT_FINGER = 9
-    """The vibration first passes the detection threshold under the last felt finger, as the table says."""
+    WRITTEN = 6  # the port has taken the whole command
+    RECEIVED = 7  # the far end of the line has it
+    APPLIED = 8  # the firmware plays it
+    AT_FINGER = 9  # the vibration first passes the detection threshold under the last felt finger, as the table says
 
 
 @dataclass(frozen=True)

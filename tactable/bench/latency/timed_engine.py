@@ -42,19 +42,15 @@ class Segment:
     descriptor: bytes
     vendor_id: int
     product_id: int
-    count: int
-    """Reports to come."""
+    count: int  # reports to come
     steps: tuple[Step, ...]
     processor: int
     has_busy_thread: bool
-    samples: Path
-    """Where the arrays go, .npz."""
-    port: str | None
-    """A serial port; None: the second socket."""
+    samples: Path  # where the arrays go, .npz
+    port: str | None  # a serial port; None: the second socket
     bit_rate_hz: int
     has_fast_path: bool
-    has_zones: bool
-    """Rows of the sweep are played in place of clicks."""
+    has_zones: bool  # rows of the sweep are played in place of clicks
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
