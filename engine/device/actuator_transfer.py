@@ -52,8 +52,7 @@ class Transfer:
     @property
     def value(self) -> Complex:
         """Shape (point,)."""
-        value: Complex = np.array(self.magnitude) * np.exp(1j * np.radians(self.phase_deg))
-        return value
+        return np.array(self.magnitude) * np.exp(1j * np.radians(self.phase_deg))
 
     @property
     def series(self) -> "PoleSeries":
@@ -154,8 +153,7 @@ def _solve(columns: Complex, wanted: Complex) -> Array:
     rows, right = np.concatenate([columns.real, columns.imag]), np.concatenate([wanted.real, wanted.imag])
     size = np.linalg.norm(rows, axis=0)
     size[size == 0] = 1.0
-    unknown: Array = np.linalg.lstsq(rows / size, right, rcond=None)[0] / size
-    return unknown
+    return np.linalg.lstsq(rows / size, right, rcond=None)[0] / size
 
 
 def _zeros(pole: Complex, second: Array) -> Complex:

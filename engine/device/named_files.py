@@ -109,8 +109,7 @@ def _shipped_finger(name: str, source: str) -> Path:
 
 
 def _read_document(path: Path, source: str, key: str) -> dict[str, Any]:
-    values: dict[str, Any] = document_of(_read(path, source, key), str(path)).unwrap()
-    return values
+    return document_of(_read(path, source, key), str(path)).unwrap()
 
 
 def _read(path: Path, source: str, key: str) -> str:

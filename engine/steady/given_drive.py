@@ -43,8 +43,7 @@ def standard_levels(
     fingers = len(positions_m)
     exact = Deviations(offset=np.zeros((1, fingers)), exponent=np.zeros((1, fingers, 3)))
     cases = cases_at(np.array(positions_m), exact, device.finger, device.surface.corner_m)
-    standard: Array = _levels(modes, cases, hz, amplitude)[0]
-    return standard
+    return _levels(modes, cases, hz, amplitude)[0]
 
 
 def _levels(modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Complex) -> Array:
@@ -54,8 +53,7 @@ def _levels(modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Co
         loaded = PlainLoading(modes, lines).loaded(cases)
         response = np.einsum("k,ckfa->cfa", weight, loaded)
         power += abs(response @ np.where(tones == tone_hz, amplitude, 0)) ** 2
-    level_db: Array = 10 * np.log10(np.maximum(power, _LEAST_POWER))
-    return level_db
+    return 10 * np.log10(np.maximum(power, _LEAST_POWER))
 
 
 def _neighbours(hz: float, grid_hz: Array) -> tuple[slice, Array]:

@@ -44,8 +44,7 @@ class Modes:
     @property
     def per_threshold(self) -> Array:
         """Factor (frequency,) from displacement to acceleration over the threshold."""
-        factor: Array = (2 * np.pi * self.frequency_hz) ** 2 / self.threshold_m_per_s2
-        return factor
+        return (2 * np.pi * self.frequency_hz) ** 2 / self.threshold_m_per_s2
 
     @cached_property
     def modal(self) -> Complex:
@@ -70,8 +69,7 @@ class Modes:
     def moved_at_actuators(self) -> Complex:
         """Motion (mode, actuator, frequency) of the modes per newton at each actuator."""
         moved = [_moved(shape, self.modal, self.damped) for shape in self.at_actuator.T]
-        found: Complex = np.array(moved).reshape(-1, *self.modal.shape).swapaxes(0, 1)
-        return found
+        return np.array(moved).reshape(-1, *self.modal.shape).swapaxes(0, 1)
 
     def at(self, points_m: Points) -> Array:
         """The functions at points (...,): (..., function)."""
@@ -79,15 +77,13 @@ class Modes:
         grid = self.shape.reshape(places.across, places.along, -1)
         x, along = _cubics(np.real(points_m), corner_m.real, places.along)
         y, across = _cubics(np.imag(points_m), corner_m.imag, places.across)
-        found: Array = np.einsum("...i,...j,...jim->...m", along, across, grid[y[..., :, None], x[..., None, :]])
-        return found
+        return np.einsum("...i,...j,...jim->...m", along, across, grid[y[..., :, None], x[..., None, :]])
 
 
 def _moved(shape: Array, modal: Complex, damped: Complex) -> Complex:
     """Motion (mode, frequency) of the modes per newton at a point with these mode shapes (mode,)."""
     own = np.einsum("m,mdk->dk", shape, damped)
-    found: Complex = shape[:, None] * modal - np.einsum("mdk,dk->mk", damped, own)
-    return found
+    return shape[:, None] * modal - np.einsum("mdk,dk->mk", damped, own)
 
 
 def _cubics(at_m: Array, side_m: float, count: int) -> tuple[Integers, Array]:

@@ -29,8 +29,7 @@ class PlainLoading:
     def untouched(self, points_m: Points) -> Complex:
         """Response over threshold (..., line, actuator) at full scale at points (...,), no finger on the surface."""
         response = np.einsum("...m,mak->...ka", self._modes.at(points_m), self._modes.drive, optimize=True)
-        found: Complex = response * self._modes.per_threshold[:, None]
-        return found
+        return response * self._modes.per_threshold[:, None]
 
     def loaded(self, cases: FingerCases) -> Complex:
         """Response over threshold (case, line, finger, actuator) at full scale, all fingers on the surface."""
@@ -44,12 +43,10 @@ class PlainLoading:
         modes = self._modes
         one, other = (modes.at(each)[..., : self._own] for each in (points_m, others_m))
         taken, also = (np.einsum("pm,mdk->kpd", shape, modes.damped, optimize=True) for shape in (one, other))
-        found: Complex = (one * modes.modal.T[:, None]) @ other.T - taken @ also.swapaxes(1, 2)
-        return found
+        return (one * modes.modal.T[:, None]) @ other.T - taken @ also.swapaxes(1, 2)
 
     def impedance(self, cases: FingerCases) -> Complex:
         """Force per displacement of each finger (case, line, finger)."""
         stiffness, damping, mass = np.moveaxis(cases.impedance[:, None], 3, 0)
         omega = self._omega[:, None]
-        found: Complex = stiffness + 1j * omega * damping - omega**2 * mass
-        return found
+        return stiffness + 1j * omega * damping - omega**2 * mass

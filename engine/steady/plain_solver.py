@@ -157,8 +157,7 @@ def _balanced(above: Complex, below: Complex) -> Complex:
 
 
 def _weighted(weight: Array, forms: Complex) -> Complex:
-    found: Complex = np.einsum("ik,ikab->kab", weight, forms)
-    return found
+    return np.einsum("ik,ikab->kab", weight, forms)
 
 
 def _dominant(above: Complex, below: Complex) -> Complex:
@@ -169,27 +168,23 @@ def _dominant(above: Complex, below: Complex) -> Complex:
     inverse = np.linalg.inv(np.linalg.cholesky(below + floor))
     turned = inverse @ above @ inverse.conj().swapaxes(1, 2)
     vectors = np.linalg.eigh(turned)[1]
-    found: Complex = (inverse.conj().swapaxes(1, 2) @ vectors[:, :, -1:])[:, :, 0]
-    return found
+    return (inverse.conj().swapaxes(1, 2) @ vectors[:, :, -1:])[:, :, 0]
 
 
 def _powers(forms: Complex, drive: Complex) -> Array:
     """The power (form, frequency) of a drive in each form."""
-    found: Array = np.einsum("ka,ikab,kb->ik", drive.conj(), forms, drive).real
-    return found
+    return np.einsum("ka,ikab,kb->ik", drive.conj(), forms, drive).real
 
 
 def _ratio(above: Complex, below: Complex, drive: Complex) -> Array:
     """The weakest power over the strongest (frequency,)."""
-    ratio: Array = _powers(above, drive).min(axis=0) / np.maximum(_powers(below, drive).max(axis=0), 1e-300)
-    return ratio
+    return _powers(above, drive).min(axis=0) / np.maximum(_powers(below, drive).max(axis=0), 1e-300)
 
 
 def _loudness(rows: Complex, drive: Complex) -> Array:
     """Power under the weakest felt finger, the strongest actuator at 1 (frequency,)."""
     power = (abs(np.einsum("kfa,ka->kf", rows, drive)) ** 2).min(axis=1)
-    loudness: Array = power / np.maximum(abs(drive).max(axis=1) ** 2, 1e-300)
-    return loudness
+    return power / np.maximum(abs(drive).max(axis=1) ** 2, 1e-300)
 
 
 def _loudest(rows: Complex) -> tuple[int, Complex, float]:

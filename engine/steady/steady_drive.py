@@ -33,8 +33,7 @@ class SteadyDrive:
     @property
     def complex_amplitudes(self) -> Complex:
         """Complex amplitudes (actuator,), fractions of full scale."""
-        amplitudes: Complex = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
-        return amplitudes
+        return np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
 
     @property
     def weakest_felt_db(self) -> float:

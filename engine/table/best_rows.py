@@ -75,8 +75,7 @@ class BestRow:
     @property
     def complex_amplitudes(self) -> Complex:
         """Complex amplitudes (actuator,), fractions of full scale."""
-        amplitudes: Complex = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
-        return amplitudes
+        return np.array(self.amplitudes) * np.exp(1j * np.array(self.phases_rad))
 
     @property
     def frequency_hz(self) -> float | None:
@@ -169,5 +168,4 @@ def read_best_rows(arrays: Arrays, device: Device) -> BestRows:
 
 
 def _values(array: h5py.Dataset) -> list[Any]:
-    found: list[Any] = (array.asstr() if h5py.check_string_dtype(array.dtype) else array)[...].tolist()
-    return found
+    return (array.asstr() if h5py.check_string_dtype(array.dtype) else array)[...].tolist()

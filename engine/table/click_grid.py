@@ -143,14 +143,12 @@ class Clicks(Sequence[ClickEntry]):
     @property
     def _code(self) -> NDArray[np.int32]:
         """Code of each finger (row, finger); -1 behind the last."""
-        code: NDArray[np.int32] = np.where(self.finger_place < 0, -1, 2 * self.finger_place + self.is_felt)
-        return code
+        return np.where(self.finger_place < 0, -1, 2 * self.finger_place + self.is_felt)
 
     @property
     def _count(self) -> Integers:
         """Number of fingers (row,)."""
-        count: Integers = np.count_nonzero(self.finger_place >= 0, axis=1)
-        return count
+        return np.count_nonzero(self.finger_place >= 0, axis=1)
 
     @cached_property
     def _row_of_more(self) -> dict[Key, int]:

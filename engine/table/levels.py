@@ -11,5 +11,4 @@ Levels = TypeVar("Levels", bound=Any)  # a dataclass whose fields are all in dB
 
 def shifted(levels: Levels, change_db: float) -> Levels:
     """A dataclass of levels in dB, all of them raised by `change_db`."""
-    raised: Levels = type(levels)(*(level_db + change_db for level_db in astuple(levels)))
-    return raised
+    return type(levels)(*(level_db + change_db for level_db in astuple(levels)))

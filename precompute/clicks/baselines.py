@@ -44,8 +44,7 @@ def gate(drive: SteadyDrive, length_s: float, slew_per_s: float) -> Array:
     time_s = np.arange(round(length_s * SAMPLE_RATE_HZ) + 1) / SAMPLE_RATE_HZ
     envelope = np.minimum(1.0, np.minimum(time_s, time_s[-1] - time_s) * slew_per_s)
     turn = 2 * np.pi * np.outer(drive.frequencies_hz, time_s) + np.array(drive.phases_rad)[:, None]
-    displacement: Array = np.array(drive.amplitudes)[:, None] * envelope * np.sin(turn)
-    return displacement
+    return np.array(drive.amplitudes)[:, None] * envelope * np.sin(turn)
 
 
 ENERGY_CONTRAST, GATED_DRIVE = "energy contrast", "gated steady drive"
@@ -65,10 +64,8 @@ def solve_baseline(solver: ClickSolver, placement: Placement, drives: Sequence[S
 def _energy(course: Array) -> Array:
     """Gram matrix (tone, tone) of time courses (scenario, finger, time, tone)."""
     rows = course.reshape(-1, course.shape[-1])
-    energy: Array = rows.T @ rows
-    return energy
+    return rows.T @ rows
 
 
 def _drive_energy(wave: Array, actuator: Integers) -> Array:
-    energy: Array = (wave @ wave.T) * (actuator[:, None] == actuator)
-    return energy
+    return (wave @ wave.T) * (actuator[:, None] == actuator)

@@ -102,8 +102,7 @@ def interpolated(wave: Array) -> Array:
     at = np.arange((samples - 1) * EVALUATIONS_PER_SAMPLE + 1) / EVALUATIONS_PER_SAMPLE
     left = np.minimum(at.astype(np.int64), samples - 2)
     part = at - left
-    lines: Array = wave[..., left] * (1 - part) + wave[..., left + 1] * part
-    return lines
+    return wave[..., left] * (1 - part) + wave[..., left + 1] * part
 
 
 def drive_rows(tones: Tones, amplitude: float) -> Array:
@@ -125,5 +124,4 @@ def _spread_over(band_hz: tuple[float, float], spacing_hz: float) -> Array:
     low_hz, high_hz = band_hz
     gaps = int((high_hz - low_hz) / spacing_hz * (1 + 1e-12))
     start_hz = (low_hz + high_hz - gaps * spacing_hz) / 2
-    tones_hz: Array = start_hz + spacing_hz * np.arange(gaps + 1, dtype=np.float64)
-    return tones_hz
+    return start_hz + spacing_hz * np.arange(gaps + 1, dtype=np.float64)

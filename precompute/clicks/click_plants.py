@@ -163,16 +163,14 @@ def output_factor(lines: DampedLines, threshold: Threshold) -> Complex:
     """
     s = lines.s_per_s
     half = s / (2 * lines.rate_hz)
-    factor: Complex = s**2 * (np.sinh(half) / half) ** 2 * weighting(lines, threshold)
-    return factor
+    return s**2 * (np.sinh(half) / half) ** 2 * weighting(lines, threshold)
 
 
 def weighting(lines: DampedLines, threshold: Threshold) -> Complex:
     """Factor (line,) from acceleration to weighted acceleration: the threshold filter."""
     rate_hz = _FILTER_OVERSAMPLING * lines.rate_hz
     taps = threshold_filter(threshold, rate_hz)
-    factor: Complex = np.exp(-np.outer(lines.s_per_s, np.arange(len(taps)) / rate_hz)) @ taps
-    return factor
+    return np.exp(-np.outer(lines.s_per_s, np.arange(len(taps)) / rate_hz)) @ taps
 
 
 def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, Integers, Single]], Array]:

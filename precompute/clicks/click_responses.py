@@ -77,8 +77,7 @@ class Responses:
         """Lines (scenario, finger, line) of the weighted acceleration under displacements (actuator, time)."""
         drive = self.lines.transform(waveform)
         sums = combine(self.transfer.reshape(-1, *self.transfer.shape[2:]), drive)
-        lines: Complex32 = sums.reshape(*self.transfer.shape[:2], drive.shape[-1])
-        return lines
+        return sums.reshape(*self.transfer.shape[:2], drive.shape[-1])
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")

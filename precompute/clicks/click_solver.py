@@ -130,8 +130,7 @@ class ClickSolver:
 
     def _one_thread(self) -> AbstractContextManager[object]:
         """Limit BLAS to one thread: the forms are small, and another order of summation gives another click."""
-        limited: AbstractContextManager[object] = self._threads.limit(limits=1, user_api="blas")
-        return limited
+        return self._threads.limit(limits=1, user_api="blas")
 
     def _evaluated(self, placement: Placement, waveform: Array, weights: QuantisedWeights | None) -> Click:
         length_s, judged = self.options.length_s, self.plants_of(placement.position_m).judged

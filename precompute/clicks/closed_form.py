@@ -154,8 +154,7 @@ class ClosedForm:
                 one = np.ascontiguousarray(self._spectrum[mine] * product)
                 block = one.view(np.float32) @ np.ascontiguousarray(self._spectrum[others]).view(np.float32).T
                 out[np.ix_(mine, others)], out[np.ix_(others, mine)] = block, block.T
-        form: Array = out / np.trace(out)
-        return form
+        return out / np.trace(out)
 
     def _fill_rows(self, transfer: Complex32, lines: DampedLines, factor: float, rows: Single) -> None:
         """Fill rows (course and time, tone) with factor times the response to each tone.
@@ -245,8 +244,7 @@ class _Aims:
                 break
             held = np.delete(held, price.argmin())  # this finger exceeds 1 by itself
             weight = columns[:, held[0]]
-        scaled: Array = weight / (self._aim @ weight).min()
-        return scaled
+        return weight / (self._aim @ weight).min()
 
     def _take(self, instant: Integers, sign: Array) -> None:
         self._aim = self._single[self._offset + instant] * sign[:, None]

@@ -70,8 +70,7 @@ def fingers_of(acceleration: Array, weighted: Array) -> tuple[ClickFinger, ...]:
 
 def decibels(value: Array | float) -> Array:
     """Level in dB of a value in units of the threshold."""
-    level_db: Array = 20 * np.log10(np.maximum(value, _SILENT))
-    return level_db
+    return 20 * np.log10(np.maximum(value, _SILENT))
 
 
 def _exceeds_s(weighted: Array, change_db: float) -> float | None:

@@ -56,8 +56,7 @@ def percentiles(value: Array, percents: Sequence[float]) -> Array:
     place = (len(rising) - 1) * np.asarray(percents) / 100
     below = place.astype(np.int64)
     above = np.minimum(below + 1, len(rising) - 1)
-    found: Array = rising[below] + (place - below) * (rising[above] - rising[below])
-    return found
+    return rising[below] + (place - below) * (rising[above] - rising[below])
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")

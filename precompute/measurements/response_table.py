@@ -140,8 +140,7 @@ def _unloaded(device: Device, measurements: Measurements) -> Complex:
     with_sensor, without = (
         MeasurementModel(device, each, ()).predict(np.zeros(0)).log_acceleration for each in (measurements, bare)
     )
-    unloaded: Complex = measurements.acceleration * np.exp(without - with_sensor)
-    return unloaded
+    return measurements.acceleration * np.exp(without - with_sensor)
 
 
 def _axis(values: Any, same: float) -> tuple[Any, Integers]:

@@ -58,8 +58,7 @@ def read_response_unit(text: str) -> ResponseUnit:
 
 def to_acceleration(value: Complex, order: int, frequency_hz: Array) -> Complex:
     """Accelerations of a response (row,) that is a velocity (order 1) or a displacement (2), at frequency_hz (row,)."""
-    acceleration: Complex = value * (2j * np.pi * frequency_hz) ** order
-    return acceleration
+    return value * (2j * np.pi * frequency_hz) ** order
 
 
 def _without_brackets(text: str) -> str:

@@ -80,8 +80,7 @@ class Measurements:
         _, first, inverse = np.unique(np.hstack(parts), axis=0, return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
-        number: Integers = rank[inverse.ravel()]
-        return number
+        return rank[inverse.ravel()]
 
     def count_distinct(self) -> int:
         """Number of rows that differ in more than the acceleration: the others repeat one of them."""
@@ -171,8 +170,7 @@ def check_measurements(
 def nearest_actuator(device: Device, position_m: Points) -> Integers:
     """Index (place,) of the actuator that is nearest to each position (place,) in metres."""
     base_m = np.array([actuator.position_m for actuator in device.actuators])
-    nearest: Integers = np.abs(position_m[:, None] - base_m).argmin(axis=1)
-    return nearest
+    return np.abs(position_m[:, None] - base_m).argmin(axis=1)
 
 
 def text_of_places(device: Device) -> str:
@@ -184,5 +182,4 @@ def is_outside(position_m: Points, corner_m: complex) -> Mask:
     """Whether each point (point,) lies beyond the edges of the surface that reaches from 0 to `corner_m`."""
     sides = (position_m.real, corner_m.real), (position_m.imag, corner_m.imag)
     along, across = ((part < 0) | (part > side * (1 + 1e-9)) for part, side in sides)
-    outside: Mask = along | across
-    return outside
+    return along | across

@@ -236,8 +236,7 @@ class FreeBar(FreeSurface):
 
     def motion(self, device: Device, one: Complex, other: Complex) -> Complex:  # noqa: ARG002  # M scales
         """Derivative of one^T M other (row,) by the density."""
-        product: Complex = (one * _times(self._M, other)).sum(axis=1) / self._was.density_kg_per_m3
-        return product
+        return (one * _times(self._M, other)).sum(axis=1) / self._was.density_kg_per_m3
 
 
 def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> BarPlant:

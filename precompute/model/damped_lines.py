@@ -42,8 +42,7 @@ class DampedLines:
     @cached_property
     def growth(self) -> Single:
         """exp(sigma t) at every sample of a period, (time,)."""
-        growth: Single = np.exp(SIGMA_PER_S * np.arange(self.size) / self.rate_hz).astype(np.float32)
-        return growth
+        return np.exp(SIGMA_PER_S * np.arange(self.size) / self.rate_hz).astype(np.float32)
 
     @cached_property
     def decay(self) -> Array:

@@ -21,8 +21,7 @@ between two of them misses. With these the worst of 50 placements on `reference-
 
 def on_the_wire(frequency_hz: Array) -> Array:
     """The nearest frequencies that the wire carries."""
-    rounded: Array = np.round(frequency_hz, 2)
-    return rounded
+    return np.round(frequency_hz, 2)
 
 
 def add_resonances(device: Device, grid_hz: Array, pole: Complex) -> Array:
@@ -51,5 +50,4 @@ def in_band(device: Device, frequency_hz: Array) -> Mask:
     """Shape (frequency, actuator): whether each actuator may play each frequency."""
     low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).reshape(-1, 2).T
     slack_hz = 1e-9 * frequency_hz[:, None]
-    inside: Mask = (frequency_hz[:, None] >= low_hz - slack_hz) & (frequency_hz[:, None] <= high_hz + slack_hz)
-    return inside
+    return (frequency_hz[:, None] >= low_hz - slack_hz) & (frequency_hz[:, None] <= high_hz + slack_hz)

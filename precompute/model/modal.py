@@ -122,8 +122,7 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
         attached = np.linalg.solve(np.eye(len(shape)) + free * impedance, free)  # (1 + G Z)^-1 G
         change = attached[:, count:, :count].swapaxes(-1, -2) - reference
         error, greatest = np.maximum(error, w**2 * abs(change)), np.maximum(greatest, w**2 * abs(reference))
-    worst: Array = (error / greatest).max(axis=(1, 2))
-    return worst
+    return (error / greatest).max(axis=(1, 2))
 
 
 def _partial_receptances(basis: Basis, shape: Array, s: complex) -> Complex:
@@ -147,8 +146,7 @@ def mount_dampers(basis: Basis) -> Array:
     if bar.damping_of == "assembly":
         return own
     stiffness, mass = np.array([(each.stiffness_n_per_m, each.grounded_mass_kg) for each in actuators]).T
-    beyond: Array = own - bar.stiffness_damping_s * stiffness - bar.mass_damping_per_s * mass
-    return beyond
+    return own - bar.stiffness_damping_s * stiffness - bar.mass_damping_per_s * mass
 
 
 def _solve_modes(plant: Plant, count: int) -> Basis:

@@ -29,13 +29,11 @@ class Sampler:
 
     def sample(self, field: Complex) -> Complex:
         """Shape (..., point) from a field (..., degree of freedom)."""
-        values: Complex = np.einsum("...pk,pk->...p", field[..., self.dof], self.weight)
-        return values
+        return np.einsum("...pk,pk->...p", field[..., self.dof], self.weight)
 
     def shapes(self, shape: Array) -> Array:
         """Shape (point, mode) from mode shapes (degree of freedom, mode)."""
-        values: Array = np.einsum("pkm,pk->pm", shape[self.dof], self.weight)
-        return values
+        return np.einsum("pkm,pk->pm", shape[self.dof], self.weight)
 
 
 def moved_masses(actuators: Sequence[Actuator]) -> Array:

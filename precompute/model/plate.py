@@ -55,8 +55,7 @@ class Ritz:
         """The functions at points (point,): (point, function)."""
         x, y = (2 * np.real(points_m) / self.length_m - 1), (2 * np.imag(points_m) / self.width_m - 1)
         along, across = legendre.legvander(x, int(self.first.max())), legendre.legvander(y, int(self.second.max()))
-        values: Array = along[:, self.first] * across[:, self.second]
-        return values
+        return along[:, self.first] * across[:, self.second]
 
     @property
     def resolution(self) -> dict[str, int | float]:
@@ -159,8 +158,7 @@ class FreePlate(FreeSurface):
 def _between(one: Complex, matrix: Array, other: Complex) -> Complex:
     """one^T matrix other (row,)."""
     # Two real products take half the time of the complex one that other @ matrix would be.
-    product: Complex = (one * (other.real @ matrix + 1j * (other.imag @ matrix))).sum(axis=1)
-    return product
+    return (one * (other.real @ matrix + 1j * (other.imag @ matrix))).sum(axis=1)
 
 
 def _derivatives(degree: Integers) -> tuple[Array, Array, Array]:

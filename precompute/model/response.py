@@ -46,8 +46,7 @@ def peak_along(
     """
     tones_hz, weight = by_tone(frequency_hz, amplitude)
     field = np.einsum("ta,tap->tp", weight, solve_response(plant, tones_hz).acceleration(position_m))
-    peak: Array = abs(field).sum(axis=0)
-    return peak
+    return abs(field).sum(axis=0)
 
 
 def blocked_force(actuators: Sequence[Actuator], frequency_hz: Array) -> Complex:
@@ -55,8 +54,7 @@ def blocked_force(actuators: Sequence[Actuator], frequency_hz: Array) -> Complex
     jw = 2j * np.pi * frequency_hz
     force = [a.spring_force_n + jw * a.damper_force_n_s for a in actuators]
     transfers = transfers_at(actuators, jw)
-    out: Complex = np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
-    return out
+    return np.stack(force, axis=-1) * (1.0 if transfers is None else transfers)
 
 
 def solve_response(plant: Plant, frequency_hz: Array, touched_m: Points | None = None) -> Response:

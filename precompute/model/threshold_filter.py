@@ -25,5 +25,4 @@ def threshold_filter(threshold: Threshold, sample_rate_hz: float) -> Array:
     cepstrum = np.fft.irfft(-np.log(threshold.peak_m_per_s2(frequency_hz)))
     cepstrum[1 : _FINE // 2] *= 2
     cepstrum[_FINE // 2 + 1 :] = 0
-    taps: Array = np.fft.irfft(np.exp(np.fft.rfft(cepstrum)))[: round(LENGTH_S * sample_rate_hz)]
-    return taps
+    return np.fft.irfft(np.exp(np.fft.rfft(cepstrum)))[: round(LENGTH_S * sample_rate_hz)]

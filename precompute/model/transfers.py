@@ -62,8 +62,7 @@ def decaying_sums(grow: complex, forced: Complex, before: complex) -> Complex:
     band[0], band[1] = 1.0, -grow
     start = forced.copy()
     start[0] += grow * before
-    states: Complex = ztbsv(1, band, start, lower=1, diag=1, overwrite_x=1)
-    return states
+    return ztbsv(1, band, start, lower=1, diag=1, overwrite_x=1)
 
 
 def step_integrals(pole: Complex, step_s: float) -> tuple[Complex, Complex]:

@@ -114,12 +114,10 @@ def _chunks(displacement: Array) -> Iterator[Array]:
 
 def _real_product(matrix: Complex, values: Complex) -> Array:
     """Real part of matrix @ values, at half the cost."""
-    product: Array = matrix.real @ values.real - matrix.imag @ values.imag
-    return product
+    return matrix.real @ values.real - matrix.imag @ values.imag
 
 
 def _zone_energy(basis: Basis, product: Array) -> Array:
     """Sum over each zone of q'^T (integral of N N^T) q', from the summed products q' q'^T (mode, mode)."""
     between = basis.plant.gram(np.ascontiguousarray(basis.shape.T[None], dtype=np.complex128))[0, :-1].real
-    zone: Array = np.einsum("zmn,mn->z", between, product)
-    return zone
+    return np.einsum("zmn,mn->z", between, product)

@@ -64,8 +64,7 @@ def _loaded_fields(plant: Plant, sampled: SampledFingers, zones: list[int], tone
     under = np.linalg.solve(np.eye(len(zones)) + receptance * stiffness[:, :, None, :], moved[:, place])[..., 0]
     force = np.zeros((len(tones), len(place), at_places.shape[2]), dtype=np.complex128)
     np.put_along_axis(force, np.broadcast_to(place, under.shape), -stiffness * under, axis=2)
-    fields: Complex = free[:, None] + force @ pushed
-    return fields
+    return free[:, None] + force @ pushed
 
 
 def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
@@ -73,8 +72,7 @@ def _sample_each(plant: Plant, field: Complex, position_m: Array) -> Complex:
     sampler = plant.sampler(position_m.ravel())
     columns, weights = (each.reshape(*position_m.shape, -1) for each in (sampler.dof, sampler.weight))
     case = np.arange(len(position_m))[:, None, None]
-    values: Complex = np.einsum("tkpi,kpi->tkp", field[:, case, columns], weights)
-    return values
+    return np.einsum("tkpi,kpi->tkp", field[:, case, columns], weights)
 
 
 def _zone_figures(plant: Plant, field: Complex, omega: Array) -> tuple[Array, Array]:

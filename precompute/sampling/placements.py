@@ -63,8 +63,7 @@ def _fingers_of_bar(random: np.random.Generator, corner_m: complex, wanted: Anyw
     if span_m < 0:
         return None
     free_m = np.sort(random.uniform(0, span_m, 1 if wanted.is_exact else wanted.fingers))
-    at_m: list[complex] = (free_m + gaps_m).tolist()
-    return at_m
+    return (free_m + gaps_m).tolist()
 
 
 def _fingers_of_plate(random: np.random.Generator, corner_m: complex, wanted: Anywhere) -> list[complex] | None:

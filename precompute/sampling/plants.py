@@ -134,14 +134,12 @@ def latin_hypercube(count: int, dimensions: int, random: np.random.Generator) ->
     interval = np.tile(np.arange(1, count + 1), (dimensions, 1))
     for row in interval:
         random.shuffle(row)
-    points: Array = (interval.T - within) / count
-    return points
+    return (interval.T - within) / count
 
 
 def _normal_deviates(device: Device, pairs: int, seed: int) -> Array:
     """Standard normal deviates (pair, parameter) of bar and actuators."""
-    deviates: Array = ndtri(latin_hypercube(pairs, 2 + 2 * len(device.actuators), np.random.default_rng(seed)))
-    return deviates
+    return ndtri(latin_hypercube(pairs, 2 + 2 * len(device.actuators), np.random.default_rng(seed)))
 
 
 def _rows(touches: Array) -> Array:
@@ -192,5 +190,4 @@ def _fitted(device: Device) -> Mask:
 
 def _alternating(one: Array, other: Array) -> Array:
     """The rows of both in turn."""
-    rows: Array = np.stack([one, other], axis=1).reshape(-1, *one.shape[1:])
-    return rows
+    return np.stack([one, other], axis=1).reshape(-1, *one.shape[1:])

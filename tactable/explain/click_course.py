@@ -40,8 +40,7 @@ class Course:
 
     def fan(self, finger: int) -> Array:
         """5th, 50th and 95th percentile over the sampled plants at each instant, shape (3, time)."""
-        percentiles: Array = np.percentile(self.weighted[1:, finger], (5, 50, 95), axis=0)
-        return percentiles
+        return np.percentile(self.weighted[1:, finger], (5, 50, 95), axis=0)
 
 
 def compute_course(source: ClickSource, click: ClickEntry, placement: Placement) -> Course:

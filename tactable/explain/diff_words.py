@@ -22,7 +22,7 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
     """The comparison as plain values for JSON, which has no infinite numbers: they become None."""
     tolerance = found.tolerance
     changes = {key: getattr(found, key) for key in ("device", "options", "provenance")}
-    values: dict[str, Any] = to_plain(
+    return to_plain(
         {
             **{key: getattr(found, key) for key in ("differs", "notes", "response_percent", "arrays")},
             **{key: [{**asdict(each), "percent": each.percent} for each in part] for key, part in changes.items()},
@@ -31,7 +31,6 @@ def diff_json(found: TableDiff) -> dict[str, Any]:
             "clicks": _part_json(found.clicks),
         }
     )
-    return values
 
 
 def short_diff_json(found: TableDiff) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
     """Return the click as plain values for JSON; an infinite level is written as null."""
     click, device = explained.click, table.device
     zones = words.zone_lists(device, explained.placement)
-    values: dict[str, Any] = to_plain(
+    return to_plain(
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
@@ -148,7 +148,6 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             "estimated": [*device.estimated_values, "detection threshold", "spreads of the sampled plants"],
         }
     )
-    return values
 
 
 def _tabulated_json(table: Table, placement: Placement, tabulated: Tabulated) -> dict[str, Any]:

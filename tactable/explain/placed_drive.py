@@ -37,7 +37,7 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
     drive, device, spread = figures.drive, table.device, figures.spread
     placement = Placement(figures.positions_m, drive.felt)
     spreads = {"felt_db": spread.felt, "quiet_db": spread.quiet, "contrast_spread_db": spread.contrast}
-    values: dict[str, Any] = to_plain(
+    return to_plain(
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
@@ -61,7 +61,6 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
             "estimated": [*device.estimated_values, "detection threshold"],
         }
     )
-    return values
 
 
 def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, threshold: Threshold) -> None:

@@ -75,8 +75,7 @@ def find_nodes(position_m: Array, level: Array) -> Array:
     """Places (node,) in metres of the minima of level (place,) that lie below NODE of its maximum, the ends aside."""
     inner = level[1:-1]
     is_node = (inner < level[:-2]) & (inner <= level[2:]) & (inner < NODE * level.max())
-    nodes_m: Array = position_m[1:-1][is_node]
-    return nodes_m
+    return position_m[1:-1][is_node]
 
 
 def drive_text(device: Device, measurements: Measurements, row: int) -> str:
@@ -100,8 +99,7 @@ def _origin(measured: Measurements | None) -> str:
 
 def _predicted(device: Device, measurements: Measurements) -> Array:
     """Shape (row,), m/s^2: the magnitude that each row should read."""
-    size: Array = np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
-    return size
+    return np.exp(MeasurementModel(device, measurements, ()).predict(np.zeros(0)).log_acceleration.real)
 
 
 def _panels(device: Device, count: int) -> tuple[Figure, list[Axes]]:

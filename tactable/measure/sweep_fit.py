@@ -64,8 +64,7 @@ def fit_sweep(
     def gated(signal: Array, start: int, hz: Array) -> Complex:
         """Spectrum (frequency,) of the gate that begins at a sample of the circular signal; time 0 is its `before`."""
         part = window * np.take(signal, np.arange(start, start + length), mode="wrap")
-        spectrum: Complex = _transform(part, hz / sample_rate_hz) * np.exp(2j * np.pi * hz / sample_rate_hz * before)
-        return spectrum
+        return _transform(part, hz / sample_rate_hz) * np.exp(2j * np.pi * hz / sample_rate_hz * before)
 
     beside_hz = frequency_hz[:, None] + np.array(_NEIGHBOURS) * sample_rate_hz / length
     own, driven = gated(h, -before, frequency_hz), gated(spike, -before, frequency_hz)
@@ -90,8 +89,7 @@ def _transform(signal: Array, turns: Array) -> Complex:
     padded[: len(signal)] = signal
     within: Complex = np.exp(-2j * np.pi * np.outer(turns, np.arange(block)))
     blocks: Complex = np.exp(-2j * np.pi * block * np.outer(turns, np.arange(block)))
-    transform: Complex = (blocks * (within @ padded.reshape(block, block).T)).sum(axis=1)
-    return transform
+    return (blocks * (within @ padded.reshape(block, block).T)).sum(axis=1)
 
 
 def _gate(before: int, length: int) -> Array:

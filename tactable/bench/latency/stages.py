@@ -84,8 +84,7 @@ def durations_of(stamps: Stamps, point: Point) -> Values:
     before = stamps[:, :point]
     known = np.where(np.isfinite(before), np.arange(int(point)), -1).max(axis=1)
     rows = np.arange(len(stamps))
-    durations: Values = stamps[:, point] - before[rows, known]
-    return durations
+    return stamps[:, point] - before[rows, known]
 
 
 def last_measured(stamps: Stamps) -> Point:
