@@ -48,6 +48,12 @@ def replace_file(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by one of this text. Raises as `replace_file`."""
+    with replace_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 def shipped(package: Path, name: str) -> Path:
     """A file or folder of data: inside an installed package, in tables/ of a checkout."""
     installed = package / name

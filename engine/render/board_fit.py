@@ -65,9 +65,8 @@ def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:
 def scales_for(device: Device, full_scales_m: Sequence[float], *, is_card: bool = False) -> tuple[float, ...]:
     """By actuator: what amplitudes are multiplied with on a board of these full scales, which may have more actuators.
 
-    A sound card (`is_card`) is told its full scale by the name of its port, and has nothing to flash.
-
-    Raises RendererError for a board that cannot play the displacements of the table.
+    A sound card (`is_card`) is told its full scale by the name of its port, and has nothing to flash. Raises
+    RendererError for a board that cannot play the displacements of the table.
     """
     ratios = [
         actuator.full_scale_m / board_m if board_m > 0 else math.inf

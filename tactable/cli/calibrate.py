@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from base.files import replace_file
+from base.files import write_text
 from engine.table.history import previous_of
 from firmware_link import BIT_RATE_HZ
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say, show, shown_progress
@@ -186,8 +186,7 @@ def _modes(device: "Device", path: Path, picked: Path | None, mass_kg: float) ->
         _refuse_existing(picked)
         responses = read_measurements(path, device, mass_kg)
         text = write_modes(pick_modes(responses, str(path)), responses, str(path))
-        with replace_file(picked) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_text(picked, text)
         path = picked
     return path, modal_names(device, read_modes(path, device, mass_kg))
 
@@ -361,6 +360,5 @@ def simulate_measurements(
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
     _refuse_existing(output)
-    with replace_file(output) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(output, text)
     say(f"{output}: {len(measured)} readings, SIMULATED")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from base.files import replace_file
+from base.files import write_text
 from base.points import json_of
 from engine.device import Device
 from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
@@ -76,8 +76,7 @@ def export(
         full_level_db = max(full_level_db, highest_db)
     place = None if device_name is None or at is None else _place(device_name, at)
     document = encode_hjif(effect, full_level_db, _HOLD_MS, date.today().isoformat(), place)
-    with replace_file(path) as made:
-        made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(document, indent=1) + "\n")
     say(f"{path}: {effect.name}; amplitude 1 stands for {full_level_db:g} dB")
 
 
@@ -122,8 +121,7 @@ def curve(
     if path is None:
         print_json(document)
         return
-    with replace_file(path) as made:
-        made.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(document, indent=1) + "\n")
     say(f"{path}: {len(places_m)} places of {device.name}, {hz[0]:g} to {hz[-1]:g} Hz; computed, not measured")
 
 

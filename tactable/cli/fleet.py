@@ -95,7 +95,7 @@ def _summary_paths(output: Path) -> tuple[Path, Path]:
 
 def _write_summary(summary: "Summary", output: Path, limits: "Limits") -> None:
     """Write the page of each measured unit, and last the summary."""
-    from base.files import replace_file
+    from base.files import write_text
     from precompute.fleet.summary import summary_csv, summary_json
     from precompute.fleet.unit_report import REPORT, unit_report
 
@@ -105,8 +105,7 @@ def _write_summary(summary: "Summary", output: Path, limits: "Limits") -> None:
     texts |= zip(_summary_paths(output), of_lot, strict=True)
     for path, text in texts.items():
         path.parent.mkdir(exist_ok=True)  # of a unit that failed there may be none
-        with replace_file(path) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def print_fleet(summary: "Summary", path: Path) -> None:

@@ -233,7 +233,7 @@ def write_transfers(
 
     Raises CalibrationError where they show none.
     """
-    from base.files import replace_file
+    from base.files import write_text
     from engine.device import Device
     from precompute.calibration.device_text import text_with_transfers
     from precompute.calibration.transfer_fit import find_transfers
@@ -246,8 +246,7 @@ def write_transfers(
     if form.is_simulated:
         text = f"# SIMULATED: the transfer functions come from a simulated bench\n{text}"
     Device.parse(text, str(path))  # points that no causal function reaches are refused before anything is written
-    with replace_file(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return {
         actuator.name: {
             "points": len(each.frequency_hz),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from base.files import replace_file
+from base.files import write_text
 from engine.touch import Digitizer, DigitizerError, TouchFrame
 from engine.touch.descriptor import Surface
 
@@ -206,8 +206,7 @@ def write_digitizer(path: Path, table: str) -> None:
     document["digitizer"] = document_of(table, str(path))["digitizer"]
     text = document.as_string()
     Device.parse(text, str(path))
-    with replace_file(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def _lines(learnt: LearntAxis, suffix: str) -> tuple[str, ...]:

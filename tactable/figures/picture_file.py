@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from base.errors import TactableError
-from base.files import replace_file
+from base.files import replace_file, write_text
 
 if TYPE_CHECKING:  # matplotlib takes half a second, which commands that draw nothing do not pay
     from matplotlib.figure import Figure
@@ -92,8 +92,7 @@ def write_texts(picture: Picture, folder: Path) -> list[Path]:
     """Write the texts that go beside the picture; their paths."""
     paths = [folder / name for name in picture.texts]
     for path, text in zip(paths, picture.texts.values(), strict=True):
-        with replace_file(path) as made:
-            made.write_text(text, encoding="utf-8")
+        write_text(path, text)
     return paths
 
 

@@ -47,9 +47,8 @@ class Circle:
     def measure(self, path: Path, on_reading: Callable[[Stop, Reading], None]) -> tuple[int, int]:
         """Measure the bar into a file of complex responses; one that this measurement wrote before is kept.
 
-        Returns how many readings stayed spoiled, and are left out of the file, and how many there are.
-
-        Raises MeasurementError where no reading is usable, where a drive is not recorded and for a file of another
+        Returns how many readings stayed spoiled, and are left out of the file, and how many there are. Raises
+        MeasurementError where no reading is usable, where a drive is not recorded and for a file of another
         measurement, SensorError and LinkError.
         """
         check_ending(path)

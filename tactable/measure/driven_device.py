@@ -43,10 +43,9 @@ _NS_PER_US = 1_000
 class DrivenDevice:
     """Greets and arms the board of `device` for amplitudes of at most `most` (fractions of full scale), by actuator.
 
-    With `accelerometer` the board streams the samples of its own to it, for as long as `wait` is called.
-
-    Raises LinkError where no fitting board answers and where it stops itself, RendererError for a board that cannot
-    play the device's displacements.
+    With `accelerometer` the board streams the samples of its own to it, for as long as `wait` is called. Raises
+    LinkError where no fitting board answers and where it stops itself, RendererError for a board that cannot play the
+    device's displacements.
     """
 
     def __init__(

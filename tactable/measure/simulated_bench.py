@@ -120,9 +120,7 @@ class SimulatedBench(VirtualLine):
     """Port, clock and sensor of the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
 
     The board is an emulated firmware, or `card`. With `has_sum` one loopback channel has the outputs of all actuators,
-    and is that of each.
-
-    Raises SensorError for a place beside it.
+    and is that of each. Raises SensorError for a place beside it.
     """
 
     def __init__(

@@ -18,7 +18,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from base.arrays import Array
-from base.files import replace_file
+from base.files import replace_file, write_text
 from base.points import json_of, order_of, parts_of, point_of_json
 from engine.device import Device
 from precompute.calibration.measuring_plan import Accuracy, plan_first
@@ -116,8 +116,7 @@ class RawFolder:
         path.mkdir(parents=True, exist_ok=True)
         file = path / _IDENTITY
         if not file.exists():
-            with replace_file(file) as partial:
-                partial.write_text(text, encoding="utf-8")
+            write_text(file, text)
         elif file.read_bytes() != text.encode():
             raise MeasurementError(
                 f"{path}: holds another measurement (another device, walk, sensor or level); give another output, or "

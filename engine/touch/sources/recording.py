@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from base.errors import TactableError
-from base.files import replace_file
+from base.files import write_text
 from engine.touch.choice import open_digitizer
 
 _EVENT_TIME, _LENGTH = re.compile(r"[0-9]{1,12}\.[0-9]{6}"), re.compile(r"[0-9]{1,5}")
@@ -78,8 +78,7 @@ def write_recording(recording: Recording, path: Path) -> None:
         f"I: {recording.bus:x} {recording.vendor_id:04x} {recording.product_id:04x}",
         *(f"E: {report.time_s:013.6f} {_sized(report.data)}" for report in recording.reports),
     ]
-    with replace_file(path) as partial:
-        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _sized(data: bytes) -> str:

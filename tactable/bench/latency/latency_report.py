@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from base.errors import TactableError
-from base.files import replace_file
+from base.files import replace_file, write_text
 from base.plain import to_plain
 from base.work_folder import work_folder
 from engine.table import Table
@@ -269,8 +269,7 @@ def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
         "report.md": page_markdown(document, list(pictures)),
     }
     for name, text in texts.items():
-        with replace_file(folder / name) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
     write_samples(run, folder / "samples.npz")
 
 
