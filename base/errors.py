@@ -2,7 +2,4 @@
 
 
 class TactableError(Exception):
-    """Root of every error that a user can cause and mend; its text says what, where and the remedy.
-
-    The command line catches this one class.
-    """
+    """Root of every error that a user can cause and mend; its text says what, where and the remedy."""

@@ -47,9 +47,7 @@ def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> 
     try:
         os.environ[_VARIABLE] = str(made.enter_context(work_folder("kernels")))
     except OSError as error:  # commands that need no kernel, such as `list`, go on
-        return (
-            f"kernels cannot be compiled: {error}: set {_VARIABLE} and TMPDIR to folders that are writable by you alone"
-        )
+        return f"kernels cannot be compiled: {error}: set {_VARIABLE} and TMPDIR to folders writable by you alone"
     return (
         f"compiled kernels are not kept: neither {package} nor {user} is writable by you alone; each command "
         f"compiles them again. Set {_VARIABLE} to a folder that is"

@@ -157,10 +157,7 @@ def _solve(columns: Complex, wanted: Complex) -> Array:
 
 
 def _zeros(pole: Complex, second: Array) -> Complex:
-    """Zeros of 1 + sum of r' / (s - q), mirrored into the stable half plane.
-
-    They are the eigenvalues of A - b r'^T in real form, with A of the poles q.
-    """
+    """Zeros of 1 + sum of r' / (s - q), eigenvalues of A - b r'^T in real form, mirrored into the stable half plane."""
     matrix, b, at = np.zeros((len(second), len(second))), np.zeros(len(second)), 0
     for each in pole:
         if each.imag > 0:

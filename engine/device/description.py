@@ -189,10 +189,7 @@ def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
 
 
 def check_transfers(source: str, actuators: tuple[Actuator, ...]) -> None:
-    """Refuse points that no causal actuator has, or that are too far apart to tell.
-
-    All points are counted before the first function is fitted to any of them.
-    """
+    """Refuse points that no causal actuator has, or that are too far apart to tell, all before any is fitted."""
     found = {f"actuator[{i}].transfer": each.transfer for i, each in enumerate(actuators, 1) if each.transfer}
     points = sum(len(transfer.frequency_hz) for transfer in found.values())
     if points > MOST_TRANSFER_POINTS:
@@ -220,9 +217,7 @@ def check_electrodes(source: str, actuators: tuple[Actuator, ...]) -> None:
     biases = sorted({part.bias for part in parts if part.linearised_by == "board"})
     if len(biases) > 1:
         shown = " and ".join(f"{100 * bias:g} %" for bias in biases)
-        raise DeviceError(
-            f"{source}: actuator[...].electrodes.bias: {shown}: a board linearises with one bias; give one"
-        )
+        raise DeviceError(f"{source}: actuator[...].electrodes.bias: {shown}: a board has one bias; give one")
 
 
 def _read_phase_deg(part: DeviceTable, text: object, key: str = "transfer") -> float:

@@ -157,10 +157,7 @@ def read_point_on(text: str, corner_m: complex, *, beside_too: bool = False) -> 
 
 
 def read_number(text: str) -> float:
-    """The value of plain text such as "40" or "-1.5e3". Raises QuantityError.
-
-    `float` also takes "nan", "inf", "1_000" and the digits of other scripts.
-    """
+    """The value of plain text such as "40" or "-1.5e3", but not "nan", "inf" or "1_000". Raises QuantityError."""
     match = re.fullmatch(_NUMBER, text.strip()) if len(text) <= _LONGEST_TEXT else None
     if match is None or not abs(value := float(match[0])) <= _GREATEST:
         raise QuantityError(f"{reprlib.repr(text)} is no number; expected one such as 40 or -1.5e3")

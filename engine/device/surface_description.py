@@ -48,9 +48,7 @@ def _read_plate(part: DeviceTable) -> Plate:
     shorter_m = min(plate.length_m, plate.width_m)
     if plate.thickness_m > shorter_m / _SLENDER:
         thick = f"{1e3 * plate.thickness_m:g} mm"
-        raise part.error(
-            "thickness", thick, f"expected at most 1/{_SLENDER} of the shorter side: no plate is that thick"
-        )
+        raise part.error("thickness", thick, f"expected at most 1/{_SLENDER} of the shorter side: plates are thinner")
     return plate
 
 
@@ -99,9 +97,7 @@ def read_zones(part: DeviceTable, top: DeviceTable, surface: Surface) -> tuple[t
     if "zone" in top.left:
         for key in keys:
             if key in part.left:
-                raise part.error(
-                    key, part.left[key], f"give either {' and '.join(keys)} of equal zones or [[zone]] tables"
-                )
+                raise part.error(key, part.left[key], f"give {' and '.join(keys)} of equal zones or [[zone]] tables")
         zones = _read_zone_tables(top, surface)
     else:
         zones = _equal_zones(part, surface)
@@ -147,9 +143,7 @@ def _read_zone_tables(top: DeviceTable, surface: Surface) -> Sequence[Zone]:
             raise part.error("start", point_text(zone.start_m), f"zone {zone.name} precedes zone {zones[-1].name}")
         for other in zones:
             if _overlap(zone, other):
-                reach = (
-                    f"zone {other.name}, which reaches from {point_text(other.start_m)} to {point_text(other.stop_m)}"
-                )
+                reach = f"zone {other.name}, which lies from {point_text(other.start_m)} to {point_text(other.stop_m)}"
                 raise part.error("start", point_text(zone.start_m), f"zone {zone.name} overlaps {reach}")
             if zone.name == other.name:
                 raise part.error("name", zone.name, "another zone has this name")

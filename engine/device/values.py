@@ -112,9 +112,7 @@ def restated(device: Device) -> Device:
             break
     if found.fingerprint != device.fingerprint:
         keys = ", ".join(change.key for change in changes)
-        raise DeviceError(
-            f"{device.name}: {keys} changed after it was read; write the new values to a file and read it"
-        )
+        raise DeviceError(f"{device.name}: {keys} changed after it was read; write new values to a file and read it")
     return found if changes else device
 
 

@@ -106,9 +106,7 @@ def read_envelope(part: RuleTable) -> tuple[Segment, ...]:
     """The segments of the key `envelope`."""
     pairs = part.take_value("envelope")
     if not isinstance(pairs, list) or not pairs:
-        raise part.error(
-            "envelope", pairs, 'expected a list of segments such as [["click", "20 dB"]] or [["50 ms", "20 dB"]]'
-        )
+        raise part.error("envelope", pairs, 'expected a list of segments: [["click", "20 dB"]] or [["50 ms", "20 dB"]]')
     if len(pairs) > MOST_SEGMENTS:
         raise part.error("envelope", len(pairs), f"expected at most {MOST_SEGMENTS} segments")
     segments = tuple(_read_segment(part, pair) for pair in pairs)
@@ -119,9 +117,7 @@ def read_envelope(part: RuleTable) -> tuple[Segment, ...]:
 
 def _read_segment(part: RuleTable, pair: object) -> Segment:
     if not isinstance(pair, list) or len(pair) != 2:
-        raise part.error(
-            "envelope", pair, 'expected a duration and a level such as ["click", "20 dB"] or ["50 ms", "20 dB"]'
-        )
+        raise part.error("envelope", pair, 'expected a duration and a level: ["click", "20 dB"] or ["50 ms", "20 dB"]')
     duration, level = pair
     if duration == CLICK:
         if level == QUIET:

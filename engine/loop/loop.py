@@ -48,10 +48,7 @@ class Clock(Protocol):
         """Monotonic; the session must be given the same."""
 
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int] | None:
-        """Return when a descriptor can be read or written, or at `until_ns`; earlier does no harm.
-
-        Those that can be read; None where that is not known.
-        """
+        """Wait for a descriptor until `until_ns` at most; those that can be read, None where that is not known."""
 
 
 class SystemClock:

@@ -183,9 +183,7 @@ class RingReader:
             raise RingError(f"{path}: is no ring: give the path that the run says")
         _, revision, size, self._slots, self.process_id, written = _HEAD.unpack_from(self._memory)
         if revision != REVISION or size != _SLOT_SIZE:
-            raise RingError(
-                f"{path}: is a ring of revision {revision}, ours is {REVISION}: use one version of tactable"
-            )
+            raise RingError(f"{path}: is a ring of revision {revision}, ours {REVISION}: use one version of tactable")
         self._next = max(0, written - self._slots) if from_start else written
 
     def skip_to(self, index: int) -> None:

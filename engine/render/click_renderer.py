@@ -53,10 +53,7 @@ class RenderedClicks:
         self._learned[click.placement] = click
 
     def rendered(self, placement: Placement, level_db: float) -> Rendered | None:
-        """The click of the places nearest to the fingers, else the one that was solved for just these; None: neither.
-
-        None also where the device can't play it.
-        """
+        """The click of the nearest places, else the one solved for just these; None: the device can play neither."""
         if self.basis.basis is None:
             return None
         row = self.clicks.row_of(self.clicks.places.key(placement))

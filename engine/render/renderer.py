@@ -24,10 +24,7 @@ class Steady(Protocol):
 
 
 class Renderer:
-    """The commands for any fingers at the levels that the rules use, of one table and one connected device.
-
-    `render` raises LimitError for a broken drive.
-    """
+    """Commands of one table on one device, at the rules' levels. `render` raises LimitError for a broken drive."""
 
     def __init__(
         self, capabilities: Capabilities, steady: Steady, clicks: RenderedClicks, levels_db: Sequence[float]

@@ -58,6 +58,4 @@ def _components(values: Complex, size: Array) -> tuple[Array, Complex]:
 
 def _rows(values: Complex) -> Single:
     """Real and imaginary parts (row, ... 2 frequency) of values (row, ..., frequency)."""
-    return np.ascontiguousarray(
-        np.stack([values.real, values.imag], axis=-2).reshape(len(values), -1), dtype=np.float32
-    )
+    return np.ascontiguousarray(np.stack([values.real, values.imag], axis=-2).reshape(len(values), -1), np.float32)

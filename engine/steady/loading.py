@@ -43,10 +43,7 @@ def _cubic(at, count, weight):  # type: ignore[no-untyped-def]  # numba
 
 @njit(types.void(_REAL, _REAL, _BLOCK, types.Array(types.float32, 2, "C")), cache=True)
 def fill_shapes(along, across, grid, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (point, function) with the functions at points, whose coordinates (point,) are in steps of the grid.
-
-    grid (across, along, function).
-    """
+    """Fill out (point, function) at coordinates (point,) in steps of the grid. grid (across, along, function)."""
     x, y = np.empty(4), np.empty(4)
     out[:] = 0.0
     for point in range(len(along)):

@@ -83,10 +83,7 @@ class ClickEntry(ClickFigures):
 
     @cached_property
     def samples(self) -> Samples:
-        """Base displacement (sample, actuator) as the device plays it at full amplitude, linear between samples.
-
-        SAMPLE_FULL_SCALE is full scale.
-        """
+        """Base displacement (sample, actuator) at full amplitude, linear between samples, of SAMPLE_FULL_SCALE."""
         number = self.basis.number_of_actuators
         return weighted_sum(self.basis.sets[self.basis_set], self.weights, self.fraction_bits, number).astype(np.int16)
 

@@ -9,10 +9,7 @@ from engine.table.error import TableError
 
 
 def previous_of(path: Path) -> Path:
-    """Path of the table that was replaced by the one at `path`, beside the file that a symbolic link leads to.
-
-    Raises TableError for a folder.
-    """
+    """Path of the table that the one at `path` replaced, beside the file itself. Raises TableError for a folder."""
     target = written_path(path)
     if target.is_dir():
         raise TableError(f"{path}: is a folder; name a table")

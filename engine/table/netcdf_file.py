@@ -188,9 +188,7 @@ class VariableStream:
     def close(self) -> None:
         """Note the checksum; raises TableError if elements are missing."""
         if self._done != self._size:
-            raise TableError(
-                f"{self._name}: {self._done} elements were written; expected {self._size}, of shape {self._shape}"
-            )
+            raise TableError(f"{self._name}: {self._done} elements written; expected {self._size}, shape {self._shape}")
         self._target.attrs["crc32"] = np.uint32(self._checksum)
         self._checksums[self._name] = self._checksum
 

@@ -278,9 +278,7 @@ def _check_format(path: Path, file: h5py.File) -> None:
         raise TableError(f"{path}: is a NetCDF file, but not a table of tactable")
     revision = int(np.ravel(file.attrs["format_revision"])[0])
     if revision > FORMAT_REVISION:
-        raise TableError(
-            f"{path}: has format revision {revision}, this program reads {FORMAT_REVISION}; update tactable"
-        )
+        raise TableError(f"{path}: has format revision {revision}, tactable reads {FORMAT_REVISION}; update it")
     if revision < FORMAT_REVISION:
         raise TableError(
             f"{path}: has format revision {revision} of an earlier version of tactable, this program reads "

@@ -163,10 +163,7 @@ class TableDiff:
 
 
 def compare_tables(before: Table, after: Table, tolerance: Tolerance | None = None) -> TableDiff:
-    """Everything that changed beyond the tolerance.
-
-    Best rows are matched by the names of their zones, clicks by the positions of their places.
-    """
+    """What changed beyond the tolerance; best rows are matched by zones, clicks by the positions of their places."""
     tolerance = tolerance or Tolerance()
     notes, response_percent = _compare_responses(before, after, tolerance)
     same_actuators = _names(before.device.actuators) == _names(after.device.actuators)

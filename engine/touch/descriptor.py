@@ -169,9 +169,7 @@ def _build_reports(uses: list[FieldUse], declared: Declarations) -> list[ReportL
     by_report: dict[int, list[FieldUse]] = {}
     for use in uses:
         by_report.setdefault(use.field.report_id, []).append(use)
-    return [
-        _build_report(report_id, report_uses, has_contact_ids, declared) for report_id, report_uses in by_report.items()
-    ]
+    return [_build_report(report_id, uses, has_contact_ids, declared) for report_id, uses in by_report.items()]
 
 
 def _build_report(report_id: int, uses: list[FieldUse], has_contact_ids: bool, declared: Declarations) -> ReportLayout:

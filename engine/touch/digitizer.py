@@ -161,9 +161,7 @@ class Digitizer:
         self.maximum_contacts = maximum_contacts(surface, self.quirks)
         # Reports of our own making (sources/own_reports.py) have no numbers.
         tells_palms = surface.is_win8 or not (vendor_id or product_id)
-        self.plans = {
-            report.report_id: build_plan(report, surface, self.quirks, tells_palms) for report in surface.reports
-        }
+        self.plans = {each.report_id: build_plan(each, surface, self.quirks, tells_palms) for each in surface.reports}
         self.uses_report_ids = surface.uses_report_ids
         self.release_after_ns = RELEASE_AFTER_NS if self.quirks.releases_when_silent else None
         """Time without a frame after which every contact is released; None: contacts are never released by time."""

@@ -36,10 +36,7 @@ class DescriptorError(TactableError):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Position and meaning of one value in a report.
-
-    `bit` counts from the first bit of the report as the device sends it, report ID byte included.
-    """
+    """Position and meaning of one value; `bit` counts from the first of the report as sent, with its ID byte."""
 
     report_id: int
     bit: int

@@ -20,10 +20,7 @@ US_PER_MS = 1_000
 
 
 class Memory:
-    """Memory for the basis that is held and, where there is room, the next one in transfer: firmware/core/basis.c.
-
-    A copy of a step changes nothing.
-    """
+    """Memory for the basis that is held and, where it fits, the next; a copied step changes nothing (core/basis.c)."""
 
     def __init__(self, device: Device, reports: Reports) -> None:
         self.basis: Basis | None = None

@@ -36,10 +36,7 @@ class Announcement:
             link.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
     def point_to(self, port: str) -> None:
-        """Lead to this port from now on.
-
-        Raises LinkError where something else has the name, and where no link can be made.
-        """
+        """Lead to this port from now on. Raises LinkError where something else has the name or no link can be made."""
         if not self._is_ours():
             self._refuse_others(port)
         temporary = self.link.with_name(f".{self.link.name}.{os.getpid()}.link")
@@ -47,9 +44,7 @@ class Announcement:
             temporary.symlink_to(port)
             temporary.replace(self.link)
         except OSError as error:
-            raise LinkError(
-                f"{self.link}: no link can be made there: {error.strerror}; choose another place"
-            ) from error
+            raise LinkError(f"{self.link}: no link can be made: {error.strerror}; choose another place") from error
         self._port = port
 
     def close(self) -> None:

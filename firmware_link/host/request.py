@@ -13,10 +13,7 @@ class RepeatedRequest:
         self._encoder, self._line = encoder, line
 
     def next_frame(self, request: Message, period_ns: int, now_ns: int, before: bytes = b"") -> bytes:
-        """Frame of a copy behind the bytes `before`, where one is due; empty otherwise.
-
-        The period begins when the line has carried the frame.
-        """
+        """Frame of a copy due behind the bytes `before`, else empty. The period begins once the line has carried it."""
         if now_ns < self.due_ns:
             return b""
         frame = before + self._encoder.encode(request)

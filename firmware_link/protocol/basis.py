@@ -257,9 +257,7 @@ def _check_set(index: int, basis_set: BasisSet) -> None:
             "clicks, or tones that are less crowded"
         )
     if not SHORTEST_WAVEFORM <= samples <= _LONGEST_WAVEFORM:
-        raise MessageError(
-            f"set {index} of a basis has {samples} samples; expected {SHORTEST_WAVEFORM} to {_LONGEST_WAVEFORM}"
-        )
+        raise MessageError(f"set {index} has {samples} samples; expected {SHORTEST_WAVEFORM} to {_LONGEST_WAVEFORM}")
     if len(basis_set.actuators) != functions:
         raise MessageError(f"set {index} of a basis has {functions} functions for {len(basis_set.actuators)} actuators")
     if basis_set.functions[:, [0, -1]].any():

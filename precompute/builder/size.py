@@ -43,9 +43,7 @@ def expected_s(device: Device, clicks: int) -> float:
 
 def check_size(device: Device, path: Path) -> None:
     """Raise TableError for a table that neither the disk of `path` nor the memory of this machine has room for."""
-    remedy = (
-        "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps), or leave it out (sweep.store)"
-    )
+    remedy = "make the sweep coarser (sweep.step, sweep.amplitude_steps, sweep.phase_steps), or drop it (sweep.store)"
     folder = path.absolute().parent
     disk = shutil.disk_usage(folder) if folder.is_dir() else None
     wanted, free = table_bytes(device), math.inf if disk is None or not disk.total else disk.free  # 0: it does not say

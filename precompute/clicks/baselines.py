@@ -52,10 +52,7 @@ BASELINES = (ENERGY_CONTRAST, GATED_DRIVE)  # names of the baselines
 
 
 def solve_baseline(solver: ClickSolver, placement: Placement, drives: Sequence[SteadyDrive], name: str) -> Click:
-    """A baseline scaled to the limits and the quiet level, and evaluated as any click.
-
-    drives: the steady drives of the placement, one for each level.
-    """
+    """A baseline scaled to the limits and the quiet level, and evaluated. drives: steady drives, one for each level."""
     is_energy = name == ENERGY_CONTRAST
     waveform = energy_contrast(solver, placement) if is_energy else gated_drive(solver, placement, drives)
     return solver.evaluate(placement, waveform)

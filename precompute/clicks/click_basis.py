@@ -77,10 +77,7 @@ def orthogonalised(tones: Tones) -> Tones:
 
 
 def click_basis(device: Device, options: ClickOptions) -> Basis:
-    """The basis of all clicks of a device, of one set.
-
-    Raises MessageError where its functions are more than a PLAY carries.
-    """
+    """The basis of all clicks of a device, of one set. Raises MessageError for more functions than a PLAY carries."""
     return Basis(round(SAMPLE_RATE_HZ), (click_set(device, options.length_s, options.crowding),))
 
 

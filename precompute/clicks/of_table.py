@@ -16,8 +16,6 @@ def read_click_options(table: Table) -> ClickOptions:
     values: dict[str, Any] = json.loads(str(text))
     unknown = sorted(set(values) - {field.name for field in fields(ClickOptions)})
     if unknown:
-        raise TableError(
-            f"{table.path}: its clicks were made with options unknown here: {', '.join(unknown)}; build it again"
-        )
+        raise TableError(f"{table.path}: its clicks have options unknown here: {', '.join(unknown)}; build it again")
     known: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
     return ClickOptions(**known)

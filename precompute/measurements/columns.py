@@ -113,9 +113,7 @@ def assemble_measurements(
     quantity, reading = _reading(columns, source)
     position_m = join_places(columns, device, "position", source)
     if position_m is None:
-        raise MeasurementError(
-            f"{source}: has no column 'position'; it says where the sensor was, such as position (mm)"
-        )
+        raise MeasurementError(f"{source}: has no column 'position'; where the sensor was, such as position (mm)")
     rows = len(position_m)
     empty = np.full(rows, np.nan)
     finger_m = join_places(columns, device, "finger position", source)

@@ -24,10 +24,7 @@ _UNIT = re.compile(r"_((?:[mcku]?m|k?g|k?Hz|deg|rad|percent)(?:(?:_per)?_(?:s2|s
 
 
 def read_mat(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
-    """Read responses from numeric arrays: vectors over frequency, or matrices over frequency and place.
-
-    NaN is no reading. Raises MeasurementError.
-    """
+    """Responses of numeric arrays (frequency,) or (frequency, place); NaN is no reading. Raises MeasurementError."""
     return arrays_to_measurements(read_content(path), path, device, sensor_mass_kg)
 
 
@@ -38,9 +35,7 @@ def arrays_to_measurements(content: Content, path: Path, device: Device, sensor_
     axes = [name for name, title in titles.items() if FREQUENCY.fullmatch(split_title(title)[0])]
     position = next((name for name, title in titles.items() if split_title(title)[0] == "position"), None)
     if len(axes) != 1 or len(arrays) < 2:
-        expected = (
-            "expected frequency_Hz, position_mm and a complex matrix NAME_acceleration_m_s2 for each actuator NAME"
-        )
+        expected = "expected frequency_Hz, position_mm and a complex NAME_acceleration_m_s2 for each actuator NAME"
         raise MeasurementError(f"{path}: has the variables {', '.join(arrays) or 'none'}; {expected}")
     lines = arrays[axes[0]].size
     axes_of_places = len(parts_of(device.surface.corner_m))

@@ -43,9 +43,7 @@ def read_content(path: Path, limit_s: int = LIMIT_S) -> Content:
             try:
                 said = child.read(_LONGEST_S)
             except ChildError as error:
-                raise MeasurementError(
-                    f"{path}: is damaged: {error}, in the library that reads it; export it again"
-                ) from None
+                raise MeasurementError(f"{path}: is damaged: {error}; export it again") from None
             finally:
                 child.kill()  # it has nothing to finish, and may never end
         if "refused" in said:
@@ -76,9 +74,7 @@ def load_content(path: Path) -> Content:
 
     with path.open("rb") as file:
         if file.read(10) == b"MATLAB 7.3":
-            raise MeasurementError(
-                f"{path}: is a MAT file of version 7.3, which is HDF5; save it with save(..., '-v7')"
-            )
+            raise MeasurementError(f"{path}: is a MAT file of version 7.3, HDF5; save it with save(..., '-v7')")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # such as for a duplicate name

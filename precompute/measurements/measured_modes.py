@@ -153,9 +153,7 @@ def _checked(modes: Modes, device: Device, source: str, places: list[str]) -> Mo
     if not 0 <= modes.sensor_mass_kg <= MOST_KG:
         raise MeasurementError(f"{source}: sensor mass: {1e3 * modes.sensor_mass_kg:g} g: expected 0 to 1000 g")
     if modes.sensor_mass_kg and np.isnan(modes.sensor_m):
-        raise MeasurementError(
-            f"{source}: has a sensor mass without its place; give a column such as sensor position (mm)"
-        )
+        raise MeasurementError(f"{source}: has a sensor mass without its place; give a column sensor position (mm)")
     # The scatter of a pole is the same in every direction: as a share of its size that of the damping ratio.
     usual = np.hypot(FREQUENCY_ERROR, DAMPING_ERROR * np.nan_to_num(damping))
     frequency_error = np.where(np.isnan(modes.frequency_error), usual, modes.frequency_error)

@@ -39,10 +39,7 @@ class ResponseUnit(NamedTuple):
 
 
 def read_response_unit(text: str) -> ResponseUnit:
-    """The quantity whose unit `text` is; g is gravity, Ns never a nanosecond, and M/S^2 the same as m/s^2.
-
-    Raises QuantityError.
-    """
+    """The quantity whose unit `text` is; g is gravity, Ns newton seconds, M/S^2 is m/s^2. Raises QuantityError."""
     plain = _without_brackets(text[:_LONGEST])  # no unit is longer
     of_gravity = re.sub(r"(?<![A-Za-z_])([mµμ]?)g(?![A-Za-z_])", r"\1g_0", plain, flags=re.IGNORECASE)
     capitals = re.sub(r"\bn\b", "N", of_gravity.lower()) if text == text.upper() else plain
@@ -51,9 +48,7 @@ def read_response_unit(text: str) -> ResponseUnit:
             with suppress(QuantityError):
                 scale = read_quantity(f"1 {candidate}", unit)
                 return ResponseUnit(scale, number % _PER_NEWTON, number >= _PER_NEWTON)
-    raise QuantityError(
-        f"{reprlib.repr(text)} is no unit of a response; expected one such as {', '.join(QUANTITIES.values())}"
-    )
+    raise QuantityError(f"{reprlib.repr(text)} is no unit of a response; expected {', '.join(QUANTITIES.values())}")
 
 
 def to_acceleration(value: Complex, order: int, frequency_hz: Array) -> Complex:

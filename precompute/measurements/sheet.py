@@ -35,10 +35,7 @@ class Sheet(NamedTuple):
 
 
 def read_sheet(text: str, source: str, example: str) -> Sheet:
-    """The header and the rows of a text; raises MeasurementError, which names the row.
-
-    example: a header, for the message where there is none.
-    """
+    """Header and rows of a text; `example` is a header for errors. Raises MeasurementError, which names the row."""
     lines = [(n, line) for n, line in enumerate(text.removeprefix("\ufeff").splitlines(), 1) if line.strip(' ,;\t"')]
     told = _TOLD.fullmatch(lines[0][1]) if lines else None
     lines = lines[1:] if told else lines
@@ -139,10 +136,7 @@ def read_title(title: str, known: Mapping[str, str], device: Device, where: str)
 def read_numbers(
     sheet: Sheet, index: int, source: str, *, empty_ok: bool, kind: type[float] | type[complex] = float
 ) -> Array:
-    """A column (row,) of real numbers, or of complex ones such as 1.2+3.4i; NaN where empty.
-
-    Raises MeasurementError.
-    """
+    """A column (row,) of real numbers, or complex such as 1.2+3.4i; NaN where empty. Raises MeasurementError."""
     return np.array(
         [
             _read_cell(row[index], empty_ok, kind, f"{source}: {label}, column {sheet.titles[index]!r}")

@@ -64,9 +64,7 @@ class Measurements:
     def part(self, rows: Rows) -> "Measurements":
         """The chosen rows."""
         columns: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        chosen: dict[str, Any] = {
-            name: column[rows] for name, column in columns.items() if isinstance(column, np.ndarray)
-        }
+        chosen: dict[str, Any] = {name: each[rows] for name, each in columns.items() if isinstance(each, np.ndarray)}
         return replace(self, **chosen)
 
     @property

@@ -47,13 +47,9 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
     if not responses:
         modes = "; give --modes to fit its modes" if any(part["type"] == 55 for part in sets) else ""
         raise MeasurementError(f"{path}: has no dataset 58; expected frequency responses{modes}")
-    rows = [
-        _read_response(part, place_m, units, device, f"{path}: dataset {number} (58)") for number, part in responses
-    ]
+    rows = [_read_response(part, place_m, units, device, f"{path}: dataset {n} (58)") for n, part in responses]
     if len(kinds := {row.is_per_newton: number for (number, _), row in zip(responses, rows, strict=True)}) > 1:
-        text = (
-            f"dataset {kinds[True]} (58) is per newton, dataset {kinds[False]} of full scale; put them into two files"
-        )
+        text = f"dataset {kinds[True]} (58) is per newton, dataset {kinds[False]} of full scale; make two files"
         raise MeasurementError(f"{path}: {text}")
     counts = [len(row.frequency_hz) for row in rows]
     numbers = np.repeat([number for number, _ in responses], counts)
@@ -79,10 +75,7 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
 
 
 def read_sets(path: Path, device: Device) -> tuple[Sequence[Mapping[str, Any]], dict[int, Any], tuple[float, float]]:
-    """Datasets of a universal file, the place in metres of every node, and its units of length and force in SI.
-
-    Raises MeasurementError.
-    """
+    """Datasets of a universal file, each node's place in m, its units of length and force. Raises MeasurementError."""
     try:
         sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
     except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files

@@ -38,10 +38,7 @@ def seen_points(device: Device) -> Points:
 def compute_modes(
     device: Device, position_m: Points, up_to_hz: float, finger_m: Sequence[complex] = ()
 ) -> tuple[Mode, ...]:
-    """Modes up to a frequency, rising, with the device's finger at each of `finger_m`.
-
-    Shapes are those at position_m (point,).
-    """
+    """Modes up to a frequency, rising, with a finger at each of `finger_m`; shapes are those at position_m (point,)."""
     basis = compute_basis(assemble(device))
     model = compute_modal_model(basis, [(at_m, device.finger) for at_m in finger_m])
     along, count = basis.at(position_m), len(basis.square_omega)

@@ -121,9 +121,7 @@ class SteadyDesigner:
             level_db=level_db_of,
             sampled_level_db=sampled_db,
             contrast_db=float(level_db_of[is_felt].min() - level_db_of[~is_felt].max()) if is_quiet else None,
-            expected_contrast_db=(
-                float(10 * np.log10(mean[is_felt].min() / mean[~is_felt].max())) if is_quiet else None
-            ),
+            expected_contrast_db=float(10 * np.log10(mean[is_felt].min() / mean[~is_felt].max())) if is_quiet else None,
             spread=Spread(
                 felt=_percentiles(weakest),
                 quiet=_percentiles(strongest) if is_quiet else None,

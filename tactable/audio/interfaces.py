@@ -76,10 +76,7 @@ def _stable(name: str, cards: Path) -> str:
 def select_interface(
     name: str, interfaces: tuple[Interface, ...], *, is_input: bool, is_exact: bool = False
 ) -> Interface:
-    """The card of a direction with this name, or the only one whose name has it as a part, unless `is_exact`.
-
-    Raises AudioError.
-    """
+    """The card of a direction of this name, or the only one with it as a part, unless `is_exact`. Raises AudioError."""
     interfaces = tuple(each for each in interfaces if (each.inputs if is_input else each.outputs))
     exact = [each for each in interfaces if name == each.name]
     matching = exact if exact or is_exact else [each for each in interfaces if name.casefold() in each.name.casefold()]
@@ -88,9 +85,7 @@ def select_interface(
     if not matching:
         known = "; ".join(each.name for each in interfaces) or "none"
         what = "inputs" if is_input else "outputs"
-        raise AudioError(
-            f"no sound card {name!r} with {what}: plug it in, or take one of those that there are: {known}"
-        )
+        raise AudioError(f"no sound card {name!r} with {what}: plug it in, or take one of these: {known}")
     names = "; ".join(each.name for each in matching)
     raise AudioError(f"sound card {name!r} is the name of several: take more of the name of one of {names}")
 

@@ -86,9 +86,7 @@ def parse_output(text: str) -> AudioOutput:
     if len(full_scales_m) == 1:
         full_scales_m *= len(channels)
     if len(full_scales_m) != len(channels):
-        raise AudioError(
-            f"{text}: full_scale: {len(full_scales_m)} for {len(channels)} channels; give one, or one each"
-        )
+        raise AudioError(f"{text}: full_scale: {len(full_scales_m)} for {len(channels)} channels; give one or one each")
     most = _quantity(text, "most", words["most"], "")
     if most > 1:
         raise AudioError(f"{text}: most={words['most']}: a card has no sample above 100 %; give that or less")
@@ -117,9 +115,7 @@ def parse_input(text: str, actuators: Sequence[str]) -> AudioInput:
             f"{', '.join(actuators)}"
         )
     if acceleration in loopbacks:
-        raise AudioError(
-            f"{text}: channel {acceleration + 1} is both acceleration and loopback; use two different channels"
-        )
+        raise AudioError(f"{text}: channel {acceleration + 1} is both acceleration and loopback; use two channels")
     scale = _quantity(text, "scale", words["scale"], "m/s^2")
     loopback_scale = _quantity(text, "loopback_scale", words.get("loopback_scale", "100 %"), "")
     return AudioInput(name, acceleration, scale, loopbacks, loopback_scale, _rate(text, words))

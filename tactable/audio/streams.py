@@ -21,10 +21,7 @@ _LOOK_S, _MOST_IDLE = 0.1, 5
 def open_output(
     name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_exact: bool = False
 ) -> "PortAudioStream | SimulatedStream":
-    """A stream that plays what `callback` fills in; a simulated one for that name. Raises AudioError.
-
-    is_exact: `name` is the whole name of the card.
-    """
+    """A stream of what `callback` fills in, on the card of that name, whole where `is_exact`. Raises AudioError."""
     if name == SIMULATED:
         return SimulatedStream(channels, rate_hz, block, callback)
     return PortAudioStream(name, channels, rate_hz, block, callback, is_input=False, is_exact=is_exact)

@@ -60,10 +60,7 @@ class Stream:
 
 
 def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
-    """Fingers that rest, and one that taps other places in turn: each tap is a click.
-
-    Raises ValueError for a number of fingers outside 1 to 10.
-    """
+    """Fingers at rest, and one that taps other places in turn. Raises ValueError for other than 1 to 10 fingers."""
     if not 1 <= fingers <= MOST_FINGERS:
         raise ValueError(f"{fingers} fingers: expected 1 to {MOST_FINGERS}")
     spots = max(fingers + 1, len(device.zones))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 
 from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
@@ -37,11 +38,11 @@ def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) ->
 def step(
     table_path: OptionalTable = None,
     recordings: Annotated[
-        list[Path] | None, typer.Option("--recording", help="In hid-recorder format; default: the shipped one.")
+        list[Path] | None, Option("--recording", help="In hid-recorder format; default: the shipped one.")
     ] = None,
     rules_path: Annotated[
         Path | None,
-        typer.Option("--rules", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+        Option("--rules", help="Also with the rules of this file, such as tables/effects/slider.toml."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -62,7 +63,7 @@ def step(
 
 def control(
     table_path: OptionalTable = None,
-    rounds: Annotated[int, typer.Option(min=10, help="Touches and messages of each kind.")] = 1000,
+    rounds: Annotated[int, Option(min=10, help="Touches and messages of each kind.")] = 1000,
     as_json: AsJson = False,
 ) -> None:
     """Time a program's message to command bytes, beside touches.
@@ -78,31 +79,29 @@ def control(
 
 def latency(
     table_path: OptionalTable = None,
-    rates: Annotated[str, typer.Option(help="Reports a second, rising.")] = "125,1000,4000",
-    fingers: Annotated[int, typer.Option(min=1, max=10, help="Generated fingers; one of them taps.")] = 1,
+    rates: Annotated[str, Option(help="Reports a second, rising.")] = "125,1000,4000",
+    fingers: Annotated[int, Option(min=1, max=10, help="Generated fingers; one of them taps.")] = 1,
     recordings: Annotated[
         list[Path] | None,
-        typer.Option("--recording", help="Send the reports of this recording; further ones inside the process only."),
+        Option("--recording", help="Send the reports of this recording; further ones inside the process only."),
     ] = None,
     over: Annotated[
         str,
-        typer.Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port."),
+        Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port."),
     ] = "sockets",
     bit_rate_hz: BitRate = PTY_BIT_RATE_HZ,
-    loads: Annotated[str, typer.Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
+    loads: Annotated[str, Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
     real_time: Annotated[
-        str, typer.Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")
+        str, Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")
     ] = "all",
-    ablations: Annotated[bool, typer.Option(help="Measure also without each step, without all, and zones.")] = True,
-    echo: Annotated[bool, typer.Option(help="Measure also the C echo engine, where a compiler is there.")] = True,
-    stall: Annotated[
-        StalledLayer | None, typer.Option(help="Let a layer stand still 60 ms each 250 ms, to see it named.")
-    ] = None,
-    seconds: Annotated[float, typer.Option(min=0.05, help="Length of a segment of measurement.")] = 1.0,
-    rounds: Annotated[int, typer.Option(min=1, help="Segments of each condition, interleaved.")] = 5,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
+    ablations: Annotated[bool, Option(help="Measure also without each step, without all, and zones.")] = True,
+    echo: Annotated[bool, Option(help="Measure also the C echo engine, where a compiler is there.")] = True,
+    stall: Annotated[StalledLayer | None, Option(help="Let a layer stand still 60 of 250 ms, to see it named.")] = None,
+    seconds: Annotated[float, Option(min=0.05, help="Length of a segment of measurement.")] = 1.0,
+    rounds: Annotated[int, Option(min=1, help="Segments of each condition, interleaved.")] = 5,
+    output: Annotated[Path, Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
     baseline: Annotated[
-        Path | None, typer.Option("--compare", help="An earlier report.json; exit status 4 if latency got worse.")
+        Path | None, Option("--compare", help="An earlier report.json; exit status 4 if latency got worse.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from base.errors import TactableError
 from engine.device import Device
@@ -42,29 +43,25 @@ _MANY_CLICKS = 5000  # half a minute
 def build(
     context: typer.Context,
     device_name: DeviceArgument,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
+    output: Annotated[Path | None, Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = None,
     threshold: ThresholdCurve = None,
     workers: Workers = None,
-    reuse: Annotated[
-        bool, typer.Option(help="Take from the table that is there whatever the device's changes do not affect.")
-    ] = True,
+    reuse: Annotated[bool, Option(help="Take from the table that is there what the changes do not affect.")] = True,
     responses: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md)."),
+        Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md)."),
     ] = None,
     force_of_actuators: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--force-of-actuators",
             help="FILE is per newton, of forces where the actuators are: scale it by each one's force at full scale.",
         ),
     ] = False,
     sensor_mass: SensorMass = "0 g",
-    watch: Annotated[
-        bool, typer.Option("--watch", help="Build again whenever the device file changes, until Ctrl-C.")
-    ] = False,
+    watch: Annotated[bool, Option("--watch", help="Build again when the device file changes, until Ctrl-C.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Build the table of a device.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
+from typer import Argument, Option
 
 from base.files import write_text
 from engine.table.history import previous_of
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
 _MEASUREMENTS = "CSV or universal file (tables/MEASUREMENTS.md)"
 AppliedTable = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         metavar="TABLE",
         help="Then rebuild this table for the calibrated device and put it in place; a run that plays it changes over. "
         "The same command continues after an interruption.",
@@ -65,58 +66,50 @@ AppliedTable = Annotated[
 def calibrate(
     context: typer.Context,
     device_name: DeviceArgument,
-    measurements_path: Annotated[Path, typer.Argument(metavar="MEASUREMENTS", help=f"{_MEASUREMENTS}.")],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="A new folder; default NAME-calibrated here.")
-    ] = None,
+    measurements_path: Annotated[Path, Argument(metavar="MEASUREMENTS", help=f"{_MEASUREMENTS}.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="A new folder; default NAME-calibrated here.")] = None,
     fit: Fit = None,
     also: Also = None,
     loss: Loss = "robust",
     sensor_mass: Annotated[
         str,
-        typer.Option(
+        Option(
             "--sensor-mass",
             help="Mass of the accelerometer where the file states none; default: 0 g, and with --measure 2 g.",
         ),
     ] = "",
-    starts: Annotated[int, typer.Option(min=1, max=64, help="Points that the search starts from.")] = 5,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of these points.")] = 0,
-    accept: Annotated[str, typer.Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "5 %",
-    strict: Annotated[
-        bool, typer.Option("--strict", help="A parameter not known within a factor of 2 is doubtful too.")
-    ] = False,
+    starts: Annotated[int, Option(min=1, max=64, help="Points that the search starts from.")] = 5,
+    seed: Annotated[int, Option(min=0, help="Seed of these points.")] = 0,
+    accept: Annotated[str, Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "5 %",
+    strict: Annotated[bool, Option("--strict", help="A parameter not known within a factor of 2 is doubtful.")] = False,
     compare: Annotated[
         bool | None,
-        typer.Option(help="Also fit as the paper does, each drive alone, then the mean; default: not with --apply."),
+        Option(help="Also fit as the paper does, each drive alone, then the mean; default: not with --apply."),
     ] = None,
     apply: AppliedTable = None,
-    despite_doubts: Annotated[
-        bool, typer.Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")
-    ] = False,
+    despite_doubts: Annotated[bool, Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")] = False,
     clicks: Annotated[
-        bool, typer.Option(help="With --apply: remake the clicks once the rest is in place. Takes about a minute.")
+        bool, Option(help="With --apply: remake the clicks once the rest is in place. Takes about a minute.")
     ] = True,
     measures: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--measure",
             help="First measure into MEASUREMENTS; with --apply verify the table before it counts.",
         ),
     ] = False,
     port_name: PortName = "",
     sensor_path: SensorPath = "",
-    places: Annotated[int, typer.Option(min=2, max=1000, help="With --measure: places of the sensor.")] = 8,
+    places: Annotated[int, Option(min=2, max=1000, help="With --measure: places of the sensor.")] = 8,
     method: MethodName = "stepped",
     most: Most = "100 %",
     flaws: FlawsText = "",
     change: Change = None,
     bit_rate_hz: BitRate = BIT_RATE_HZ,
-    modes: Annotated[
-        bool, typer.Option("--modes", help="MEASUREMENTS are natural frequencies and damping ratios alone.")
-    ] = False,
+    modes: Annotated[bool, Option("--modes", help="MEASUREMENTS are natural frequencies and damping ratios.")] = False,
     pick_modes: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="First pick the modes of the responses into this new CSV file; fit these."),
+        Option(metavar="FILE", help="First pick the modes of the responses into this new CSV file; fit these."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -282,15 +275,15 @@ def _apply(
 def plan_measurements(
     device_name: DeviceArgument,
     measurements_path: Annotated[
-        Path | None, typer.Argument(metavar="[MEASUREMENTS]", help=f"Measurements so far: {_MEASUREMENTS}.")
+        Path | None, Argument(metavar="[MEASUREMENTS]", help=f"Measurements so far: {_MEASUREMENTS}.")
     ] = None,
-    count: Annotated[int, typer.Option(min=1, max=1000, help="Readings to propose.")] = 10,
+    count: Annotated[int, Option(min=1, max=1000, help="Readings to propose.")] = 10,
     fit: Fit = None,
     also: Also = None,
     sensor_mass: SensorMass = "0 g",
-    noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading, without measurements.")] = "2 %",
-    floor: Annotated[str, typer.Option(help="Noise of the sensor at rest.")] = "0.05 m/s^2",
-    place: Annotated[str, typer.Option(help="Standard deviation of the sensor's position.")] = "0.5 mm",
+    noise: Annotated[str, Option(help="Relative standard deviation of a reading, without measurements.")] = "2 %",
+    floor: Annotated[str, Option(help="Noise of the sensor at rest.")] = "0.05 m/s^2",
+    place: Annotated[str, Option(help="Standard deviation of the sensor's position.")] = "0.5 mm",
     as_json: AsJson = False,
 ) -> None:
     """Propose the readings that tell most.
@@ -331,16 +324,14 @@ def _refuse_existing(output: Path) -> None:
 
 def simulate_measurements(
     device_name: DeviceArgument,
-    output: Annotated[Path, typer.Option("-o", "--output", help="A new CSV file.")],
+    output: Annotated[Path, Option("-o", "--output", help="A new CSV file.")],
     drives: Frequencies = "150,130;150,200;150,230",
-    points: Annotated[
-        int, typer.Option(min=1, max=1000, help="Evenly spaced points; on a plate at most this many.")
-    ] = 22,
+    points: Annotated[int, Option(min=1, max=1000, help="Evenly spaced points; on a plate at most this many.")] = 22,
     change: Change = None,
-    noise: Annotated[str, typer.Option(help="Relative standard deviation of a reading.")] = "1 %",
-    wrong: Annotated[str, typer.Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",
+    noise: Annotated[str, Option(help="Relative standard deviation of a reading.")] = "1 %",
+    wrong: Annotated[str, Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",
     sensor_mass: SensorMass = "2 g",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of the noise.")] = 0,
 ) -> None:
     """Write measurements, SIMULATED.
 

@@ -28,10 +28,7 @@ class SafeConsole(Console):
     """A console that shows every text and obeys none, and cuts off no cell of a table."""
 
     def print(self, *objects: Any, **how: Any) -> None:
-        """The same as Console; a table whose words are wider than the terminal is printed as wide as they are.
-
-        A figure without its end is a wrong one.
-        """
+        """As Console; a table wider than the terminal is printed whole, for a figure without its end is a wrong one."""
         tables, width = sys.modules.get("rich.table"), self._width
         for each in objects:
             if tables is not None and isinstance(each, tables.Table):

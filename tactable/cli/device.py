@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import typer
 from rich.console import Console
 from rich.table import Table as Grid
+from typer import Option
 
 from base.plain import to_plain
 from base.points import json_of, point_of_json, point_text
@@ -33,11 +33,11 @@ _LEAST_RATIO = 1e-6
 def modes(
     device_name: DeviceArgument,
     fingers: Annotated[
-        str, typer.Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: the middle.")
+        str, Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: the middle.")
     ] = "",
-    up_to: Annotated[str, typer.Option(help="Highest frequency.")] = "1 kHz",
+    up_to: Annotated[str, Option(help="Highest frequency.")] = "1 kHz",
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="A picture of the shapes; ends in .png, .svg or .pdf.")
+        Path | None, Option("-o", "--output", help="A picture of the shapes; ends in .png, .svg or .pdf.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

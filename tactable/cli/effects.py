@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from base.files import write_text
 from base.points import json_of
@@ -19,10 +20,8 @@ from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOut
 from tactable.shipped import find_device, named_effects
 
 _ENDINGS = ", ".join(f".{each}" for each in FORMATS)
-EffectFile = Annotated[Path, typer.Argument(metavar="FILE", help=f"An effect file; ends in {_ENDINGS}.")]
-FullLevel = Annotated[
-    str, typer.Option("--level", help="Level of the file's greatest intensity, 1, in dB above threshold.")
-]
+EffectFile = Annotated[Path, Argument(metavar="FILE", help=f"An effect file; ends in {_ENDINGS}.")]
+FullLevel = Annotated[str, Option("--level", help="Level of the file's greatest intensity, 1, in dB above threshold.")]
 _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
 _HOLD_MS = 1000  # of a segment without a length, which such a file cannot have
 
@@ -53,10 +52,10 @@ def show(
 
 
 def export(
-    name: Annotated[str, typer.Argument(metavar="EFFECT", help="A named effect such as press, or an effect file.")],
-    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .hjif.")],
-    device_name: Annotated[str | None, typer.Option("--device", help="The device that it is for.")] = None,
-    at: Annotated[str | None, typer.Option("--at", help="The place on it: 40mm, or 40x60mm.")] = None,
+    name: Annotated[str, Argument(metavar="EFFECT", help="A named effect such as press, or an effect file.")],
+    path: Annotated[Path, Option("-o", "--output", help="The file to write; ends in .hjif.")],
+    device_name: Annotated[str | None, Option("--device", help="The device that it is for.")] = None,
+    at: Annotated[str | None, Option("--at", help="The place on it: 40mm, or 40x60mm.")] = None,
     level: FullLevel = _DEFAULT_LEVEL,
 ) -> None:
     """Write an effect as an MPEG haptic file (.hjif).
@@ -83,10 +82,10 @@ def export(
 def curve(
     device_name: DeviceArgument,
     at: Annotated[
-        str, typer.Option("--at", help="Places: 40mm,140mm, or 40x60mm of a plate; default: the middle of each zone.")
+        str, Option("--at", help="Places: 40mm,140mm, or 40x60mm of a plate; default: the middle of each zone.")
     ] = "",
-    path: Annotated[Path | None, typer.Option("-o", "--output", help="A .json file; default: print.")] = None,
-    under_finger: Annotated[bool, typer.Option("--finger/--no-finger", help="With the device's finger there.")] = True,
+    path: Annotated[Path | None, Option("-o", "--output", help="A .json file; default: print.")] = None,
+    under_finger: Annotated[bool, Option("--finger/--no-finger", help="With the device's finger there.")] = True,
 ) -> None:
     """Write the greatest acceleration of places by frequency, as for Android.
 

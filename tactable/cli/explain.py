@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from threadpoolctl import threadpool_limits
+from typer import Argument, Option
 
 from base.errors import TactableError
 from base.files import replace_file
@@ -42,8 +43,8 @@ def explain(
     quiet: QuietFingers = "",
     level: Level = f"{DEFAULT_LEVEL_DB:g}",
     threshold: ThresholdCurve = None,
-    alternatives: Annotated[bool, typer.Option(help="With --click: also the alternatives that lost, and why.")] = True,
-    click: Annotated[bool, typer.Option("--click", help="Explain the click, not the steady drive.")] = False,
+    alternatives: Annotated[bool, Option(help="With --click: also the alternatives that lost, and why.")] = True,
+    click: Annotated[bool, Option("--click", help="Explain the click, not the steady drive.")] = False,
     drives: DrivesOf = None,
     as_json: AsJson = False,
 ) -> None:
@@ -97,11 +98,11 @@ def _explain_drive(table: Table, device: Device, placement: Placement, level_db:
 
 
 def diff(
-    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="A built table.")],
-    after: Annotated[Path, typer.Argument(metavar="AFTER", help="The table to compare with it.")],
+    before: Annotated[Path, Argument(metavar="BEFORE", help="A built table.")],
+    after: Annotated[Path, Argument(metavar="AFTER", help="The table to compare with it.")],
     limit_db: Annotated[
         float,
-        typer.Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent."),
+        Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent."),
     ] = DEFAULT_LIMIT_DB,
     as_json: AsJson = False,
 ) -> None:
@@ -124,9 +125,9 @@ def export(
     table_path: TableArgument,
     group: Annotated[
         str,
-        typer.Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
+        Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
     ],
-    path: Annotated[Path, typer.Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
+    path: Annotated[Path, Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
 ) -> None:
     """Write a part of a table as NetCDF, CSV or MATLAB.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table as Grid
 from rich.text import Text
+from typer import Argument, Option
 
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, say, show, shown_progress
 from tactable.cli.options import (
@@ -33,15 +34,13 @@ _SHOWN = 20  # a screen's worth; the summary file has all
 
 
 def fleet(
-    source: Annotated[
-        Path, typer.Argument(metavar="DIR|MANIFEST|STUDY", help="A folder of folders, .toml or .csv (docs/fleet.md).")
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
+    source: Annotated[Path, Argument(metavar="DIR|MANIFEST|STUDY", help="Folders, .toml or .csv (docs/fleet.md).")],
+    output: Annotated[Path, Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786.")
+        str | None, Option(metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
+        int | None, Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,
     clicks_up_to: ClicksUpTo = None,
     pitch: Pitch = None,
@@ -109,10 +108,7 @@ def _write_summary(summary: "Summary", output: Path, limits: "Limits") -> None:
 
 
 def print_fleet(summary: "Summary", path: Path) -> None:
-    """Print how many units are done, which failed or did not pass and why, what varies, and which units stand out.
-
-    `path` is the file of the complete summary.
-    """
+    """Print what became of the units and why, what varies and who stands out; `path` has the complete summary."""
     from precompute.fleet.summary import OUTLYING, status_of
     from precompute.fleet.verdict import FEWEST
 

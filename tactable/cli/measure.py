@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from base.points import point_text
 from firmware_link import BIT_RATE_HZ
@@ -34,13 +35,11 @@ if TYPE_CHECKING:
 _MOST_FREQUENCIES = 10_000  # hours of readings: a slip in a step
 PortName = Annotated[
     str,
-    typer.Option(
-        "--port", metavar="PORT", help="The board's port: serial, audio:NAME,... (docs/audio.md) or `simulated`."
-    ),
+    Option("--port", metavar="PORT", help="The board's port: serial, audio:NAME,... (docs/audio.md) or `simulated`."),
 ]
 SensorPath = Annotated[
     str,
-    typer.Option(
+    Option(
         "--sensor",
         metavar="SENSOR",
         help="The board's own: board, or where it is fixed board:35mm, board:35x60mm. Sound card: audio:NAME,... "
@@ -50,45 +49,39 @@ SensorPath = Annotated[
 ]
 FlawsText = Annotated[
     str,
-    typer.Option(
-        "--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40."
-    ),
+    Option("--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40."),
 ]
 MethodName = Annotated[
     str,
-    typer.Option("--method", help="stepped: one frequency after the other. sweep: all of a band at once, by loopback."),
+    Option("--method", help="stepped: one frequency after the other. sweep: all of a band at once, by loopback."),
 ]
-Most = Annotated[str, typer.Option(help="Greatest amplitude; the board is armed for no more.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated sensor.")]
+Most = Annotated[str, Option(help="Greatest amplitude; the board is armed for no more.")]
+Seed = Annotated[int, Option(min=0, help="Seed of the simulated sensor.")]
 
 
 def measure(
     device_name: DeviceArgument,
-    output: Annotated[
-        list[Path], typer.Option("-o", "--output", help="Complex responses: .csv or .uff. Repeat for more.")
-    ],
+    output: Annotated[list[Path], Option("-o", "--output", help="Complex responses: .csv or .uff. Repeat for more.")],
     port_name: PortName,
     sensor_path: SensorPath,
-    peaks: Annotated[Path | None, typer.Option("--peaks", help="Also write the magnitudes, as peaks: .csv.")] = None,
+    peaks: Annotated[Path | None, Option("--peaks", help="Also write the magnitudes, as peaks: .csv.")] = None,
     transfer: Annotated[
         Path | None,
-        typer.Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
+        Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
     ] = None,
     places: Annotated[
         int,
-        typer.Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many."),
+        Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 8,
     frequencies: Annotated[
-        str, typer.Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
+        str, Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
     ] = "",
     method: MethodName = "stepped",
-    planned: Annotated[
-        int, typer.Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")
-    ] = 0,
-    least: Annotated[str, typer.Option(help="Amplitude that the walk begins with.")] = "5 %",
+    planned: Annotated[int, Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")] = 0,
+    least: Annotated[str, Option(help="Amplitude that the walk begins with.")] = "5 %",
     most: Most = "100 %",
     sensor_mass: SensorMass = "2 g",
-    gravity: Annotated[bool, typer.Option("--gravity", help="First check the sensor by turning it over.")] = False,
+    gravity: Annotated[bool, Option("--gravity", help="First check the sensor by turning it over.")] = False,
     flaws: FlawsText = "",
     change: Change = None,
     seed: Seed = 0,

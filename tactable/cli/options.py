@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
+from typer import Argument, Option
 
 from base.errors import TactableError
 
@@ -18,83 +19,75 @@ if TYPE_CHECKING:
     from precompute.measurements.parameters import Bounds
 
 DEVICE_HELP = "A device file, or the name of a shipped device."
-DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)]
-DeviceOption = Annotated[str, typer.Option("--device", help=DEVICE_HELP)]
-TableArgument = Annotated[Path, typer.Argument(metavar="TABLE", help="A built table.")]
+DeviceArgument = Annotated[str, Argument(metavar="DEVICE", help=DEVICE_HELP)]
+DeviceOption = Annotated[str, Option("--device", help=DEVICE_HELP)]
+TableArgument = Annotated[Path, Argument(metavar="TABLE", help="A built table.")]
 OptionalTable = Annotated[
-    Path | None, typer.Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
+    Path | None, Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+AsJson = Annotated[bool, Option("--json", help="Print JSON for machines.")]
 FeltFingers = Annotated[
-    str, typer.Option("--felt", help="Fingers that feel it: positions, or zones for their middles, as 35mm,III.")
+    str, Option("--felt", help="Fingers that feel it: positions, or zones for their middles, as 35mm,III.")
 ]
-QuietFingers = Annotated[str, typer.Option("--quiet", help="Fingers that must not feel: positions or zones.")]
-Level = Annotated[str, typer.Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
+QuietFingers = Annotated[str, Option("--quiet", help="Fingers that must not feel: positions or zones.")]
+Level = Annotated[str, Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
 ThresholdCurve = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--threshold", metavar="CURVE", help="Threshold curve in place of the device's: a shipped name, or a TOML file."
     ),
 ]
 PictureOutputs = Annotated[
     list[Path] | None,
-    typer.Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
+    Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
 ]
-RulesPath = Annotated[
-    Path | None, typer.Option("--rules", help="Rule file; default: a click at 20 dB for every touch.")
-]
+RulesPath = Annotated[Path | None, Option("--rules", help="Rule file; default: a click at 20 dB for every touch.")]
 DrivesOf = Annotated[
     str | None,
-    typer.Option(
-        "--drives", metavar="POSITIONS|ZONES", help="Drives solved for positions, or rows of the sweep for zones."
-    ),
+    Option("--drives", metavar="POSITIONS|ZONES", help="Drives solved for positions, or rows of the sweep for zones."),
 ]
 ControlSocket = Annotated[
-    Path | None, typer.Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR.")
+    Path | None, Option(help="The Unix socket of --control; default: tactable-control.sock in $XDG_RUNTIME_DIR.")
 ]
 ControlPort = Annotated[
-    int | None, typer.Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any.")
+    int | None, Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any.")
 ]
 ControlOsc = Annotated[
     int | None,
-    typer.Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
+    Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
 ]
 SensorMass = Annotated[
-    str, typer.Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
+    str, Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
 ]
 ClicksUpTo = Annotated[
     int | None,
-    typer.Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
+    Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),
 ]
 Pitch = Annotated[
     str | None,
-    typer.Option(
+    Option(
         help="Clicks are made for fingers at places this far apart; finer takes longer. Default: 3 mm on a bar, 900 "
         "places on a plate."
     ),
 ]
 Fit = Annotated[
     list[str] | None,
-    typer.Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit only the parameters that are named so. Repeat."),
+    Option("--fit", metavar="NAME[=LOW..HIGH]", help="Fit only the parameters that are named so. Repeat."),
 ]
 Also = Annotated[
     list[str] | None,
-    typer.Option("--also", metavar="NAME[=LOW..HIGH]", help="Fit this parameter besides the usual ones. Repeat."),
+    Option("--also", metavar="NAME[=LOW..HIGH]", help="Fit this parameter besides the usual ones. Repeat."),
 ]
-Loss = Annotated[str, typer.Option(help="Loss of the fit: robust, squares, or l1 as the paper's equation (12).")]
-Change = Annotated[
-    list[str] | None, typer.Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")
-]
+Loss = Annotated[str, Option(help="Loss of the fit: robust, squares, or l1 as the paper's equation (12).")]
+Change = Annotated[list[str] | None, Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")]
 Frequencies = Annotated[
     str,
-    typer.Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90."),
+    Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90."),
 ]
-Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, max=64, help="Processes that share the work; default: one a core.")
-]
+Workers = Annotated[int | None, Option("--workers", min=1, max=64, help="Processes that work; default: one a core.")]
 PortName = Annotated[
     str,
-    typer.Option(
+    Option(
         "--port",
         metavar="PORT",
         help="The board's port: a serial port as `list` shows it, or a sound card, audio:NAME,... (docs/audio.md).",
@@ -102,7 +95,7 @@ PortName = Annotated[
 ]
 _BIT_RATES = 9_600, 12_000_000  # the slowest carries some commands a second, and the fastest is USB's full speed
 BitRate = Annotated[
-    int, typer.Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s.")
+    int, Option("--bit-rate", min=_BIT_RATES[0], max=_BIT_RATES[1], help="Bit rate of the serial port, bit/s.")
 ]
 
 _FINEST_PITCH_M = 1e-3  # what digitizers tell; half as fine a pitch is four times as many clicks
@@ -266,10 +259,7 @@ def read_parameters(
 
 
 def read_drives(text: str, device: "Device") -> list[list[float]]:
-    """Frequencies (drive, actuator) in Hz of a text such as "150,130;140,-"; NaN for a still actuator.
-
-    Raises OptionError.
-    """
+    """Frequencies (drive, actuator) in Hz of a text such as "150,130;140,-"; NaN: still. Raises OptionError."""
     drives = [[_read_frequency(part) for part in drive.split(",")] for drive in text.split(";") if drive.strip()]
     for drive in drives:
         if len(drive) != len(device.actuators) or all(math.isnan(hz) for hz in drive):

@@ -3,7 +3,7 @@
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from base.plain import to_plain
 from base.points import point_of_json, point_text
@@ -25,10 +25,10 @@ _EACH = "One value for all actuators, or one for each, between commas"
 def play(
     device_name: DeviceArgument,
     port_name: PortName,
-    frequency: Annotated[str, typer.Option(help=f"{_EACH}, such as 150 or 150,130 Hz; - for a still actuator.")],
-    amplitude: Annotated[str, typer.Option(help=f"Of full scale. {_EACH}, such as '20 %' or '20 %,5 %'.")],
-    phase: Annotated[str, typer.Option(help=f"{_EACH}, such as 0deg,90deg or 1.57rad.")] = "0deg",
-    seconds: Annotated[str, typer.Option("--for", metavar="TIME", help="End after this time, such as 2s.")] = "",
+    frequency: Annotated[str, Option(help=f"{_EACH}, such as 150 or 150,130 Hz; - for a still actuator.")],
+    amplitude: Annotated[str, Option(help=f"Of full scale. {_EACH}, such as '20 %' or '20 %,5 %'.")],
+    phase: Annotated[str, Option(help=f"{_EACH}, such as 0deg,90deg or 1.57rad.")] = "0deg",
+    seconds: Annotated[str, Option("--for", metavar="TIME", help="End after this time, such as 2s.")] = "",
     bit_rate_hz: BitRate = BIT_RATE_HZ,
     as_json: AsJson = False,
 ) -> None:

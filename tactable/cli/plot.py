@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 from threadpoolctl import threadpool_limits
+from typer import Option
 
 from base.plain import to_plain
 from base.points import order_of
@@ -54,7 +54,7 @@ _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
 _MOST_ACTUATORS = 4
 _MOST_ZONES = len(ROMAN)
 StudiedLevel = Annotated[
-    float, typer.Option("--level", min=0.0, max=60.0, help="Level of the felt finger, dB above threshold.")
+    float, Option("--level", min=0.0, max=60.0, help="Level of the felt finger, dB above threshold.")
 ]
 
 
@@ -117,7 +117,7 @@ def state(
     felt: FeltFingers,
     quiet: QuietFingers = "",
     level: Level = _DEFAULT_LEVEL,
-    over_time: Annotated[bool, typer.Option("--over-time", help="Draw how it builds up from rest.")] = False,
+    over_time: Annotated[bool, Option("--over-time", help="Draw how it builds up from rest.")] = False,
 ) -> Picture:
     """Draw a drive under some fingers: along the bar, or over time.
 
@@ -137,10 +137,10 @@ def state(
 @picture_command
 def factor(
     table_path: TableArgument,
-    zones: Annotated[str, typer.Option(help="Zones whose common share is drawn, such as I,III; default: each.")] = "",
-    fingers: Annotated[str, typer.Option(help="Zones with a finger: also draw the bar with these fingers.")] = "",
-    amplitudes: Annotated[str, typer.Option(help="Amplitudes of the two actuators, fractions of full scale.")] = "1,1",
-    pair: Annotated[str, typer.Option(help="Names of two actuators; default: the first two.")] = "",
+    zones: Annotated[str, Option(help="Zones whose common share is drawn, such as I,III; default: each.")] = "",
+    fingers: Annotated[str, Option(help="Zones with a finger: also draw the bar with these fingers.")] = "",
+    amplitudes: Annotated[str, Option(help="Amplitudes of the two actuators, fractions of full scale.")] = "1,1",
+    pair: Annotated[str, Option(help="Names of two actuators; default: the first two.")] = "",
 ) -> Picture:
     """Draw the localized factor over the frequencies of two actuators.
 
@@ -185,7 +185,7 @@ def response(
     device_name: DeviceArgument,
     drives: Frequencies = "",
     measured_path: Annotated[
-        Path | None, typer.Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
+        Path | None, Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
     ] = None,
     sensor_mass: SensorMass = "0 g",
     change: Change = None,
@@ -227,7 +227,7 @@ def zones(device_name: DeviceArgument, drives: Frequencies, change: Change = Non
 @picture_command
 def optimum(
     device_name: DeviceArgument,
-    zone_names: Annotated[str, typer.Option("--zones", help="Zones to vibrate, such as I,III,V.")],
+    zone_names: Annotated[str, Option("--zones", help="Zones to vibrate, such as I,III,V.")],
     change: Change = None,
 ) -> Picture:
     """Draw the drives of greatest localized factor of some zones.
@@ -267,9 +267,9 @@ def _changed(device_name: str, change: list[str] | None) -> Device:
 def placement(
     device_name: DeviceArgument,
     progress: Progress,
-    actuators: Annotated[str, typer.Option(help=f"Numbers of actuators, up to {_MOST_ACTUATORS}.")] = "2,3,4",
+    actuators: Annotated[str, Option(help=f"Numbers of actuators, up to {_MOST_ACTUATORS}.")] = "2,3,4",
     level_db: StudiedLevel = 20.0,
-    most: Annotated[int, typer.Option(min=3, max=100_000, help="Placements to screen for each number.")] = 300,
+    most: Annotated[int, Option(min=3, max=100_000, help="Placements to screen for each number.")] = 300,
     workers: Workers = None,
     as_json: AsJson = False,
 ) -> Picture:
@@ -309,10 +309,10 @@ def placement(
 def resolution(
     device_name: DeviceArgument,
     progress: Progress,
-    zones: Annotated[str, typer.Option(help=f"Numbers of equal zones, 2 to {_MOST_ZONES}.")] = "2,3,4,5,6,8",
+    zones: Annotated[str, Option(help=f"Numbers of equal zones, 2 to {_MOST_ZONES}.")] = "2,3,4,5,6,8",
     placements: Annotated[
         str,
-        typer.Option(
+        Option(
             "--at",
             help="Positions of actuators in % of the bar, or of a plate's sides as 10x15, placements separated by ;. "
             "Default: the device's, and 1, 3 and 4 evenly spaced.",
@@ -359,8 +359,6 @@ def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
         except QuantityError as error:
             raise OptionError(f"--at {text!r}: {error}") from None
         if not at_m or len(at_m) < len(names_in(part)):
-            raise OptionError(
-                f"--at {text!r}: {part!r}: expected different places in %, such as 16,97.7 or 10x15,90x85"
-            )
+            raise OptionError(f"--at {text!r}: {part!r}: expected different places in %, as 16,97.7 or 10x15,90x85")
         found.append(tuple(sorted(at_m, key=order_of)))
     return found

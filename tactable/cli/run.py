@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from base.child import Child
 from base.files import identity_of
@@ -59,23 +60,17 @@ from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_tab
 _NS_PER_S = 1_000_000_000
 
 TouchName = Annotated[
-    str, typer.Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
+    str, Option(metavar="PANEL|RECORDING", help="A digitizer as `list` shows it, a recording, or `simulated`.")
 ]
 Refuses = Annotated[
     bool,
-    typer.Option(
-        "--refuse-not-achieved", help="Play silence where the bar cannot reach a level; default: the strongest it can."
-    ),
+    Option("--refuse-not-achieved", help="Play silence where the bar cannot reach a level; default: its strongest."),
 ]
-RequiredDevice = Annotated[
-    str | None, typer.Option("--device", help="Refuse the table unless it belongs to this device.")
-]
-Reconnect = Annotated[
-    bool, typer.Option("--reconnect", help="Reconnect to a device that stopped itself or was unplugged.")
-]
+RequiredDevice = Annotated[str | None, Option("--device", help="Refuse the table unless it belongs to this device.")]
+Reconnect = Annotated[bool, Option("--reconnect", help="Reconnect to a device that stopped itself or was unplugged.")]
 RealTimeSteps = Annotated[
     str,
-    typer.Option(
+    Option(
         "--realtime",
         metavar="STEPS",
         help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
@@ -83,14 +78,12 @@ RealTimeSteps = Annotated[
 ]
 RingPath = Annotated[
     Path | None,
-    typer.Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
+    Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
 ]
-Watch = Annotated[bool, typer.Option(help="Change over to a new table that replaces this one, once it is verified.")]
-Solve = Annotated[
-    bool, typer.Option("--solve/--no-solve", help="Solve clicks that the table does not hold, in another process.")
-]
+Watch = Annotated[bool, Option(help="Change over to a new table that replaces this one, once it is verified.")]
+Solve = Annotated[bool, Option("--solve/--no-solve", help="Solve clicks that the table lacks, in another process.")]
 FastPathWanted = Annotated[
-    bool, typer.Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
+    bool, Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
 ]
 
 
@@ -109,15 +102,13 @@ class Deadline:
 
 def run(
     context: typer.Context,
-    table_path: Annotated[
-        Path, typer.Argument(metavar="TABLE", help="A built table, or the device file beside which it lies.")
-    ],
+    table_path: Annotated[Path, Argument(metavar="TABLE", help="A built table, or the device file beside it.")],
     touch: TouchName,
     port_name: PortName,
     rules_path: RulesPath = None,
     drives: DrivesOf = None,
     refuses: Refuses = False,
-    seconds: Annotated[float, typer.Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
+    seconds: Annotated[float, Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
     device_name: RequiredDevice = None,
     bit_rate_hz: BitRate = BIT_RATE_HZ,
     reconnect: Reconnect = False,
@@ -125,12 +116,10 @@ def run(
     ring_path: RingPath = None,
     watch: Watch = True,
     solve: Solve = True,
-    page: Annotated[bool, typer.Option("--page", help="Show the run to browsers, by another process.")] = False,
-    page_host: Annotated[str | None, typer.Option(help="Bind the page to this address; default: this machine.")] = None,
-    page_port: Annotated[int | None, typer.Option(min=0, max=65_535, help="The page's port; 0: any.")] = None,
-    control: Annotated[
-        bool, typer.Option("--control", help="Let programs decide who feels what, by another process.")
-    ] = False,
+    page: Annotated[bool, Option("--page", help="Show the run to browsers, by another process.")] = False,
+    page_host: Annotated[str | None, Option(help="Bind the page to this address; default: this machine.")] = None,
+    page_port: Annotated[int | None, Option(min=0, max=65_535, help="The page's port; 0: any.")] = None,
+    control: Annotated[bool, Option("--control", help="Let other programs decide who feels what.")] = False,
     control_socket: ControlSocket = None,
     control_port: ControlPort = None,
     control_osc: ControlOsc = None,
@@ -357,7 +346,5 @@ def _print_summary(summary: dict[str, Any]) -> None:
         OUT.print(f"report to command: {figures} of {latency['count']}", highlight=False)
     if scans := summary["scan_time"]:
         period_ms, jitter_ms = scans["period_ns"] / 1e6, scans["jitter_p99_ns"] / 1e6
-        text = (
-            f"digitizer: a frame each {period_ms:.1f} ms by its own clock; host and transport add up to {jitter_ms:.1f}"
-        )
+        text = f"digitizer: a frame each {period_ms:.1f} ms by its own clock; host and line add up to {jitter_ms:.1f}"
         OUT.print(f"{text} ms (99 %)", highlight=False)

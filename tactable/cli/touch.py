@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table as Grid
+from typer import Argument, Option
 
 from base.points import sides_of
 from firmware_link import BIT_RATE_HZ
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 DigitizerName = Annotated[
     str,
-    typer.Argument(metavar="PANEL", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
+    Argument(metavar="PANEL", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
 ]
 
 
@@ -43,8 +44,8 @@ def list_devices(context: typer.Context, as_json: AsJson = False) -> None:
 def record(
     context: typer.Context,
     device: DigitizerName,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The recording, in hid-recorder format.")],
-    seconds: Annotated[float, typer.Option(min=0.0, help="End after this time; default: at Ctrl-C.")] = math.inf,
+    output: Annotated[Path, Option("-o", "--output", help="The recording, in hid-recorder format.")],
+    seconds: Annotated[float, Option(min=0.0, help="End after this time; default: at Ctrl-C.")] = math.inf,
     as_json: AsJson = False,
 ) -> None:
     """Record what a digitizer reports.
@@ -70,14 +71,12 @@ def record(
 def replay(
     recording_name: Annotated[
         str,
-        typer.Argument(
-            metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface."
-        ),
+        Argument(metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface."),
     ],
-    frames: Annotated[bool, typer.Option("--frames", help="Print every complete touch frame.")] = False,
+    frames: Annotated[bool, Option("--frames", help="Print every complete touch frame.")] = False,
     device_name: Annotated[
         str | None,
-        typer.Option("--device", help="The device file or shipped name, for its `silence` and `debounce`."),
+        Option("--device", help="The device file or shipped name, for its `silence` and `debounce`."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -125,15 +124,13 @@ def replay(
 
 def doctor(
     context: typer.Context,
-    device: Annotated[
-        str | None, typer.Argument(help="With --emit-udev: the digitizer or serial port; default: all.")
-    ] = None,
-    emit_udev: Annotated[bool, typer.Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
+    device: Annotated[str | None, Argument(help="With --emit-udev: a digitizer or serial port; default: all.")] = None,
+    emit_udev: Annotated[bool, Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
     tables: Annotated[
-        list[Path] | None, typer.Option("--table", help="Also check this table; default: those in this folder.")
+        list[Path] | None, Option("--table", help="Also check this table; default: those in this folder.")
     ] = None,
     bit_rate_hz: BitRate = BIT_RATE_HZ,
-    measures: Annotated[bool, typer.Option("--measure/--no-measure", help="Measure which layer is slowest.")] = True,
+    measures: Annotated[bool, Option("--measure/--no-measure", help="Measure which layer is slowest.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Check whether touches can be read and commands written, and how fast.
@@ -181,11 +178,11 @@ def doctor(
 
 def map_axis(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="PANEL|RECORDING", help="A digitizer, or a recording of one.")],
+    name: Annotated[str, Argument(metavar="PANEL|RECORDING", help="A digitizer, or a recording of one.")],
     device_name: Annotated[
-        str | None, typer.Option("--device", help="The device file or shipped name, for the sides of its surface.")
+        str | None, Option("--device", help="The device file or shipped name, for the sides of its surface.")
     ] = None,
-    writes: Annotated[bool, typer.Option("--write", help="Write the table into the file of --device.")] = False,
+    writes: Annotated[bool, Option("--write", help="Write the table into the file of --device.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Learn how the digitizer lies on the surface from strokes of a finger.

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from base.points import json_of, point_of_json, point_text
 from firmware_link import BIT_RATE_HZ
@@ -49,9 +50,9 @@ def verify(
     sensor_path: SensorPath,
     places: Annotated[
         int,
-        typer.Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many."),
+        Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 4,
-    placements: Annotated[int, typer.Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
+    placements: Annotated[int, Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: Level = "20",
     drives: DrivesOf = None,
     sensor_mass: SensorMass = "2 g",

@@ -41,10 +41,7 @@ class Scene:
         del self.regions[name], self.owners[name]
 
     def define(self, effect: Effect, owner: int) -> None:
-        """Add an effect, until its program's lease ends.
-
-        Raises ControlError for a name that the run has, and for too many.
-        """
+        """Add an effect for its program's lease. Raises ControlError for a name that the run has, and for too many."""
         if effect.name in self._named:
             raise ControlError(f"define.name: {effect.name!r}: the run has such an effect: choose another name")
         if effect.name not in self.effects and len(self._definers) == MOST_DEFINED:

@@ -117,10 +117,7 @@ def decode_line(line: bytes) -> tuple[int | None, dict[str, Any]]:
 
 
 def read_request(values: Mapping[str, Any], device: Device, effects: Mapping[str, Effect], owner: int) -> Request:
-    """The request of the program `owner` in the keys of a message; `effects` are those it may name.
-
-    Raises ControlError.
-    """
+    """The request of the program `owner` in a message; `effects` are those it may name. Raises ControlError."""
     part = RuleTable("message", "", dict(values))
     try:
         part.path = kind = part.word("type", tuple(_READERS))

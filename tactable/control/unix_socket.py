@@ -12,9 +12,7 @@ from base.child import ChildError
 _OPTION = "choose another place with --control-socket"
 
 
-def listening_socket(
-    path: Path, owner_id_of: Callable[[Path], int] = lambda folder: folder.stat().st_uid
-) -> socket.socket:
+def listening_socket(path: Path, owner_id_of: Callable[[Path], int] = lambda path: path.stat().st_uid) -> socket.socket:
     """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     folder = os.open(path.parent, os.O_RDONLY)

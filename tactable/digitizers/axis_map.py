@@ -173,9 +173,7 @@ def _margins(
         start, end = -start_gap, missing
     start, end = (0.0 if abs(margin) <= tip else margin for margin in (start, end))
     if min(start, end) < 0:
-        notes.append(
-            "the touch area reaches beyond the surface: margins below zero; a touch out there counts as at its edge"
-        )
+        notes.append("the touch area reaches beyond the surface: margins below 0; touches there count as at its edge")
     return (start / side, end / side), tuple(notes)
 
 

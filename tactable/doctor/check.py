@@ -5,10 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Check:
-    """A finding; `remedy` is "" where all is well.
-
-    A check that fails but is not `needed` only makes things slower, and leaves the exit status 0.
-    """
+    """A finding; its `remedy` is "" where all is well. One that is not `needed` leaves the exit status 0."""
 
     name: str
     finding: str

@@ -95,10 +95,7 @@ def _click_texts(bit_rate_hz: int) -> Iterator[str]:
 
 
 def layers_of(bit_rate_hz: int, table: Path | None) -> list[Check]:
-    """What a finger waits for with this table, then what the layers cost here.
-
-    On a machine without pseudo-terminals: that they are missing.
-    """
+    """What a finger waits for with this table, then what the layers cost here; without pseudo-terminals, that."""
     try:
         layers = measure_layers(bit_rate_hz)
     except LinkError as error:

@@ -35,9 +35,7 @@ def _check_limit(name: str, limit: int, wanted: int, what: str) -> Check:
     _, most = resource.getrlimit(limit)
     if os.geteuid() == 0 or most == resource.RLIM_INFINITY or most >= wanted:
         return Check(name, f"a run may have {what}")
-    return Check(
-        name, f"a run may not have {what}: the limit is {most}, {wanted} is wanted", LIMITS_REMEDY, needed=False
-    )
+    return Check(name, f"a run may not have {what}: the limit is {most}, {wanted} wanted", LIMITS_REMEDY, needed=False)
 
 
 def _check_processors() -> Check:

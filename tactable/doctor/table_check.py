@@ -46,8 +46,6 @@ def check_kernels(folder: Path | None = None) -> Check:
     if kept:
         return Check("compiled kernels", f"{kept} are kept in {where}")
     if os.access(where if where.is_dir() else where.parent, os.W_OK):
-        return Check(
-            "compiled kernels", "none yet: the first build makes them", "run `tactable demo` once", needed=False
-        )
+        return Check("compiled kernels", "none yet: a first build makes them", "run `tactable demo` once", needed=False)
     remedy = "set NUMBA_CACHE_DIR to a folder that you may write to"
     return Check("compiled kernels", f"{where} cannot be written: each build compiles again", remedy, needed=False)

@@ -46,9 +46,7 @@ def plot_effect_file(converted: Converted, full_level_db: float) -> Picture:
     axes.set(xlabel="time (ms)", ylabel="level (dB above threshold)", ylim=(LOWEST_DB, None), xlim=(-5, None))
     caption = f"{converted.name} ({converted.pattern.format})"
     figure.suptitle(f"{caption}: {converted.summary}", fontsize="medium")
-    columns = {
-        name: [row[number] for row in rows] for number, name in enumerate(("start (ms)", "stop (ms)", "kind", "dB"))
-    }
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(("start (ms)", "stop (ms)", "kind", "dB"))}
     return Picture(figure, columns, {}, f"{caption}: {converted.summary}")
 
 

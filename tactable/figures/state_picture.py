@@ -109,9 +109,7 @@ def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
 
 
 def _draw_fingers(axes: Axes, played: PlayedDrive) -> None:
-    axes.plot(
-        [], [], "o", ms=7, color=style.BLACK, label="standard finger, its level (least to greatest of the touches)"
-    )
+    axes.plot([], [], "o", ms=7, color=style.BLACK, label="standard finger, its level (least to greatest of touches)")
     for finger in played.fingers:
         place_mm, height = 1e3 * finger.position_m, finger.acceleration_m_per_s2
         axes.plot(place_mm, height, "o", ms=9, mec="white", color=style.ROLE_COLOUR[finger.is_felt], zorder=4)

@@ -43,10 +43,7 @@ def plot_zones(device: Device, drives: Sequence[BarDrive]) -> Picture:
 
 
 def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:
-    """Picture of the drives with the greatest localized factor of `zones` together.
-
-    Raises DeviceError for a zone that there is not.
-    """
+    """Picture of the drives of greatest localized factor of `zones` together. Raises DeviceError for no such zone."""
     wanted = [device.zone_index(name) for name in zones]
     plant = assemble(device)
     shown = _compute(plant, find_untouched_optima(plant, wanted))

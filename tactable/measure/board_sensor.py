@@ -40,10 +40,7 @@ def is_board(name: str) -> bool:
 
 
 def fixed_position_m(name: str, device: Device) -> complex | None:
-    """Point of a fixed sensor, "board:35mm" or "board:25%", on a plate "board:35x60mm"; None for one that is moved.
-
-    Raises SensorError.
-    """
+    """Point of a fixed sensor, "board:35mm", "board:25%", "board:35x60mm"; None for a moved one. Raises SensorError."""
     _, _, text = name.partition(":")
     if name == NAME or not is_board(name):
         return None

@@ -54,9 +54,7 @@ class Circle:
         check_ending(path)
         form, options = self.apparatus.sensor.form, self.options
         if any(form.loopback(actuator.name) is None for actuator in self.device.actuators):
-            raise MeasurementError(
-                "an actuator has no loopback channel: add it, or take peaks by `measure` and fit them"
-            )
+            raise MeasurementError("an actuator has no loopback channel: add it, or take and fit peaks by `measure`")
         raw = path.with_name(f"{path.name}.raw")
         if path.exists() and not raw.is_dir():
             raise MeasurementError(f"{path}: exists and was not measured by this command; give another file")

@@ -78,10 +78,7 @@ class DrivenDevice:
         return self.capabilities.board == BOARD_EMULATED
 
     def play(self, drive: Drive) -> None:
-        """Hold this drive from the next `wait` on, in place of the one before.
-
-        Raises RendererError for a frequency that the board does not play.
-        """
+        """Hold this drive from the next `wait` on. Raises RendererError for a frequency that the board lacks."""
         self.applied_device_us = None
         self.session.link.set_drive(self._encoded(drive))
 

@@ -15,10 +15,7 @@ class LostWindowError(SensorError):
 
 
 class Recorder:
-    """Takes windows of samples from a sensor while a device is driven.
-
-    Raises SensorError where no samples come, LinkError as `DrivenDevice.wait`.
-    """
+    """Takes windows of samples while a device is driven. Raises SensorError without any, LinkError as its `wait`."""
 
     def __init__(self, driven: DrivenDevice, sensor: Sensor) -> None:
         self._driven, self._sensor = driven, sensor
@@ -39,10 +36,7 @@ class Recorder:
                 self._take_block()
 
     def take_window(self, seconds: float) -> Array:
-        """The next window (sample, channel); it follows the one before without a gap.
-
-        Raises LostWindowError where nothing of a channel is left of it.
-        """
+        """The next window (sample, channel), without a gap. Raises LostWindowError where a channel lost all of it."""
         count = round(seconds * self._sensor.form.sample_rate_hz)
         clock = self._driven.clock
         while self._size < count:

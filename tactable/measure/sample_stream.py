@@ -39,9 +39,7 @@ class SampleStream:
         try:
             self._descriptor = os.open(path, os.O_RDONLY)
         except OSError as error:
-            raise SensorError(
-                f"{path}: cannot be opened ({error.strerror}); name the file or pipe of samples"
-            ) from None
+            raise SensorError(f"{path}: cannot be opened ({error.strerror}); name a file or pipe of samples") from None
         try:
             line, self._rest = self._read_header()
             self.form, self._scale = read_header(line, device, str(path))
@@ -67,9 +65,7 @@ class SampleStream:
         self._rest = data[whole:]
         if not whole:
             if is_ended:
-                raise SensorError(
-                    f"{self._path}: the samples have ended; keep the converter running while it is measured"
-                )
+                raise SensorError(f"{self._path}: the samples have ended; keep the converter running meanwhile")
             return None
         raw = np.frombuffer(data[:whole], "<f4").reshape(-1, len(self._scale))
         return Block(raw * self._scale, time.monotonic_ns())

@@ -261,10 +261,7 @@ class SteppedSine:
         return self._fit(values, hz), values, (Fault.LAPSED,)
 
     def _settle(self, hz: float, actuator: int, lapses: int, windows: int) -> tuple[Array, bool]:
-        """The samples (sample, channel) of this many windows of a steady bar, and whether it became steady.
-
-        Ends early where the board tells of a lapse.
-        """
+        """Samples (sample, channel) of this many windows of a steady bar, and whether it is; fewer after a lapse."""
         options, taken, levels = self.options, list[Array](), list[complex]()
         while len(levels) < 2 or (
             not (is_steady := self._is_steady(levels, len(taken[-1])))

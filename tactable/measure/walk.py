@@ -66,10 +66,7 @@ class StopRecord:
 
 
 def even_walk(device: Device, places: int, frequencies_hz: Sequence[float] | None = None) -> tuple[Stop, ...]:
-    """Every actuator at each of these frequencies within its band, at even places.
-
-    By default FREQUENCIES even ones, moved away from the lines of the mains.
-    """
+    """Every actuator at these frequencies of its band, at even places; by default FREQUENCIES beside the mains."""
     chosen_hz = default_frequencies(device) if frequencies_hz is None else frequencies_hz
     tones = tuple(
         (index, hz)

@@ -65,9 +65,7 @@ class ClickProcess(BesideLoop):
             part = b""
         if not part:
             self.is_there, self._has_ended = False, True
-            self._fall_silent(
-                "clicks of more fingers than the table holds are no longer solved: the solving process has ended"
-            )
+            self._fall_silent("clicks of more fingers than the table holds are no longer solved: the process has ended")
         self._received += part
         *lines, rest = self._received.split(b"\n")
         self._received = bytearray(rest)

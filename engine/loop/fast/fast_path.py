@@ -52,10 +52,7 @@ class PacketSource(Source, Protocol):
         """The file descriptor; None while the device is unplugged."""
 
     def take_packet(self, packet: bytes, now_ns: int, *, is_last: bool) -> bytes:
-        """The report in a packet that was read at clock time `now_ns`, as if `read` had given it.
-
-        `is_last` says that there was no other behind it.
-        """
+        """The report in a packet read at `now_ns`, as if `read` had given it. `is_last`: no other was behind it."""
 
 
 class FastSource:

@@ -38,10 +38,7 @@ _TRIGGERS = {Trigger.TOUCH: CONSTANTS["TOUCH"], Trigger.LIFT: CONSTANTS["LIFT"]}
 
 
 class Moment:
-    """The structure of one run, and what Python writes into it.
-
-    Raises FastPathError for a digitizer or rules that the structure has no room for.
-    """
+    """The structure of one run, written by Python. Raises FastPathError for a digitizer or rules beyond its room."""
 
     def __init__(self, digitizer: Digitizer, effects: Effects, packet_head: int, timer: int) -> None:
         self.fast: Any = Fast(timer=timer, armed_ns=NONE)
@@ -192,9 +189,7 @@ def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
         raise FastPathError("this digitizer sends contacts and their count apart: the Python loop answers its reports")
     slots = max(len(plan.slots) for plan in plans.values())
     if len(plans) > CONSTANTS["MOST_PLANS"] or slots > CONSTANTS["MOST_SLOTS"]:
-        raise FastPathError(
-            "this digitizer has more reports, or contacts a report, than the compiled step has room for"
-        )
+        raise FastPathError("this digitizer has more reports, or contacts a report, than the compiled step can hold")
     fast.uses_report_ids, fast.packet_head = digitizer.uses_report_ids, packet_head
     fast.key = _KEYS[quirks.key]
     fast.count_is_accurate = digitizer.count_is_accurate

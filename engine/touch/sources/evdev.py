@@ -271,9 +271,7 @@ def open_evdev(path: str, evdev: EvdevModule | None) -> EvdevSource:
     try:
         node = evdev.InputDevice(path)
     except PermissionError as error:
-        raise DigitizerError(
-            f"no permission to read {path}: add this user to the group `input`, then log in"
-        ) from error
+        raise DigitizerError(f"no permission to read {path}: add this user to group `input`, then log in") from error
     except OSError as error:
         raise DigitizerError(f"cannot open {path}: {error}; `tactable list` shows what there is") from error
     try:

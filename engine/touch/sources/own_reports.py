@@ -42,10 +42,7 @@ def are_ours(surface: Surface) -> bool:
 
 
 class ContactReports:
-    """A touch screen whose reports carry up to `contacts` (1 to 32) each; 1 makes it a serial device.
-
-    `maximum_contacts` (1 to 250) are down at once.
-    """
+    """A touch screen of up to `contacts` (1 to 32) a report and `maximum_contacts` (1 to 250) at once."""
 
     def __init__(self, x: Axis, y: Axis, contacts: int, maximum_contacts: int) -> None:
         if not 1 <= contacts <= MOST_CONTACTS:

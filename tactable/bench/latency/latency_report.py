@@ -92,9 +92,7 @@ def measure(
     device fails.
     """
     if not table.clicks:
-        raise LatencyReportError(
-            f"{table.path}: has no clicks, which the touches of this bench bring: build it with them"
-        )
+        raise LatencyReportError(f"{table.path}: has no clicks, which the touches bring: build it with them")
     stream = streams[0][1]
     with work_folder("latency") as folder:
         # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
