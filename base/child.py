@@ -33,8 +33,7 @@ from typing import Any, Self
 
 from base.errors import TactableError
 
-START_TIMEOUT_S = 30.0
-"""Patience with a child that starts: an interpreter takes 0.1 s on an idle machine, seconds on a crowded one."""
+START_TIMEOUT_S = 30.0  # an interpreter starts in 0.1 s on an idle machine, and in seconds on a crowded one
 _END_TIMEOUT_S = 10.0  # a child ends in well under a second; one that hangs is killed, and its parent waits no longer
 _READ_SIZE = 1 << 16
 _MOST_DESCRIPTORS = 4
@@ -173,8 +172,7 @@ class Parent:
             os.dup2(nothing.fileno(), sys.stdin.fileno())
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         self._received = bytearray()
-        self.descriptors: list[int] = []
-        """Descriptors that came with the lines so far; their user removes and closes them."""
+        self.descriptors: list[int] = []  # those that came with the lines so far; their user removes and closes them
 
     def fileno(self) -> int:
         """The socket."""

@@ -1,4 +1,3 @@
 """The wire between host and device: its protocol, the host side, the emulated device and the firmware."""
 
-BIT_RATE_HZ = 921_600
-"""Bit rate of a serial line unless another is given: that of the board with a UART; USB ignores it."""
+BIT_RATE_HZ = 921_600  # of a serial line unless another is given: that of the board with a UART; USB ignores it

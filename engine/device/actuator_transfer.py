@@ -30,14 +30,12 @@ from base.arrays import Array, Complex
 
 FEWEST_POINTS = 3  # two lie on a line whatever the actuator does
 GREATEST_MISS = 0.05  # miss of a point, relative to its magnitude, that is refused: 0.4 dB or 3 degrees
-GREATEST_GROWTH = 10.0
-"""Greatest magnitude of the function at any frequency, in magnitudes of the greatest point, that is not refused."""
+GREATEST_GROWTH = 10.0  # greatest magnitude of the function at any frequency, in those of the greatest point
 _CLOSE = 1e-3  # root mean square miss at which no more poles are taken: 0.01 dB, better than anything that is measured
 _MOST_POLES = 16
 _ROUNDS = 12  # 6, 12 and 24 fit the systems of tests/engine/device/test_actuator_transfer.py alike, to five digits
 _LEAST_CONSTANT = 1e-6  # of the second sum, whose mean is 1; below it its zeros would lie at infinity
-_RESOLVED = 1 / 6
-"""Least decay rate of a pole within the points, in distances of neighbouring points: narrower peaks are noise."""
+_RESOLVED = 1 / 6  # least decay rate of a pole within the points, in their distances: narrower peaks are noise
 _LOOK_HZ = np.geomspace(0.1, 1e5, 400)
 
 

@@ -19,12 +19,9 @@ _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, an
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
 KINDS = ("grounded", "inertial")  # of actuators: what their spring and damper stand on, the ground or a moving mass
-MOST_ACTUATORS = 16
-"""More than any bar that is known. To fit a transfer function to points takes up to 50 ms, however few they are."""
-MOST_TRANSFER_POINTS = 1000
-"""Of all actuators of a file: four of them, measured at each hertz from 60 to 300 Hz. One fit to all takes 0.25 s."""
-_BEYOND_POINTS = 0.15
-"""Part of a band's ends that points may leave out: lines of the mains lie there, beside which nothing is measured."""
+MOST_ACTUATORS = 16  # more than any known bar has; a transfer function is fitted to points in up to 50 ms
+MOST_TRANSFER_POINTS = 1000  # of all actuators: four, at each hertz from 60 to 300 Hz; one fit to all takes 0.25 s
+_BEYOND_POINTS = 0.15  # part of a band's ends that points may leave out: lines of the mains lie there
 _Part = TypeVar("_Part")
 
 

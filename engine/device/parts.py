@@ -98,12 +98,9 @@ class Actuator:
     mass_kg: float
     full_scale_m: float
     band_hz: tuple[float, float]
-    transfer: Transfer | None = None
-    """From a command to the displacement of the base; None: the base moves as commanded."""
-    electrodes: Electrodes | None = None
-    """How the force follows the voltage, and what linearises it; None: the file does not say."""
-    moving_mass_kg: float | None = None
-    """The mass that is not fixed to the surface; None: the actuator is grounded."""
+    transfer: Transfer | None = None  # from a command to the displacement of the base; None: it moves as commanded
+    electrodes: Electrodes | None = None  # how the force follows the voltage; None: the file does not say
+    moving_mass_kg: float | None = None  # the mass that is not fixed to the surface; None: the actuator is grounded
     is_force: bool = False
 
     @property
@@ -202,14 +199,10 @@ class TouchAxis:
     flip: bool
     start_margin_m: float
     end_margin_m: float
-    active_length_m: float | None
-    """Length of the touch area; None: it ends `end_margin_m` before the end of the surface."""
-    silence_s: float | None = None
-    """Time without a frame after which every contact has lifted; None: as the Linux kernel does."""
-    debounce_s: float = 0.0
-    """A contact that lifts for less than this time stays down."""
-    across: "TouchAcross | None" = None
-    """On a plate: how it lies along the other axis, across the plate."""
+    active_length_m: float | None  # length of the touch area; None: it ends `end_margin_m` before the surface does
+    silence_s: float | None = None  # time without a frame after which all contacts lift; None: as in the Linux kernel
+    debounce_s: float = 0.0  # a contact that lifts for less than this time stays down
+    across: "TouchAcross | None" = None  # on a plate: how it lies along the other axis, across the plate
 
 
 @dataclass(frozen=True)

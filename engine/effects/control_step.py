@@ -30,8 +30,7 @@ class TriggeredEffect:
     """An effect that a program begins at a finger or at a place: one of `contact_id` and `position_m` is given."""
 
     effect: Effect
-    owner: int
-    """Number of the program: the effects that it triggered end together."""
+    owner: int  # number of the program: the effects that it triggered end together
     contact_id: int | None = None
     position_m: complex | None = None
     """A finger within engine.touch.placement.CLOSEST_M of this point gets the effect; without one the place is felt, as
@@ -52,15 +51,10 @@ class Role:
 class ControlStep:
     """One request of a program; its parts are taken in the order of the fields."""
 
-    rules: tuple[Rule, ...] | None = None
-    """The rules of programs from now on, which come before those of the run; None: as before."""
-    settings: SceneSettings | None = None
-    """None: as before."""
-    stopped_owner: int | None = None
-    """The program whose triggered effects end now; None: none does."""
-    gone_owner: int | None = None
-    """The program whose triggered effects and quiet fingers end now; None: none does."""
-    are_all_gone: bool = False
-    """Those of all programs end."""
+    rules: tuple[Rule, ...] | None = None  # of programs from now on, before those of the run; None: as before
+    settings: SceneSettings | None = None  # None: as before
+    stopped_owner: int | None = None  # the program whose triggered effects end now; None: none does
+    gone_owner: int | None = None  # the program whose triggered effects and quiet fingers end now; None: none does
+    are_all_gone: bool = False  # those of all programs end
     role: Role | None = None
     trigger: TriggeredEffect | None = None

@@ -23,8 +23,7 @@ class Play:
         self.owner = owner
         self.began_at = began_at
         self._click_length_ns = click_length_ns
-        self.level_db: float | None = None
-        """With the change that its rule or its trigger adds, and without bounds; None: quiet."""
+        self.level_db: float | None = None  # with the change of its rule or trigger, without bounds; None: quiet
         self._level_change_db = level_change_db
         self.click_ns: int | None = None
         self.change_ns: int | None = start_ns

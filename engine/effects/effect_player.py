@@ -56,10 +56,8 @@ from engine.effects.rules import Effects, Rule, Trigger, changed_level
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 
-FOLLOW_M = 0.5e-3
-"""A finger that drives are made for is followed once it is farther away than this; drives allow for 1 mm."""
-STILL_M = 2e-3
-"""A finger that stays within this distance of its resting place is still: a fingertip rolls by a millimetre."""
+FOLLOW_M = 0.5e-3  # a finger that drives are made for is followed once it is farther away; drives allow for 1 mm
+STILL_M = 2e-3  # a finger this close to its resting place is still: a fingertip rolls by a millimetre
 DEFAULT_CLICK_NS = 30_000_000  # length of a click for which the table states none
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000  # a drag ends when the finger has not travelled the next distance within this time
@@ -76,8 +74,7 @@ class EffectPlayer:
         self.placement: Placement | None = None  # the fingers and their roles; None: no finger feels
         self.level_db: float | None = None  # the level that is wanted under every felt finger; None: no finger feels
         self.click_ns: int | None = None  # when the click that is felt now began; None: the drive is steady
-        self.effect = ""
-        """Name of the effect that is felt now, of several that of the finger that came first; "": none is."""
+        self.effect = ""  # name of the effect that is felt now, that of the first finger; "": none is
         self.next_change_ns: int | None = None  # when `advance_effects` is due; None: time alone changes nothing
         self._run_effects = effects
         self._program_rules: tuple[Rule, ...] = ()
@@ -88,8 +85,7 @@ class EffectPlayer:
         self._begun_ns: float = -math.inf  # of the click that began last
         self._corner_m: complex = math.inf  # of the surface
         self.click_length_ns = click_length_ns  # length of the clicks that begin from now on
-        self.joined = self.left_out = 0
-        """Fingers of the placement that are one to the bar with another, and fingers that it has no room for."""
+        self.joined = self.left_out = 0  # fingers that are one to the bar with another; fingers beyond the most
 
     def _set_rules(self, effects: Effects) -> None:
         self.effects = effects  # the rules in force; other ones are another object

@@ -32,21 +32,16 @@ class Trigger(StrEnum):
 class Drives(StrEnum):
     """Source of steady drives: positions or zones."""
 
-    POSITIONS = "positions"
-    """They are solved for where the fingers are, with the fingers on the bar."""
-    ZONES = "zones"
-    """The row of the sweep for the zones of the fingers that feel, on the bar without fingers: the published method."""
+    POSITIONS = "positions"  # they are solved for where the fingers are, with the fingers on the bar
+    ZONES = "zones"  # the row of the sweep for the zones of the felt fingers, the bar untouched: the published method
 
 
 class Segment(NamedTuple):
     """A stretch of an envelope."""
 
-    duration_ns: int | None
-    """None: as long as the event lasts (only in the last segment), or the length of the click."""
-    level_db: float | None
-    """Wanted sensation level, dB above threshold; infinite: full scale; None: the finger is quiet."""
-    is_click: bool = False
-    """Play the table's click for the state of the zones, instead of its steady drive."""
+    duration_ns: int | None  # None: as long as the event lasts (only in the last segment), or the length of the click
+    level_db: float | None  # wanted sensation level, dB above threshold; infinite: full scale; None: quiet
+    is_click: bool = False  # play the table's click for the state of the zones, instead of its steady drive
 
 
 @dataclass(frozen=True)
@@ -68,18 +63,12 @@ class Rule:
 
     on: Trigger
     effect: Effect
-    zones: frozenset[int] | None = None
-    """Indices of the zones; None: any."""
-    region_m: tuple[complex, complex] | None = None
-    """First and last corner, both included (base.points); None: anywhere."""
-    after_ns: int = 0
-    """How long a finger rests before a HOLD."""
-    every_m: float = 0.0
-    """How far a finger travels for each DRAG."""
-    level_change_db: float = 0.0
-    """What is added to each level of the effect."""
-    along: complex = 0.0
-    """The direction that counts for a DRAG, 1 along a plate or 1j across it; 0: any, and on a bar."""
+    zones: frozenset[int] | None = None  # indices of the zones; None: any
+    region_m: tuple[complex, complex] | None = None  # first and last corner, both included; None: anywhere
+    after_ns: int = 0  # how long a finger rests before a HOLD
+    every_m: float = 0.0  # how far a finger travels for each DRAG
+    level_change_db: float = 0.0  # what is added to each level of the effect
+    along: complex = 0.0  # the direction that counts for a DRAG, 1 along a plate or 1j across it; 0: any, and on a bar
 
     def covers(self, touch: Touch) -> bool:
         """Whether the rule applies to a finger at this place."""
@@ -102,8 +91,7 @@ class Effects:
     """The rules of a run, in order: for each trigger the first rule that covers the finger wins."""
 
     rules: tuple[Rule, ...]
-    others: tuple[Effect, ...] = ()
-    """Effects without a rule that a program may play: what a run prepares for these, it has at hand."""
+    others: tuple[Effect, ...] = ()  # effects without a rule that a program may play, which a run prepares as well
     drives: Drives = Drives.POSITIONS
 
     @property

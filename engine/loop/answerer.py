@@ -25,8 +25,7 @@ class Wanted(NamedTuple):
 
 
 NOTHING = Wanted(None, None, None)
-LATEST_NS = 100_000_000
-"""A click that comes later after its touch is felt as a fault and not as an answer: it is not played."""
+LATEST_NS = 100_000_000  # a click that comes later after its touch feels as a fault: it is not played
 
 
 class Answerer:

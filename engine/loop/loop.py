@@ -54,8 +54,7 @@ class Clock(Protocol):
 class SystemClock:
     """The monotonic clock; waits in the system."""
 
-    now_ns = staticmethod(time.monotonic_ns)
-    """Monotonic time; the function itself, for it is called several times between a touch and its command."""
+    now_ns = staticmethod(time.monotonic_ns)  # monotonic time; it is called several times between touch and command
 
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Container[int]:
         """Wait with `select`, which counts in us: `poll` rounds up to whole ms, half a ms late for a playback."""

@@ -29,30 +29,19 @@ class Fate(Enum):
 class CommandRecord(NamedTuple):
     """One report, or one change that time alone brought: what is wanted from then on, and the command for it."""
 
-    stamps_ns: Stamps
-    """Clock time of each `Stage`; 0 for a stage that there was not, or before the port took the whole command."""
-    report_index: int | None
-    """Index of the report that caused the change; None where time or the end of the run caused it."""
-    report: bytes
-    """The report as the device sent it."""
-    frame: TouchFrame | None
-    """The frame that the report completed."""
-    placement: Placement | None
-    """The fingers that drives are made for, and their roles; None: no finger feels."""
-    level_db: float | None
-    """Wanted sensation level; None: no finger feels."""
-    is_click: bool
-    """A click is wanted, not a steady drive."""
+    stamps_ns: Stamps  # clock time of each `Stage`; 0 for one that there was not, or before the command was taken
+    report_index: int | None  # of the report that caused the change; None where time or the end of the run did
+    report: bytes  # the report as the device sent it
+    frame: TouchFrame | None  # the frame that the report completed
+    placement: Placement | None  # the fingers that drives are made for, and their roles; None: no finger feels
+    level_db: float | None  # wanted sensation level; None: no finger feels
+    is_click: bool  # a click is wanted, not a steady drive
     touches: Sequence[Touch]
-    drive: bytes
-    """The drive that the device holds from then on unless a waveform plays; empty for silence."""
+    drive: bytes  # the drive that the device holds from then on unless a waveform plays; empty for silence
     fate: Fate
-    drive_sequence: int | None
-    """Sequence of the SET or PLAY; None unless it was written."""
-    play: bytes = b""
-    """The PLAY of a click that this record's command is, behind its clock reference; empty for all else."""
-    effect: str = ""
-    """Name of the effect that is wanted; "": none is."""
+    drive_sequence: int | None  # sequence of the SET or PLAY; None unless it was written
+    play: bytes = b""  # the PLAY that this record's command is, behind its clock reference; empty for all else
+    effect: str = ""  # name of the effect that is wanted; "": none is
 
     @property
     def time_ns(self) -> int:

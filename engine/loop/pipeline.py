@@ -84,16 +84,14 @@ class Pipeline:
         digitizer.on_surface = self._follow_surface
         self._follow_surface()
         player.change_bar((), device.surface.corner_m)
-        self.rendering: Rendering | None = None
-        """The table that `change_table` brought; None: the pipeline still plays the first."""
+        self.rendering: Rendering | None = None  # the table that `change_table` brought; None: the first still plays
         self.wanted = NOTHING
         self.effect = ""  # name of the last effect that is wanted or was
         self.touches: Sequence[Touch] = ()  # the fingers of the last frame
         self.frame: TouchFrame | None = None  # the frame that the last report completed; None: it completed none
         self.frame_ns = self.state_ns = 0  # stamps of the last report: its frame was complete; what is wanted was known
         self.due_ns: float = math.inf  # when `commands_due` has something to do; infinite: time alone changes nothing
-        self.joined = self.left_out = 0
-        """Counts of fingers joined because they lie too close, and of fingers beyond the greatest number."""
+        self.joined = self.left_out = 0  # fingers joined because they lie too close; fingers beyond the most
         self._stamp_ns = stamp_ns
 
     @property

@@ -12,8 +12,7 @@ from pathlib import Path
 
 DMA_LATENCY_PATH = Path("/dev/cpu_dma_latency")
 PRIORITY = 70  # above the usual SCHED_FIFO threads, below threads of interrupts that have been raised
-SWITCH_INTERVAL_S = 1e-4
-"""Longest time that another Python thread keeps the interpreter from the loop; Python's default is 5 ms."""
+SWITCH_INTERVAL_S = 1e-4  # longest time that another thread keeps the interpreter; Python's default is 5 ms
 GROUP = "realtime"
 DMA_LATENCY_RULE = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
 """udev rule by which members of the group may keep processors awake."""
@@ -29,18 +28,12 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 class Step(StrEnum):
     """One setting."""
 
-    DMA_LATENCY = "dma-latency"
-    """Keep processors out of deep sleep: a wake-up takes 14 us instead of 78 on the reference machine."""
-    PRIORITY = "priority"
-    """Run as SCHED_FIFO, before all ordinary threads. Dangerous for a loop that never waits."""
-    MEMORY = "memory"
-    """Lock every page in memory."""
-    AFFINITY = "affinity"
-    """Stay on one processor, whose caches stay warm."""
-    SWITCH_INTERVAL = "switch-interval"
-    """Make other Python threads of this process give way soon."""
-    COLLECTOR = "collector"
-    """Collect garbage once, freeze what lives, and collect no more: a collection takes 16 ms with numpy loaded."""
+    DMA_LATENCY = "dma-latency"  # keep processors out of deep sleep: a wake-up takes 14 us instead of 78 on our machine
+    PRIORITY = "priority"  # Run as SCHED_FIFO, before all ordinary threads. Dangerous for a loop that never waits.
+    MEMORY = "memory"  # lock every page in memory
+    AFFINITY = "affinity"  # stay on one processor, whose caches stay warm
+    SWITCH_INTERVAL = "switch-interval"  # make other Python threads of this process give way soon
+    COLLECTOR = "collector"  # collect garbage once, freeze what lives, and collect no more: it takes 16 ms with numpy
 
 
 ALL_STEPS = tuple(Step)

@@ -69,25 +69,17 @@ class Record(NamedTuple):
     """
 
     stamps_ns: Stamps
-    report_index: int | None
-    """Index of the report that caused the change; None where time caused it."""
-    placement: Placement | None
-    """The fingers that the command is for, each with its role; None where no finger is to feel anything."""
+    report_index: int | None  # index of the report that caused the change; None where time caused it
+    placement: Placement | None  # the fingers that the command is for, with their roles; None: no finger feels
     level_db: float | None
     is_click: bool
-    drive_sequence: int | None
-    """Sequence of the SET or PLAY that was written; None without one."""
+    drive_sequence: int | None  # sequence of the SET or PLAY that was written; None without one
     counters: RingCounters
-    touches: tuple[Touch, ...]
-    """At most 16 fingers; others are left out."""
-    drive: bytes
-    """The drive that the device holds from then on, as on the wire; empty for silence."""
-    report: bytes
-    """The report as the device sent it, cut where it does not fit."""
-    play: bytes = b""
-    """The PLAY of a click that was written, behind its clock reference; empty for all else."""
-    effect: str = ""
-    """Name of the effect that is wanted, cut after 64 bytes; "": none is."""
+    touches: tuple[Touch, ...]  # at most 16 fingers; others are left out
+    drive: bytes  # the drive that the device holds from then on, as on the wire; empty for silence
+    report: bytes  # the report as the device sent it, cut where it does not fit
+    play: bytes = b""  # the PLAY of a click that was written, behind its clock reference; empty for all else
+    effect: str = ""  # name of the effect that is wanted, cut after 64 bytes; "": none is
 
     @property
     def time_ns(self) -> int:

@@ -26,8 +26,7 @@ from firmware_link.protocol.messages import LINEARISES, PM_PER_M
 
 TOLERANCE = 0.1  # 0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)
 GREATEST_RATIO = 10.0  # the example above is a factor of 5, a wrong unit one of 25 (inch) or 1000
-COARSEST_STEP = 0.01
-"""Of the lowest frequency. Rounding moves it by half of that at most, as 1 % of stiffness moves resonances."""
+COARSEST_STEP = 0.01  # of the lowest frequency; rounding moves it by half of that, as 1 % of stiffness does
 LEAST_SAMPLES_A_PERIOD = 10  # held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost
 _UM_PER_M = 1e6
 
@@ -36,10 +35,8 @@ _UM_PER_M = 1e6
 class BoardFit:
     """How the amplitudes of a table are played on one board."""
 
-    scales: tuple[float, ...]
-    """The factor, for each actuator, on amplitudes that are fractions of the table's full scale."""
-    notes: tuple[str, ...] = ()
-    """What a user should know, one sentence each."""
+    scales: tuple[float, ...]  # by actuator, on amplitudes that are fractions of the table's full scale
+    notes: tuple[str, ...] = ()  # what a user should know, one sentence each
 
 
 def fit_board(device: Device, capabilities: Capabilities) -> BoardFit:

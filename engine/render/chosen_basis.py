@@ -17,8 +17,7 @@ from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import occupied_ns
 from firmware_link.protocol.messages import Features, Play
 
-MOST_OF_LEASE = 0.5
-"""Share of the lease that a PLAY may take on the line: a command older than a lease is refused by the device."""
+MOST_OF_LEASE = 0.5  # share of the lease that a PLAY may take on the line: an older command is refused
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,7 @@ class ChosenBasis:
 
     basis: Basis | None
     sets: Mapping[int, int]
-    halvings: int = 0
-    """The device's functions are the table's, halved this many times; each takes one fraction bit off a PLAY."""
+    halvings: int = 0  # how often the device's functions are halved; each takes one fraction bit off a PLAY
 
 
 NO_BASIS = ChosenBasis(None, {})

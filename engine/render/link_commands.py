@@ -15,8 +15,7 @@ class DriveCommand(NamedTuple):
     """Hold this drive until the next command; no bytes are silence."""
 
     drive: bytes
-    frequency_hz: float | None = None
-    """The frequency of all actuators; None for silence, and for a drive of several frequencies."""
+    frequency_hz: float | None = None  # of all actuators; None for silence, and for several frequencies
 
     def hand_to(self, link: Link) -> None:
         """Send this next, in place of a command that waits."""

@@ -15,20 +15,17 @@ from engine.steady.forms import DRIVE, REAL, USABLE, copy_drive, fill_products, 
 from engine.steady.limited import keep_limits
 from engine.steady.optimum import find_loudest, keep_level, solve_dominant, weigh
 
-_LEVEL_MARGIN = 1 + 2e-4
-"""Relative margin on a wanted level, 0.0009 dB, so that neither smoothing nor rounding leaves it short."""
+_LEVEL_MARGIN = 1 + 2e-4  # relative, 0.0009 dB: neither smoothing nor rounding leaves a drive short of its level
 # Halved or doubled, tried on 198 random placements of 2 to 5 fingers at 20 dB: reference-a, -t, a bar of 3 actuators.
 _STEPS, _FIRST_STEPS = 2, 12  # 1 and 6 lose nothing, 4 and 24 gain nothing
 _NEAR, _NEAR_SEVERAL = 0.9, 0.5  # peaks whose ratio is above this fraction of the best one's are refined
 _PEAKS = 6  # 3 and 12 change nothing
-_CLOSE, _REFINED = 0.95, 3
-"""Peaks whose drive is above this fraction of the best are refined further; for many fingers three at most."""
+_CLOSE, _REFINED = 0.95, 3  # peaks whose drive is above this fraction of the best are refined, for many fingers three
 _STRIDE = 8  # The scan takes every eighth frequency first. The best of them lets it leave out most of the others.
 _SCAN_STEPS, _POWER_STEPS = 2, 30  # 1 and 15 lose nothing
 _GOLDEN = 0.6180339887498949  # (sqrt(5) - 1) / 2
 _SECTIONS, _FEW_SECTIONS = 9, 5  # 5 and 3 lose up to 9.5 dB, 14 and 9 gain up to 0.9 (reference-t)
-_SHARPNESS = 1000.0
-"""Sharpness of the ascent at its start. A softer objective led away from good starts, by up to 0.8 dB."""
+_SHARPNESS = 1000.0  # of the ascent at its start; a softer objective led away from good starts, by up to 0.8 dB
 
 _HZ = types.Array(types.float64, 1, "C", readonly=True)
 _USABLE_AT = types.Array(types.boolean, 2, "C", readonly=True)

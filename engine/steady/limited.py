@@ -40,13 +40,11 @@ from engine.steady.forms import (
 from engine.steady.optimum import keep_level
 
 _CLOSE = 5e-5  # tolerance of an amplitude at full scale, relative
-_ALMOST = 0.98
-"""A drive is taken if it has this part of the wanted power; moving it towards the loudest drive adds the rest."""
+_ALMOST = 0.98  # a drive is taken with this part of the wanted power; the loudest drive adds the rest
 _STEPS = 24  # for each actuator; 8 leave a deep minimum that is 11 dB from its depth
 _ROUNDS, _FEW_ROUNDS = 3, 2  # two for all leave 98.3 of 99.0 % of 525 placements within 0.1 dB of a patient search
 _MOST = 1e9  # greatest change of a multiplier in one step, relative to 1 / inverse[i, i], so that rounding stays finite
-_LEAST_ROOM = 1e-12
-"""Below this relative slope the levels alone determine an amplitude, and its multiplier cannot change it."""
+_LEAST_ROOM = 1e-12  # below this relative slope levels alone determine an amplitude, whatever its multiplier is
 _LEAST_WEIGHT = 1e-4  # as in optimum.py
 
 _COUNT = types.int64

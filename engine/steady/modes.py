@@ -15,8 +15,7 @@ from engine.device import Device
 from engine.touch.places import Places
 
 _CUBIC = 4
-_MORE_NODES = 3
-"""Gauss's nodes beyond one for each radian of a wave along half a side: integrals of its square are right to 1e-4."""
+_MORE_NODES = 3  # Gauss's nodes beyond one for each radian of a wave along half a side: right to 1e-4
 
 
 @dataclass(frozen=True)

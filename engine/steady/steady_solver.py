@@ -38,11 +38,9 @@ LEVEL_TOLERANCE_DB = 1e-3  # the same as in engine.table.levels; this package ne
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 _FLAT = 1e-9  # a smaller singular value is rounding: bars have no y
 _ALL = -1  # stands in place of the index of a frequency where all are searched
-JUMP_HZ, FOLLOWED_HZ = 2.0, 8.0
-"""A greater change of frequency is a jump; and that far a peak is followed from one position to the next."""
+JUMP_HZ, FOLLOWED_HZ = 2.0, 8.0  # a greater change of frequency is a jump; peaks are followed as far as the second
 _EDGE_HZ = 2.0  # what lies this close to the end of the search may be a slope, and no peak
-_ENOUGH_DB, _LESS_DB = 18.0, 6.0
-"""A peak is kept where it has this expected contrast, or at most that much less than the best peak."""
+_ENOUGH_DB, _LESS_DB = 18.0, 6.0  # a peak is kept with this expected contrast, or at most that much less than the best
 
 
 class SteadyError(TactableError, ValueError):

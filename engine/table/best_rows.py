@@ -45,14 +45,10 @@ _VARIABLES = {
 class BestRow:
     """The drive of a row of the sweep, scaled to a level, and its tabulated figures by zone, on the bar untouched."""
 
-    zones: tuple[int, ...]
-    """Indices of the wanted zones."""
-    wanted_level_db: float
-    """Infinite: as much as full scale gives."""
-    group: str
-    """"sweep" or "coherent_sweep"."""
-    index: int
-    """Of the row in its group, in C order and without the axis of zones."""
+    zones: tuple[int, ...]  # indices of the wanted zones
+    wanted_level_db: float  # infinite: as much as full scale gives
+    group: str  # "sweep" or "coherent_sweep"
+    index: int  # of the row in its group, in C order and without the axis of zones
     frequencies_hz: tuple[float, ...]
     amplitudes: tuple[float, ...]
     phases_rad: tuple[float, ...]
@@ -60,8 +56,7 @@ class BestRow:
     """Level of the peak acceleration in the weakest wanted zone; of two frequencies over the root of the sum of both
     squared thresholds (`precompute.sweep.tabulate`)."""
     achieved: bool
-    localized_factor: float
-    """Share of the wanted zones together."""
+    localized_factor: float  # share of the wanted zones together
     limited_by: str
     shares: tuple[float, ...]
     peaks_m_per_s2: tuple[float, ...]

@@ -29,8 +29,7 @@ _DIMENSION_ONLY = b"This is a netCDF dimension but not a netCDF variable"
 _NAMES = ("actuator", "zone")
 _ROWS = ("best_rows", "clicks")
 
-Arrays = Mapping[str, h5py.Dataset]
-"""Arrays of a group by name, open: to open one by its name again takes longer than to read most of them."""
+Arrays = Mapping[str, h5py.Dataset]  # of a group by name, open: to open one again takes longer than to read it
 
 
 class _FlawError(Exception):

@@ -16,8 +16,7 @@ class SpoolFile(io.RawIOBase):
         self._file = path.open("x+b", buffering=0)
         self._error: OSError | None = None
         self._place, self._end = 0, 0
-        self._kept: list[tuple[int, bytes]] = []
-        """Place and content of what the disk did not take, in the order in which it came."""
+        self._kept: list[tuple[int, bytes]] = []  # place and content of what the disk did not take, in order
 
     def check(self) -> None:
         """Raise the first error of the disk."""

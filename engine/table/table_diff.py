@@ -39,8 +39,7 @@ _UNITS = {
     "length_s": "%",
     "waveform": "%",
 }
-FIGURES = tuple(_UNITS)
-"""The compared figures: those of a best row up to phase_rad; `achieved` and the rest are those of a click."""
+FIGURES = tuple(_UNITS)  # those of a best row are the ones up to phase_rad; `achieved` and the rest are of a click
 
 
 @dataclass(frozen=True)

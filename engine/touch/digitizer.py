@@ -100,20 +100,14 @@ class DigitizerCounters:
 class Frame:
     """The frame that is being assembled, and the contacts in range."""
 
-    active: dict[int, Contact] = field(default_factory=dict)
-    """Contacts in range by their key, the id that the device gave them, oldest first."""
-    seen: set[int] = field(default_factory=set)
-    """Keys that this frame has mentioned."""
-    palms: list[Contact] = field(default_factory=list)
-    """Contacts that lifted as palms: they are shown once more, so that what they began ends as a palm's."""
-    lifted: set[int] = field(default_factory=set)
-    """Keys that have lifted in this frame."""
-    taken: int = 0
-    """Contacts that were active or mentioned in this frame."""
+    active: dict[int, Contact] = field(default_factory=dict)  # in range, by the id of the device, oldest first
+    seen: set[int] = field(default_factory=set)  # keys that this frame has mentioned
+    palms: list[Contact] = field(default_factory=list)  # they lifted, and are shown once more as palms
+    lifted: set[int] = field(default_factory=set)  # keys that have lifted in this frame
+    taken: int = 0  # contacts that were active or mentioned in this frame
     received: int = 0
     expected: int = 0
-    ticks: int = 0
-    """Scan time of the last report, in ticks of the device."""
+    ticks: int = 0  # scan time of the last report, in ticks of the device
 
     def start(self) -> None:
         """Start the next frame; the contacts stay."""
@@ -146,8 +140,7 @@ class Digitizer:
         self.counters = DigitizerCounters()
         self.foreign_ids: set[int] = set()  # report IDs that came and are not of the surface
         self.on_surface: Callable[[], None] = _do_nothing  # called when another surface is decoded from now on
-        self.on_foreign: Callable[[str], None] = _do_nothing
-        """Called once with a notice after FOREIGN_NOTICED reports without one of the decoded surface."""
+        self.on_foreign: Callable[[str], None] = _do_nothing  # told once of FOREIGN_NOTICED reports of another surface
         self._number = (vendor_id, product_id)
         self._decode_surface(surfaces[0])
 
@@ -170,8 +163,7 @@ class Digitizer:
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
         self.frame = Frame()  # the frame that is being assembled
         self._scan_clock, self._waiting = ScanClock(), _Waiting()
-        self._again: dict[int, int] = {}
-        """What is added to the contact ids that came down again in the frame in which they lifted."""
+        self._again: dict[int, int] = {}  # added to contact ids that came down again in the frame of their lift
         self.report_ns = 0  # when the last report came
         self._frame_ns = 0
         self._is_shown = False  # the last frame listed a contact

@@ -23,8 +23,7 @@ if TYPE_CHECKING:  # `tactable list` decodes touches and needs no device descrip
     from engine.device import Device, TouchAxis
     from engine.device.parts import TouchAcross
 
-REACH_M = 8e-3
-"""A fingertip whose centre is farther beyond an end of the bar does not touch it: this is half its width at most."""
+REACH_M = 8e-3  # a fingertip whose centre is farther beyond an end does not touch the bar: half its width at most
 # For the hot path: half the time of calling a named tuple's class.
 _new = tuple.__new__
 

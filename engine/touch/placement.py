@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from engine.device import Device
 
 MOST_FINGERS = 10  # two hands
-CLOSEST_M = 8e-3
-"""Distance below which two fingers are one to the surface: a fingertip is wider, and they move nearly alike."""
+CLOSEST_M = 8e-3  # below it two fingers are one to the surface: a fingertip is wider, and they move alike
 _ROUNDING_M = 1e-9
 
 

@@ -61,10 +61,8 @@ class _Channel:
     begun_us: float = 0.0
     length_us: float = 0.0
     target: float = 0.0
-    written: _Oscillator | None = None
-    """The oscillator that the next transition begins to play; it runs from the time of its event."""
-    stretches: list[tuple[float, ...]] = field(default_factory=list)
-    """Start of each stretch in microseconds, and what `evaluate` needs from then on."""
+    written: _Oscillator | None = None  # what the next transition begins to play, from the time of its event
+    stretches: list[tuple[float, ...]] = field(default_factory=list)  # start in us, and what `evaluate` needs
 
     def amplitudes(self, time_us: float) -> tuple[float, float]:
         """Amplitudes of the oscillator that it plays, and of the one that fades."""

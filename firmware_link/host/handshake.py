@@ -28,8 +28,7 @@ class Handshake:
         self.state = LinkState.GREETING
         self.capabilities: Capabilities | None = None  # what the device said of itself, once it has answered
         self.lease_ms = configuration.lease_ms  # once the device has answered: the shorter of what both sides allow
-        self.arming_device_us = 0
-        """Device time when the host began to arm: a fault before it belongs to an earlier session."""
+        self.arming_device_us = 0  # when the host began to arm: a fault before it is of an earlier session
         self._configuration, self._encoder, self._line = configuration, encoder, line
         self._connected_ns = now_ns
         self._request = RepeatedRequest(encoder, line, now_ns)

@@ -49,8 +49,7 @@ class Outbox:
     def __init__(self, counters: LinkCounters, slew_limit_per_s: int, encoder: FrameEncoder) -> None:
         self.silent_drive = b""  # zeros for every actuator of the device
         self.lease = Lease(0)
-        self.drive_sequence: int | None = None
-        """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
+        self.drive_sequence: int | None = None  # of the last new command: STATUS names it once it is applied
         self.holds_clicks = False  # clicks wait, since the device is changing its basis
         self._counters = counters
         self._slew_limit_per_s = slew_limit_per_s

@@ -15,8 +15,7 @@ from precompute.sweep.grid import zone_points
 from precompute.sweep.sweep_kernels import fold_amplitudes
 
 _FIGURES, _SINGLE, _DOUBLE, _COMPLEX = 3, 4, 8, 16  # figures of a sweep; bytes of a number
-_COPIES = 3
-"""Responses are held as they are solved, by zone, and split into real and imaginary parts while they are written."""
+_COPIES = 3  # responses are held as solved, by zone, and split into two parts while they are written
 _CLICK_S, _PLATE_CLICK_S = 2.3e-3, 4.3e-3
 """Processor time of a click for each actuator: 5.1, 5.2 and 6.3 ms on reference-a, -d and -t, 17 ms on reference-p."""
 _SWEPT_BYTES_PER_S = 120e6  # reference-a and -t

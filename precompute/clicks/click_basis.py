@@ -15,8 +15,7 @@ from precompute.clicks.click_options import ClickOptions
 from precompute.model.damped_lines import DampedLines
 
 SAMPLE_RATE_HZ = 4000.0  # sample rate of a waveform; between samples the displacement is linear
-EVALUATIONS_PER_SAMPLE = 2
-"""Instants for each sample at which the response is evaluated: a peak at 300 Hz is missed by less than 0.06 dB."""
+EVALUATIONS_PER_SAMPLE = 2  # instants of the response for each sample: a peak at 300 Hz is missed by < 0.06 dB
 EVALUATION_RATE_HZ = EVALUATIONS_PER_SAMPLE * SAMPLE_RATE_HZ
 RINGDOWN_S = 0.08
 """Time after the end of a click over which the fingers are evaluated.

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 from engine.touch.places import Places
 
 DIGITIZER_TOLERANCE_M = 1e-3  # a finger lies within this distance of where the digitizer tells
-FINEST_M = 3e-3
-"""Distance of neighbouring places on a bar: its clicks of one and two fingers are then solved in a minute."""
-MOST_PLACES = 900
-"""About, of a plate: their clicks of one finger are solved in 20 s, and the compiled step has room for them."""
+FINEST_M = 3e-3  # of neighbouring places on a bar: its clicks of one and two fingers are solved in a minute
+MOST_PLACES = 900  # about, of a plate: clicks of one finger are solved in 20 s, and fit the compiled step
 
 
 @dataclass(frozen=True)

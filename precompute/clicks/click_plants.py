@@ -37,13 +37,11 @@ from precompute.model.threshold_filter import threshold_filter
 from precompute.model.transfers import transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 
-_STATIC_MODES = 12
-"""Modes of the nominal bar beyond those that are kept, in the Ritz basis of the sampled bars: their compliance."""
+_STATIC_MODES = 12  # beyond those that are kept, in the Ritz basis of the sampled bars: their compliance
 _CONVERGED = 1e-3  # change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB
 _MOST_MODES = 128
 _STEP_OF_MODES = 2
-_FILTER_OVERSAMPLING = 2
-"""The threshold filter is designed at this multiple of the course's rate; its magnitude is right up to its Nyquist."""
+_FILTER_OVERSAMPLING = 2  # the filter is designed at this multiple of the rate, and right up to its Nyquist
 
 
 class SampledPlants:

@@ -91,8 +91,7 @@ class ClickSolver:
             self._sampled = [SampledPlants(scenarios, lines, modes) for scenarios in self.scenarios]
             self._weighting = weighting(lines, device.threshold)
             self._closed_form = ClosedForm(self.tones, lines, drive_rows(self.tones, device.limits.amplitude))
-        self.plants_of = lru_cache(maxsize=1)(self._compute_plants)
-        """Responses of all plants with fingers at a tuple of positions, which rise."""
+        self.plants_of = lru_cache(maxsize=1)(self._compute_plants)  # of all plants, by the fingers' rising positions
         self._many_of = lru_cache(maxsize=16)(self._make_many)
 
     def solve(self, placement: Placement) -> Click:

@@ -38,8 +38,7 @@ SHARE = 95  # percentage of the plants that keep to the quiet level
 # The constants below were chosen on 40 to 100 random placements of one to five fingers on each of three bars
 # (docs/theory.md#clicks-in-closed-form). Two thirds of the courses lose up to 0.4 dB of a median felt level, a third
 # more gain up to 0.3 and take 1 ms; a step less at the start loses up to 0.4 dB, more instants or steps gain up to 0.2.
-_OF_FORM, OF_ROWS = 41, 61
-"""Plants of the pool whose energy is summed, and from which rows are chosen, the nominal one first; the others trim."""
+_OF_FORM, OF_ROWS = 41, 61  # plants whose energy is summed, and whose rows are taken, the nominal first; others trim
 _EARLY, _LATE, _AGAIN = (1, 2), (4, 8, 8, 16, 32), (8, 8, 16, 32, 64)
 """Exponents p - 2 of the weights, one step each: powers of 2, so that a weight takes squarings only.
 

@@ -16,8 +16,7 @@ from base.arrays import Array, Single
 from base.compiled import njit
 
 MANY = 800
-_ENOUGH = 2
-"""Plants for each parameter below which a fit would follow them too closely; the plain percentiles are taken then."""
+_ENOUGH = 2  # plants a parameter below which a fit would follow them too closely: plain percentiles then
 _HIGH = 0.6
 """Instants at which none of the few has this fraction of the lowest percentile are no peaks of the others either.
 

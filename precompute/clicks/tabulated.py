@@ -12,8 +12,7 @@ from precompute.clicks.click_options import ClickOptions
 from precompute.clicks.click_solver import ClickSolver
 from precompute.parallel.pool import WorkerPool
 
-MOST_TABULATED = 2
-"""More fingers are solved when they come: a grid coarse enough for their number has clicks that are hardly felt."""
+MOST_TABULATED = 2  # more fingers are solved when they come: a coarser grid's clicks are hardly felt
 _ROLES = ((0, 1), (1, 0), (1, 1))  # whether each of two fingers feels; one of them does
 _TOGETHER = 12  # keys that a process solves in one piece, about: the roles of four pairs of places, which takes 0.1 s
 _PAYS = 20  # pieces for which a further process is started: its imports take 1 s

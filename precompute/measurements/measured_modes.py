@@ -20,8 +20,7 @@ from precompute.measurements.types import MOST_KG, MeasurementError, is_outside
 
 FREQUENCY_ERROR, DAMPING_ERROR = 0.002, 0.1
 """Relative standard deviations where a file states none. ESTIMATE: what repeated modal tests of small bars scatter."""
-_LEAST_FREQUENCY_ERROR, _LEAST_DAMPING_ERROR = 1e-4, 5e-3
-"""Relative: the scatter of a program's fit may be 0, and no bar is known better."""
+_LEAST_FREQUENCY_ERROR, _LEAST_DAMPING_ERROR = 1e-4, 5e-3  # a program's fit may scatter by 0; no bar is known better
 _KNOWN = {
     "mode": "",
     "frequency": "Hz",

@@ -18,8 +18,7 @@ from base.points import parts_of
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
-Channel = tuple[Complex, Complex]
-"""s in units of the highest frequency, both signs of every line, and the response there."""
+Channel = tuple[Complex, Complex]  # s in units of the highest frequency, of both signs, and the response there
 
 _MOST_PAIRS = 24
 _PATIENCE = 2  # numbers of poles that may lower the misfit no more before the search ends

@@ -13,8 +13,7 @@ import scipy.fft
 
 from base.arrays import Array, Complex, Complex32, Single
 
-SIGMA_PER_S = 25.0
-"""Wrap-around is attenuated to 1/1000 in 0.27 s; single precision keeps 3e-5 of the greatest value at the end."""
+SIGMA_PER_S = 25.0  # wrap-around is attenuated to 1/1000 in 0.27 s; single precision keeps 3e-5 at the end
 _MARGIN_S = 0.04  # time by which the period exceeds the evaluated course
 
 

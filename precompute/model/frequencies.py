@@ -7,8 +7,7 @@ from engine.device import Device
 from precompute.model.modal import compute_basis, compute_modal_model
 from precompute.model.plant import Plant
 
-BEAT_HZ = 10.0
-"""Tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): no drive has two such."""
+BEAT_HZ = 10.0  # tones closer than this beat within a touch (docs/theory.md#tabulated-quantities): never two such
 _PARTS = 4  # parts of a step of the sweep in `fine_frequencies`
 _NARROW = 3.0  # a resonance whose half bandwidth is below this many steps of a grid gets frequencies of its own
 _CLUSTER = np.sinh(np.linspace(-2.8, 2.8, 17))

@@ -18,12 +18,10 @@ from engine.device.surface_description import CLICKS_TOP_HZ
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant
 
-CONVERGED = 10 ** (0.01 / 20) - 1
-"""Error of a receptance that is tolerated, as a fraction of its greatest value: 0.01 dB."""
+CONVERGED = 10 ** (0.01 / 20) - 1  # tolerated error of a receptance, as a fraction of its greatest value: 0.01 dB
 _FIRST_MODES = 32  # shipped bars need 20; doubled until enough, so it costs time only
 _STEP_OF_MODES = 4
-_STEPS_OF_BAND = 64
-"""Truncation errs smoothly over frequency, so that this many steps of a band find its greatest error."""
+_STEPS_OF_BAND = 64  # truncation errs smoothly over frequency: this many steps of a band find its greatest error
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from base.arrays import Array, Complex, Points
 from engine.device import Device, Finger
 from precompute.model.plant import KnownDrive, Plant, Sampler, moved_masses
 
-_MOST_MODES = 150
-"""Modes that stand for the plant. Those above, at about 10 kHz on a tablet, would be as stiff as 3 MN/m at a point."""
+_MOST_MODES = 150  # those above, at about 10 kHz on a tablet, would be as stiff as 3 MN/m at a point
 _HELD = 100.0  # stiffness of the springs at measured points, in that of the highest mode
 
 

@@ -10,9 +10,7 @@ from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
 
-POINTS, _ACROSS = 201, 61
-"""Points along a surface that shapes are seen at, close enough to find nodes: 2 mm apart on 400 mm; and across a plate.
-"""
+POINTS, _ACROSS = 201, 61  # of shapes along a surface, 2 mm apart on 400 mm for nodes; and across a plate
 _STILL = 1e-6  # share of the natural frequency below which a pole does not oscillate: it is overdamped, or turns freely
 
 

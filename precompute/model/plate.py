@@ -21,8 +21,7 @@ from engine.device.parts import Plate
 from precompute.model.modal_plant import ModalPlant, assemble_modes
 from precompute.model.plant import FreeSurface
 
-_MARGIN = 24
-"""Degrees beyond half the wave number times the side: receptances on point springs are then right to 0.1 dB."""
+_MARGIN = 24  # degrees beyond half the wave number times the side: receptances on springs are right to 0.1 dB
 
 
 def degrees_of(plate: Plate, top_hz: float) -> tuple[int, int]:

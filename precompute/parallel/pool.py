@@ -28,8 +28,7 @@ from base.errors import TactableError
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
-Begin = Callable[[], Callable[[Job], Result]]
-"""Gives a process its solver. It goes there by pickling, as jobs and results do."""
+Begin = Callable[[], Callable[[Job], Result]]  # gives a process its solver, by pickling as jobs and results
 _PR_SET_PDEATHSIG = 1
 
 
@@ -178,8 +177,7 @@ def _prepare(begin: Callable[[], object]) -> None:
     begin()
 
 
-_solver: tuple[int, Callable[[Any], Any]] | None = None
-"""The number of the task that this worker works on, and its solver."""
+_solver: tuple[int, Callable[[Any], Any]] | None = None  # the number of this worker's task, and its solver
 
 
 def _solve_chunk(number: int, begin: Begin[Any, Any], chunk: Sequence[Any]) -> list[Any]:

@@ -15,8 +15,7 @@ from engine.device import Device, DeviceError
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response
 
-SHARE = 0.1
-"""Share by which a value is changed."""
+SHARE = 0.1  # share by which a value is changed
 _LINES = 24  # over the band of the sweep
 _NAME = re.compile(r"(bar|plate|finger|actuator)(?:\[(\d+)\])?\.(\w+)")
 _QUANTITY = re.compile(r"\s*([-+.\deE]+)\s*(\D.*)")

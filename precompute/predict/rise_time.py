@@ -23,8 +23,7 @@ _HEARD = 2e-4  # transients below this fraction of the final envelope are left o
 _LOOKS = 16  # looks in a period of the fastest beat; of two tones the envelope has cusps, which eight looks may miss
 _BLOCK = 64  # looks after which the transients that are heard are chosen again, and computed afresh against rounding
 LONGEST_RISE_S = 10.0  # no rise is followed for longer: this t90 stands for every longer one
-_FOLLOWED_S = 4 * LONGEST_RISE_S
-"""The scan starts at most this late, so that a rise of less than LONGEST_RISE_S is not cut off by its start."""
+_FOLLOWED_S = 4 * LONGEST_RISE_S  # the scan starts at most this late, so that its start cuts off no shorter rise
 
 
 @dataclass(frozen=True)

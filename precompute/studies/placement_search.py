@@ -23,11 +23,9 @@ from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve
 Places = tuple[complex, ...]
 Progress = Callable[[float], None]
 
-MARGIN, APART = 0.02, 0.05
-"""Fractions of a side that an actuator keeps from its ends, and of the length from the next. ESTIMATE: their size."""
+MARGIN, APART = 0.02, 0.05  # of a side that an actuator keeps from its ends, of the length from the next. ESTIMATE
 _STEP_HZ, _FINE_STEP_HZ = 4.0, 2.0
-_STARTS, _MOVES, _FINEST = 4, 12, 0.005
-"""Placements moved, rounds of moves of each, and the smallest step as a fraction of the surface's length."""
+_STARTS, _MOVES, _FINEST = 4, 12, 0.005  # placements moved, rounds of moves, smallest step as a fraction of the length
 _WAYS = (1.0, -1.0, 1j, -1j)  # directions of a move; those across a bar leave it
 _EVALUATED = 2
 _SCREENING, _MOVING = 0.3, 0.6  # fractions done after these parts

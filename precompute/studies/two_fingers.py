@@ -16,8 +16,7 @@ from precompute.sampling.steady_modes import steady_modes
 
 Pair = tuple[int, int]
 
-_MODES = 24
-"""Of the screening: as many as the page's moving bar has, whose levels more of them change by less than 0.05 dB."""
+_MODES = 24  # of the screening: as many as the page's moving bar has; more change its levels by < 0.05 dB
 
 
 @dataclass(frozen=True)

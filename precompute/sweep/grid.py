@@ -11,8 +11,7 @@ from precompute.model.gram import compute_gram
 from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
-SAMPLING_ERROR = 2e-3
-"""Relative error of a tabulated peak from looking at finitely many points of a zone, where these are enough."""
+SAMPLING_ERROR = 2e-3  # relative, of a tabulated peak by finitely many points of a zone, where they are enough
 _MOST_POINTS = 256
 """About how many points of a zone are looked at. A bar's zone needs tens; a tablet's would need 1 400, and a table of
 133 MB that takes ten times as long to sweep."""

@@ -12,8 +12,7 @@ from firmware_link.protocol.link_errors import LinkLostError
 from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder
 
-CARD_BIT_RATE_HZ = 8_000_000
-"""Bit rate that is told to the link: at this rate the longest frame takes less time than a block of the card."""
+CARD_BIT_RATE_HZ = 8_000_000  # told to the link: the longest frame takes less time than a block of the card
 _CHILD = "tactable.audio.output_process"
 
 
@@ -48,8 +47,7 @@ class AudioPort(DescriptorPort):
             raise AudioError(str(error)) from error
         self.card = greeting["card"]
         self.path = f"sound card {self.card}" + (" (SIMULATED)" if output.is_simulated else "")
-        self.latency_s: float = greeting["latency_s"]
-        """Time from a block's callback to the converter, as the driver says."""
+        self.latency_s: float = greeting["latency_s"]  # from a block's callback to the converter, says the driver
         self.notes = (
             f"{self.path}: {output.rate_hz / 1e3:g} kHz, a command waits up to {1e3 * greeting['block_s']:.1f} ms for "
             f"a block and then {1e3 * self.latency_s:.1f} ms in the card, as its driver says; no sample above "

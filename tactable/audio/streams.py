@@ -12,8 +12,7 @@ from tactable.audio.interfaces import find_interfaces, load_portaudio, quiet, se
 from tactable.audio.names import SIMULATED, AudioError
 
 Samples = Single
-Callback = Callable[[Samples, int, bool], None]
-"""Called with a block (sample, channel) to fill or to take, its number of samples, and whether some were lost."""
+Callback = Callable[[Samples, int, bool], None]  # a block (sample, channel), its samples, whether some were lost
 _NS_PER_S = 1_000_000_000
 _LOOK_S, _MOST_IDLE = 0.1, 5
 

@@ -28,8 +28,7 @@ from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
 
 _MEMORY_BIT_RATE_HZ = 1_000_000_000
-REPORTS_HZ = 2 * MOST_COMMANDS_HZ
-"""By the clock of the loop: a tap and its lift in turn, as fast as clicks may follow each other."""
+REPORTS_HZ = 2 * MOST_COMMANDS_HZ  # a tap and its lift in turn, as fast as clicks may follow each other
 _PERIOD_NS = 1_000_000_000 // REPORTS_HZ
 _PASSES_AN_ANSWER = 16
 Times = Array
@@ -59,8 +58,7 @@ class _Memory(OnClock):
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
         self.answer_ns: list[int] = []  # from each report in hand until the loop asks for more
-        self.write_ns: list[int] = []
-        """From each report in hand until something was written, perhaps a renewal; 0 where nothing was."""
+        self.write_ns: list[int] = []  # from each report in hand until something was written; 0 where nothing was
         self.is_fast: list[bool] = []  # of each report: whether the compiled step answered it
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock

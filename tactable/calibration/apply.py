@@ -25,8 +25,7 @@ from precompute.parallel.pool import available_cores
 from tactable.calibration.job import CalibrationJob
 from tactable.calibration.step_times import Progress, StepTimes
 
-Verify = Callable[[Path], str]
-"""Plays a finished table on the bar before it takes its place; the doubt that remains, empty for none."""
+Verify = Callable[[Path], str]  # plays a finished table before it takes its place; the doubt, empty for none
 
 
 class PromiseError(TactableError):
@@ -110,16 +109,12 @@ class Applied:
     """A calibration and what became of the table."""
 
     target: TableTarget
-    device: Device
-    """The device as calibrated."""
+    device: Device  # the device as calibrated
     report: dict[str, Any]
     doubts: list[str]
-    is_refused: bool
-    """The fit is doubtful and the table was left as it was."""
-    in_place_after_s: float | None = None
-    """Time from the start until the table was in place; None where it was left, or in place before."""
-    seconds: dict[str, float] = field(default_factory=dict)
-    """Time of each step."""
+    is_refused: bool  # the fit is doubtful and the table was left as it was
+    in_place_after_s: float | None = None  # from the start until the table was in place; None: left, or there before
+    seconds: dict[str, float] = field(default_factory=dict)  # time of each step
 
 
 def apply_fit(

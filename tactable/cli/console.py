@@ -20,8 +20,7 @@ from rich.segment import Segment
 from base.printable import printable
 
 _WIDEST = 1000
-EXIT_DOUBTFUL = 3
-"""The work was done, and its result should not be used without a look: a doubtful fit, a failed unit, a deviation."""
+EXIT_DOUBTFUL = 3  # done, but not to be used without a look: a doubtful fit, a failed unit, a deviation
 
 
 class SafeConsole(Console):
@@ -62,8 +61,7 @@ class SafeConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-OUT = SafeConsole(markup=False)
-"""Prints lines and grids as they are: brackets in names of files, zones and devices are no markup."""
+OUT = SafeConsole(markup=False)  # lines and grids as they are: brackets in names are no markup
 ERRORS = SafeConsole(stderr=True, markup=False)
 _Result = TypeVar("_Result")
 Progress = Callable[[str, float], None]

@@ -21,8 +21,7 @@ class Scene:
     def __init__(self, named: dict[str, Effect]) -> None:
         self.effects = dict(named)  # the effects that a message may name
         self.regions: dict[str, Region] = {}  # the lowest first
-        self.owners: dict[str, int] = {}
-        """The program that holds a region; a region that stays has none once that is gone."""
+        self.owners: dict[str, int] = {}  # the program that holds a region; of one that stays none, once it is gone
         self._definers: dict[str, int] = {}
         self._named = frozenset(named)
         self._settings: dict[int, SceneSettings] = {}

@@ -24,8 +24,7 @@ from firmware_link.protocol.messages import decode_drive
 
 SHARE = 0.95  # of the sampled plants: felt fingers reach, and quiet ones keep to, what is promised
 _PERCENTS = (5, 50, 95)  # as precompute/predict/at_positions.py
-_REACHED_DB = 0.05
-"""The words of the wire round amplitude and frequency: a level within this of the wanted one is reached."""
+_REACHED_DB = 0.05  # the wire rounds amplitude and frequency: a level this close to the wanted one is reached
 
 
 @dataclass(frozen=True)

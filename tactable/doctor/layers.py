@@ -30,8 +30,7 @@ _PERIOD_S = 0.002  # the process must have fallen asleep in between; 200 of them
 _ACTUATORS = 2
 _CLICK_WEIGHTS = 22  # number of weights for each actuator of a click of 30 ms between 60 and 300 Hz
 _HALF_LEASE_S = 0.02  # of the default of 40 ms: a click must be on the board before its lease is half over
-_PANEL_MS = 8.0
-"""Longest wait for the panel's next frame. Without a touch its rate is not known; 125 frames a second are usual."""
+_PANEL_MS = 8.0  # longest wait for the panel's next frame, of the usual 125 a second: its own rate shows at a touch
 _US = 1e3
 _PULSES = """
 import os, sys, time

@@ -30,8 +30,7 @@ class ClickSource:
 
     def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M) -> None:
         self.table = table
-        self.options = replace(read_click_options(table), tolerance_m=tolerance_m)
-        """Options of the clicks that are solved now."""
+        self.options = replace(read_click_options(table), tolerance_m=tolerance_m)  # of the clicks that are solved now
 
     @cached_property
     def solver(self) -> ClickSolver:

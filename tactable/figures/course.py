@@ -16,8 +16,7 @@ from tactable.figures.picture_file import Picture
 from tactable.figures.played_drive import PlayedDrive
 from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, finish_picture, level_text
 
-PROMPT_MS = (5.0, 50.0)
-"""When tactile feedback should follow the touch (Kaaresoja, Brewster & Lantz 2014, doi 10.1145/2611387)."""
+PROMPT_MS = (5.0, 50.0)  # when tactile feedback should follow (Kaaresoja, Brewster & Lantz 2014, 10.1145/2611387)
 _STEP_S = 5e-4  # seven samples in a period of 300 Hz; envelopes change slower
 _LONGER, _SHORTEST_S = 2.5, 0.3  # the time axis ends after this many rise times, but not before the shortest time
 _LOWEST_DB = 50.0  # how far the axis reaches below the greatest level

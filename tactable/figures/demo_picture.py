@@ -33,8 +33,7 @@ from tactable.rig.demo_run import DemoReport
 from tactable.rig.simulated_surface import Felt, is_felt
 
 _MOST_DRAWN = 6  # three rows of two
-_CLICK_ROOM = -1.2, 1.9
-"""Ends of the vertical axis of a click's panel, as multiples of the peak: the legend lies above the curves."""
+_CLICK_ROOM = -1.2, 1.9  # ends of the vertical axis of a click, in peaks: the legend lies above the curves
 _SHOWN_S = 0.1  # a click and its ring-down
 _STYLES = ("-", "--", "-.")
 

@@ -13,8 +13,7 @@ from precompute.studies.zone_resolution import Resolved
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import BLACK, CURVES, GREY, finish_picture, percent_of, percents_text
 
-TOLD_APART_DB = 10.0
-"""Contrast at which a table calls two fingers told apart here: a felt finger at 20 dB, the quiet one at 10."""
+TOLD_APART_DB = 10.0  # contrast that tells two fingers apart: a felt one at 20 dB, the quiet one at 10
 _NAME_LETTERS = 28  # a line of the legend
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 

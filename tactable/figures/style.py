@@ -35,8 +35,7 @@ CURVES: tuple[tuple[str, Any], ...] = (
     (BLACK, (0, (8, 2))),
 )
 """Colour and line of curves that are compared: told apart in grey, too."""
-COLOUR_MAP = "viridis"
-"""Its brightness rises evenly, for the colour-blind and in print. It has no grey, which stands for absent values."""
+COLOUR_MAP = "viridis"  # its brightness rises evenly, for the colour-blind and in print; absent values are grey
 THRESHOLD_NOTE = "detection threshold"  # stands for the curve of the device, which the note under a picture names
 FINGER_NOTE = "finger"
 COMPUTED = "Computed, not measured."

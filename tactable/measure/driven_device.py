@@ -60,8 +60,7 @@ class DrivenDevice:
     ) -> None:
         self.clock, self._device, self._accelerometer = clock, device, accelerometer
         self.session = Session(Link(_limited(device, bit_rate_hz, None, most)), port, clock.now_ns)
-        self.applied_device_us: int | None = None
-        """Device time at which the board applied the last drive; None until STATUS has said so."""
+        self.applied_device_us: int | None = None  # when the board applied the last drive; None until STATUS says so
         self.capabilities = connect(self.session, clock)
         self.fit = fit_board(device, self.capabilities)
         configuration = _limited(device, bit_rate_hz, self.fit.scales, most)

@@ -28,8 +28,7 @@ from tactable.rig.emulate import configuration_of
 BOOT_ID = 0x5EED
 MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (docs/theory.md)
 _BLOCK_S = 0.05  # in which samples come; the bar is moved a block at a time
-_PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96
-"""Least rate of the plant: straight lines at 24 kHz cost 5e-4 of a tone of 300 Hz, 0.005 dB."""
+_PLANT_HZ, _FINE_HZ, FINE_MODES = 24_000.0, 48_000.0, 96  # straight lines at 24 kHz: 5e-4 of 300 Hz, 0.005 dB
 _DROP_S = 0.003  # of samples that are lost at once
 _NS_PER_S = 1_000_000_000
 _US_PER_S = 1e6

@@ -92,8 +92,7 @@ class Reading:
     seconds: float
     attempts: int
     faults: tuple[Fault, ...]
-    earlier: tuple[Fault, ...] = ()
-    """Faults for which it was repeated, and samples lost or lapses of the drive while the bar became steady."""
+    earlier: tuple[Fault, ...] = ()  # for which it was repeated; losses and lapses before the bar was steady
 
     @property
     def is_spoiled(self) -> bool:

@@ -24,8 +24,7 @@ _FLOOR = 0.05  # a frequency counts as not driven where the magnitude of x is be
 BEFORE_S = 0.25  # the gate opens this long before time 0, since a band of frequencies is no spike
 _TAPER = 0.2  # of the gate, whose end must be soft; 0.05 passes the tests too
 _NEIGHBOURS = (-2, -1, 0, 1, 2)  # widths of the gate's spectrum beside a frequency, over which noise is taken for even
-_JUMP_RAD, _JUMP_SAMPLES = 0.3, 32
-"""A loss of one sample turns 60 Hz by 0.05 rad and 300 Hz by 0.24 at 8 kHz; converters lose blocks of many."""
+_JUMP_RAD, _JUMP_SAMPLES = 0.3, 32  # a lost sample turns 60 Hz by 0.05 rad, 300 Hz by 0.24 at 8 kHz; blocks are lost
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,7 @@ _SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0  # 2 Hz and 0.25 Hz apart; the rest
 _BESIDE = 1.5  # widths of the gate's spectrum within which a line of the mains is beside a frequency
 _PARTS = 50  # parts of a record that are looked at for clipping: it clips at a resonance only
 _STEADY = 5.0  # standard errors, as _STANDS_OUT of tone_fit.py
-_FEW = 0.05
-"""Noise that hides a smaller fraction of the frequencies, where the bar hardly moves, is named and raises no level."""
+_FEW = 0.05  # noise in fewer of the frequencies, where the bar hardly moves, is named and raises no level
 _NS_PER_S = 1_000_000_000
 
 

@@ -52,8 +52,7 @@ from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowe
 
 BARS = 40  # see MOST_BROKEN; each is a mesh, and a plant in time for each click
 MOST_BROKEN = 0.1  # share of the points that may be broken: the range over 40 bars leaves 5 % of them outside by chance
-MOST_UNTESTED = 0.1
-"""Share of the points that may be spoiled or not shown; where more are, the promise counts as not tested."""
+MOST_UNTESTED = 0.1  # share of the points that may be spoiled or not shown; beyond, the promise is not tested
 MOST_BLUR = 0.25  # error of a reading that keeps a promise, of the greatest promised peak: 1.9 dB
 PLACE_M = 0.5e-3  # standard deviation of the place of the sensor
 LEAST_M_PER_S2 = 0.02  # what a point is off at the least: sensors feel a little of the other axes and of their cable
@@ -88,12 +87,9 @@ class Verdict(StrEnum):
     """Outcome of all readings together."""
 
     KEPT = "kept"
-    BROKEN = "broken"
-    """More points than chance allows are broken."""
-    IN_PART = "in part"
-    """Kept where it was shown, but too many readings are spoiled or show nothing to say so of the rest."""
-    NOT_SHOWN = "not shown"
-    """No reading could have shown it broken."""
+    BROKEN = "broken"  # more points than chance allows are broken
+    IN_PART = "in part"  # kept where it was shown, but too many readings are spoiled or show nothing
+    NOT_SHOWN = "not shown"  # no reading could have shown it broken
 
 
 @dataclass(frozen=True)

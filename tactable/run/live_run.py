@@ -40,23 +40,15 @@ class LiveOptions:
     """Options of a run: rules, what the loop does about losses, real-time settings, the compiled step."""
 
     effects: Effects = DEFAULT_EFFECTS
-    refuses: bool = False
-    """Silence where a level is not reached, in place of the strongest drive or click that there is."""
-    reconnect: bool = False
-    """A device that stopped itself is greeted and armed again; otherwise that ends the run."""
+    refuses: bool = False  # silence where a level is not reached, in place of the strongest drive or click
+    reconnect: bool = False  # a device that stopped itself is greeted and armed again; otherwise that ends the run
     bit_rate_hz: int = BIT_RATE_HZ
-    steps: tuple[Step, ...] = (Step.COLLECTOR,)
-    """Real-time settings. The collector is off by default: the loop makes no cycles, and a collection takes 0.1 s."""
-    processor: int | None = None
-    """The processor of the affinity; None: the last."""
-    fast: ctypes.CDLL | None = None
-    """The compiled step, used where the source has packets; None: the Python loop answers all reports."""
-    has_kernels: bool = True
-    """The kernels that solve steady drives may be loaded; False: they are solved in NumPy, which compiles nothing."""
-    click_ns: int | None = None
-    """How long a click, or the steady drive in its place, is wanted; None: as long as the table's clicks."""
-    patience_ns: int = LATEST_NS
-    """For how long after its touch a click is awaited that is solved beside the loop."""
+    steps: tuple[Step, ...] = (Step.COLLECTOR,)  # real-time settings; the loop makes no cycles to collect
+    processor: int | None = None  # the processor of the affinity; None: the last
+    fast: ctypes.CDLL | None = None  # the compiled step, for a source of packets; None: the loop answers
+    has_kernels: bool = True  # compiled kernels may solve steady drives; False: NumPy does
+    click_ns: int | None = None  # how long a click, or a drive in its place, is wanted; None: as the table's
+    patience_ns: int = LATEST_NS  # for how long after its touch a click is awaited that is solved beside the loop
 
 
 def fast_library() -> ctypes.CDLL | None:

@@ -17,8 +17,7 @@ from engine.effects.files.pattern import Budget, Event, Kind, Pattern
 
 FORMAT = "ahap"
 _INTENSITY_CURVE = "HapticIntensityControl"
-_SHAPES = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")
-"""Parameters of an event's own envelope, of which no exact course is published."""
+_SHAPES = ("AttackTime", "DecayTime", "ReleaseTime", "Sustained")  # without a published course
 _JUST_S = 1e-6  # so long before a value is replaced it is still there
 Curve = list[tuple[float, float]]
 

@@ -17,8 +17,7 @@ from engine.effects.rules import NS_PER_MS, Effect, Segment
 
 TICKS_PER_S = 1000
 VERSION = "2023"
-_LONGEST_MS = 32_000
-"""Of one wave: the position of a keyframe has 16 bits in the binary format, and some programs read them with a sign."""
+_LONGEST_MS = 32_000  # of one wave: a keyframe's position has 16 bits in the binary format, for some with a sign
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from typing import Any
 
 from engine.effects.rules import EffectError
 
-LONGEST_S = 120.0
-"""The longest effect that a file may hold, so that a slip in a time does not become a table of gigabytes."""
+LONGEST_S = 120.0  # the longest effect that a file may hold: a slip in a time makes no table of gigabytes
 LONGEST_WORD = 64  # of names; a row of a report stays a row
 
 _STRING_OR_LAST_COMMA = re.compile(r'("(?:[^"\\]|\\[\s\S])*"?)|,(?=\s*[\]}])')

@@ -10,8 +10,7 @@ MOST_PARTS = 10_000
 
 Without a bound a few kB of references to effects of references take hours, and a control channel answers no other
 program meanwhile. So each part is counted before it is made, and so is each effect that makes none."""
-MOST_EVENT_S = 1200.0
-"""All continuous events of a file together: ten of the longest at once. Each of their milliseconds is compared."""
+MOST_EVENT_S = 1200.0  # all continuous events of a file: ten of the longest; each millisecond is compared
 
 
 class Kind(StrEnum):
@@ -26,15 +25,11 @@ class Kind(StrEnum):
 class Event:
     """One event of an effect file."""
 
-    source: str
-    """Where it stands in the file, such as "Pattern[3]"."""
+    source: str  # where it stands in the file, such as "Pattern[3]"
     kind: Kind
-    points: tuple[tuple[float, float], ...]
-    """(time in s, intensity from 0 to 1) in order of time, straight lines between; a transient has one point."""
-    unused: tuple[str, ...] = ()
-    """What the file says of it that no drive can keep, such as "sharpness 0.4"."""
-    reason: str = ""
-    """Why an event of kind OTHER is not played."""
+    points: tuple[tuple[float, float], ...]  # (time in s, intensity from 0 to 1), rising; of a transient one
+    unused: tuple[str, ...] = ()  # what the file says of it that no drive can keep, such as "sharpness 0.4"
+    reason: str = ""  # why an event of kind OTHER is not played
 
     @property
     def start_s(self) -> float:

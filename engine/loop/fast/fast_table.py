@@ -18,8 +18,7 @@ from engine.touch.places import Places
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import DRIVE_SIZE, encode_set_body
 
-MOST_CELLS = 1 << 22
-"""Rows by two fingers, or amplitudes by level and row: 16 MiB. Beyond, the Python loop sends all commands."""
+MOST_CELLS = 1 << 22  # rows by two fingers, or amplitudes by level and row: 16 MiB; beyond, the Python loop answers
 _MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2
 
 
@@ -27,34 +26,24 @@ _MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2
 class FastTable:
     """The clicks of one renderer for one connected device, and its drives where they are those of zones."""
 
-    levels_db: tuple[float, ...]
-    """Rising."""
+    levels_db: tuple[float, ...]  # rising
     places: Places
-    pair: NDArray[np.int32]
-    """Rows by the codes of two fingers, as `engine.table.click_grid.Clicks.pair`."""
-    head: NDArray[np.uint8]
-    """Bytes (click, 3): the device's number of the click's set, its fraction bits, its number of weights."""
-    weights: NDArray[np.int16]
-    """Shape (row, function)."""
-    amplitude: NDArray[np.int32]
-    """Words (level, row); NONE for a click that is not played."""
-    plays_clicks: bool
-    """Whether clicks are played by clicks; otherwise the drive of the zones takes their place."""
-    drives: NDArray[np.uint8] | None
-    """Bodies (level, combination, byte) of the SETs of zones; None: drives are solved."""
-    silence: bytes
-    """Body of the SET of silence; sequence and clock reference are filled in when it is sent."""
+    pair: NDArray[np.int32]  # rows by the codes of two fingers, as `engine.table.click_grid.Clicks.pair`
+    head: NDArray[np.uint8]  # (click, 3): number of the click's set, its fraction bits, its number of weights
+    weights: NDArray[np.int16]  # shape (row, function)
+    amplitude: NDArray[np.int32]  # words (level, row); NONE for a click that is not played
+    plays_clicks: bool  # whether clicks are played by clicks; otherwise the drive of the zones takes their place
+    drives: NDArray[np.uint8] | None  # bodies (level, combination, byte) of the SETs of zones; None: drives are solved
+    silence: bytes  # body of the SET of silence; sequence and clock reference are filled in when it is sent
     lease_ms: int
-    drive_size: int
-    """Bytes, of the drive of every actuator of the device."""
+    drive_size: int  # bytes, of the drive of every actuator of the device
 
 
 @dataclass(frozen=True)
 class FastRendering(Rendering):
     """A rendered table with its clicks as the compiled step reads them."""
 
-    fast_table: FastTable | None
-    """The clicks for the compiled step, or None where they are too many, or the device plays none."""
+    fast_table: FastTable | None  # for the compiled step; None where clicks are too many, or none is played
 
 
 def with_fast_table(rendering: Rendering, capabilities: Capabilities) -> FastRendering:

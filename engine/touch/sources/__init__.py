@@ -2,8 +2,7 @@
 
 from typing import Protocol
 
-LIFT_ALL = b""
-"""In place of a report, which is never empty: reports were lost, or the device is gone, and no contact is left."""
+LIFT_ALL = b""  # in place of a report, which is never empty: reports were lost, or the device, and no contact is left
 
 
 class Described(Protocol):

@@ -23,8 +23,7 @@ SYN_REPORT, SYN_DROPPED = 0, 3  # of type EV_SYN
 SLOT, _X, _Y, _TOOL_TYPE, TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
 _SLOT_CODES = (_X, _Y, TRACKING_ID, _DISTANCE, _TOOL_TYPE)
 _OPTIONAL = (_DISTANCE, _TOOL_TYPE)
-SLOT_AXES = frozenset((SLOT, _X, _Y, TRACKING_ID))
-"""Codes of the absolute axes of a node that reports contacts in slots, protocol B."""
+SLOT_AXES = frozenset((SLOT, _X, _Y, TRACKING_ID))  # of a node that reports contacts in slots, protocol B
 _PALM = 2  # MT_TOOL_PALM
 _NOBODY = -1
 
@@ -75,8 +74,7 @@ class EvdevModule(Protocol):
         """Open a node."""
 
 
-ReadSlots = Callable[[int, int, int], Sequence[int]]
-"""File descriptor, axis code and number of slots to the value of each slot."""
+ReadSlots = Callable[[int, int, int], Sequence[int]]  # descriptor, axis code, number of slots: the values by slot
 
 
 def load_evdev(import_module: Callable[[str], object] = importlib.import_module) -> EvdevModule | None:

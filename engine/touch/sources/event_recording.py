@@ -22,8 +22,7 @@ _NUMBERS = re.compile(r"^(?:- )*(?:(\w+): *)?\[([^][]*)\]", re.MULTILINE)
 _NODE, _NAME = re.compile(r"^- node:", re.MULTILINE), re.compile(r"^name:(.*)$", re.MULTILINE)
 _COMMENT = re.compile(r"(?:^|(?<=[ \t]))#.*$", re.MULTILINE)
 _TIME = re.compile(r"[0-9]{1,12}\.[0-9]{1,6}")
-_MOST_SLOTS, _WIDEST = 256, 10_000_000
-"""More than any panel: a greater range is a slip, and would not fit the fields of a report."""
+_MOST_SLOTS, _WIDEST = 256, 10_000_000  # more than any panel: a greater range is a slip, and fits no report
 _REMEDY = "record its hidraw node, with hid-recorder or tactable"
 
 

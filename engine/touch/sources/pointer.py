@@ -11,8 +11,7 @@ from engine.touch.sources import OnClock
 from engine.touch.sources.own_reports import CONFIDENT, TIP, Axis, ContactReports
 
 RESOLUTION = 65_535  # logical maximum of both axes
-REPEAT_NS = 40_000_000
-"""Interval at which a resting pointer is reported again; the digitizer releases a contact after 120 ms of silence."""
+REPEAT_NS = 40_000_000  # a resting pointer is reported again: the digitizer releases silent contacts after 120 ms
 SILENT_NS = 1_000_000_000  # a pressed pointer that the page has not mentioned for this long is released
 _MOST_POINTERS = 10  # engine.touch.placement.MOST_FINGERS
 _AXIS = Axis(0, RESOLUTION)

@@ -20,10 +20,8 @@ from engine.loop.loop import Clock, SystemClock
 from tactable.bench.latency.sockets import STAMPS
 from tactable.bench.light_device import Arrivals, LightDevice
 
-LEAD_NS = 20_000_000
-"""From the start of a schedule to its first report: the engine has finished the handshake and waits."""
-AWAKE_NS = 200_000
-"""After a report the load generator does not sleep for this long: five times what an engine takes to answer."""
+LEAD_NS = 20_000_000  # from the start of a schedule to its first report: the handshake is over, the engine waits
+AWAKE_NS = 200_000  # after a report the load generator stays awake: five times what an engine takes to answer
 _NS_PER_S = 1_000_000_000
 _READ_SIZE = 65_536  # read until it is empty: bounds one call
 _LONGEST_WAIT_NS = 20_000_000  # where nothing is due: `is_over` is asked 50 times a second
