@@ -42,7 +42,7 @@ def test_a_link_of_somebody_else_stays_and_is_refused_as_is_an_absent_folder(tmp
     """Of a user, or of another emulator whose terminal is there."""
     link = tmp_path / "board"
     link.symlink_to(target)
-    with pytest.raises(LinkError, match="board: no link can be made there: No such file or directory"):
+    with pytest.raises(LinkError, match="board: no link can be made: No such file or directory"):
         Announcement(tmp_path / "no" / "board").point_to("/dev/null")
     announcement = Announcement(link)
     with pytest.raises(LinkError, match=f"board: exists already and leads to {target}; end the emulator"):

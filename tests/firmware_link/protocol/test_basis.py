@@ -56,7 +56,7 @@ def test_any_bytes_are_a_basis_or_refused(data: bytes, number_of_actuators: int)
     [
         (0, (SILENCE,), "0 Hz; expected 1 to 65535"),
         (1000, (), "0 sets"),
-        (1000, (of_one(samples=1),), "set 0 of a basis has 1 samples"),
+        (1000, (of_one(samples=1),), "set 0 has 1 samples"),
         (1000, (SILENCE, of_one(value=1)), "set 1 of a basis has a function that does not begin and end at 0"),
         (1000, (of_one(MAXIMUM_WEIGHTS + 1),), "has 256 functions, a PLAY carries 1 to 255: take shorter clicks"),
         (1000, (BasisSet(np.zeros((2, 2), np.int16), np.zeros(1, np.uint8)),), "2 functions for 1 actuators"),

@@ -135,4 +135,4 @@ def test_a_run_goes_on_when_it_dies(path: Path, capfd: pytest.CaptureFixture[str
         process.wait_until_ready()  # not for ever
         process.ask_for_click(placement, DEVICE)
         assert not process.poll()
-    assert capfd.readouterr().err.count("are no longer solved: the solving process has ended") == 1
+    assert capfd.readouterr().err.count("are no longer solved: the process has ended") == 1
