@@ -278,9 +278,6 @@ def _compare_part(
     )
 
 
-# ---- the figures of one state ----------------------------------------------------------------------------
-
-
 def row_figures(before: BestRow, after: BestRow, same_actuators: bool) -> Sizes:
     """Every figure of a best row before and after, and the size of its change; drives only of the same actuators."""
     yield "achieved", before.achieved, after.achieved, float(before.achieved != after.achieved)

@@ -128,9 +128,6 @@ class SampleLimits(NamedTuple):
     step: Integers
 
 
-# ---- clicks ------------------------------------------------------------------------------------------------
-
-
 def encode_click(
     basis: Basis, basis_set: int, weights: Sequence[int], fraction_bits: int, amplitude: float = 1.0
 ) -> EncodedClick:
@@ -191,9 +188,6 @@ def clamp_samples(sums: Integers, limits: SampleLimits) -> Samples:
         for at in range(1, len(samples)):
             samples[at] = np.clip(samples[at], samples[at - 1] - limits.step, samples[at - 1] + limits.step)
     return samples.astype(np.int16)
-
-
-# ---- bytes -------------------------------------------------------------------------------------------------
 
 
 def encode_basis(basis: Basis) -> bytes:

@@ -15,21 +15,8 @@ from base.errors import TactableError
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
+from tactable.cli import options
 from tactable.cli.console import print_error, print_json, remark, say, show, shown_progress
-from tactable.cli.options import (
-    AsJson,
-    ClicksUpTo,
-    DeviceArgument,
-    Pitch,
-    SensorMass,
-    TableArgument,
-    ThresholdCurve,
-    Workers,
-    need_switch,
-    read_option,
-    read_pitch,
-    with_threshold,
-)
 from tactable.kernel_cache import compile_steady_solver
 from tactable.shipped import find_device, find_device_file
 
@@ -42,12 +29,12 @@ _MANY_CLICKS = 5000  # half a minute
 
 def build(
     context: typer.Context,
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     output: Annotated[Path | None, Option("-o", "--output", help="The table; default NAME.nc here.")] = None,
-    clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = None,
-    threshold: ThresholdCurve = None,
-    workers: Workers = None,
+    clicks_up_to: options.ClicksUpTo = None,
+    pitch: options.Pitch = None,
+    threshold: options.ThresholdCurve = None,
+    workers: options.Workers = None,
     reuse: Annotated[bool, Option(help="Take from the table that is there what the changes do not affect.")] = True,
     responses: Annotated[
         Path | None,
@@ -60,9 +47,9 @@ def build(
             help="FILE is per newton, of forces where the actuators are: scale it by each one's force at full scale.",
         ),
     ] = False,
-    sensor_mass: SensorMass = "0 g",
+    sensor_mass: options.SensorMass = "0 g",
     watch: Annotated[bool, Option("--watch", help="Build again when the device file changes, until Ctrl-C.")] = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Build the table of a device.
 
@@ -70,24 +57,24 @@ def build(
     clicks of this device, a table with those of one finger comes first, after seconds: a run may play it at once, and
     solves the others.
     """
-    need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
+    options.need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
     build_one = partial(
         _build,
         output=output,
         clicks_up_to=clicks_up_to,
-        pitch_m=read_pitch(pitch),
+        pitch_m=options.read_pitch(pitch),
         workers=workers,
         reuse=reuse,
         responses=responses,
         scales_forces=force_of_actuators,
-        sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
+        sensor_mass_kg=options.read_option("--sensor-mass", sensor_mass, "kg"),
         as_json=as_json,
     )
     if not watch:
-        build_one(with_threshold(find_device(device_name), threshold))
+        build_one(options.with_threshold(find_device(device_name), threshold))
         return
     with suppress(KeyboardInterrupt):
-        watch_device(find_device_file(device_name), lambda device: build_one(with_threshold(device, threshold)))
+        watch_device(find_device_file(device_name), lambda device: build_one(options.with_threshold(device, threshold)))
 
 
 def _build(
@@ -154,7 +141,7 @@ def _expected_text(device: Device, fingers: int | None, pitch_m: float | None) -
     return f"{takes}, ESTIMATE {expected_s(device, clicks):.0f} s of processor time{coarser}"
 
 
-def rollback(table_path: TableArgument, as_json: AsJson = False) -> None:
+def rollback(table_path: options.TableArgument, as_json: options.AsJson = False) -> None:
     """Put the previous table back; a second rollback undoes the first.
 
     A run that plays the table changes over at once.

@@ -10,16 +10,8 @@ from typer import Option
 
 from base.plain import to_plain
 from base.points import json_of, point_of_json, point_text
+from tactable.cli import options
 from tactable.cli.console import say, show
-from tactable.cli.options import (
-    AsJson,
-    DeviceArgument,
-    OptionError,
-    ThresholdCurve,
-    read_option,
-    read_placement,
-    with_threshold,
-)
 from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:
@@ -31,7 +23,7 @@ _LEAST_RATIO = 1e-6
 
 
 def modes(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     fingers: Annotated[
         str, Option("--finger", help="Where fingers lie: zones or positions, as III,35mm. Default: the middle.")
     ] = "",
@@ -39,7 +31,7 @@ def modes(
     output: Annotated[
         Path | None, Option("-o", "--output", help="A picture of the shapes; ends in .png, .svg or .pdf.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """List the modes of a bar or a plate, untouched and under a finger.
 
@@ -51,12 +43,12 @@ def modes(
 
     outputs = outputs_of([] if output is None else [output])
     device = find_device(device_name)
-    at_m = list(read_placement(device, fingers, "").position_m) if fingers else [device.surface.corner_m / 2]
-    limit_hz = read_option("--up-to", up_to, "Hz")
+    at_m = list(options.read_placement(device, fingers, "").position_m) if fingers else [device.surface.corner_m / 2]
+    limit_hz = options.read_option("--up-to", up_to, "Hz")
     position_m = seen_points(device)
     untouched, touched = (compute_modes(device, position_m, limit_hz, at) for at in ((), at_m))
     if not untouched and not touched:
-        raise OptionError(f"--up-to: {device.name} has no mode up to {up_to}; give a higher frequency")
+        raise options.OptionError(f"--up-to: {device.name} has no mode up to {up_to}; give a higher frequency")
     found = {
         "device": device.name,
         "estimated": list(device.estimated_values),
@@ -98,7 +90,9 @@ def _cells(mode: dict[str, Any]) -> tuple[str, str, str]:
     return f"{mode['frequency_hz']:.2f} Hz", f"{100 * mode['damping_ratio']:.3g} %", decay
 
 
-def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json: AsJson = False) -> None:
+def check(
+    device_name: options.DeviceArgument, threshold: options.ThresholdCurve = None, as_json: options.AsJson = False
+) -> None:
     """Validate a device file, and say what follows from it.
 
     It says what is estimated, the first modes, the bands of the actuators, and the greatest level in each zone.
@@ -110,7 +104,7 @@ def check(device_name: DeviceArgument, threshold: ThresholdCurve = None, as_json
     from tactable.explain.words import estimates_text
 
     path = find_device_file(device_name)
-    device = with_threshold(find_device(device_name), threshold)
+    device = options.with_threshold(find_device(device_name), threshold)
     middle_m = np.array([zone.middle_m for zone in device.zones])
     reach = compute_reach(assemble(device), middle_m, device.finger)
     first = compute_modes(device, middle_m, 2 * device.sweep.stop_hz)[:_CHECKED_MODES]

@@ -15,21 +15,8 @@ from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.table.table_diff import DEFAULT_LIMIT_DB, Tolerance, compare_tables
 from engine.touch import Placement
+from tactable.cli import options
 from tactable.cli.console import print_error, say, show, shown_work
-from tactable.cli.options import (
-    AsJson,
-    DrivesOf,
-    FeltFingers,
-    Level,
-    OptionError,
-    QuietFingers,
-    TableArgument,
-    ThresholdCurve,
-    read_drives_of,
-    read_level,
-    read_placement,
-    with_threshold,
-)
 from tactable.explain.diff_words import diff_json, print_diff
 
 EXIT_DIFFERS = 1
@@ -38,15 +25,15 @@ _PARTS = (".nc", ".csv", ".mat")  # endings of a part of a table
 
 
 def explain(
-    table_path: TableArgument,
-    felt: FeltFingers,
-    quiet: QuietFingers = "",
-    level: Level = f"{DEFAULT_LEVEL_DB:g}",
-    threshold: ThresholdCurve = None,
+    table_path: options.TableArgument,
+    felt: options.FeltFingers,
+    quiet: options.QuietFingers = "",
+    level: options.Level = f"{DEFAULT_LEVEL_DB:g}",
+    threshold: options.ThresholdCurve = None,
     alternatives: Annotated[bool, Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, Option("--click", help="Explain the click, not the steady drive.")] = False,
-    drives: DrivesOf = None,
-    as_json: AsJson = False,
+    drives: options.DrivesOf = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Explain what is played for some fingers, and why others lost.
 
@@ -54,21 +41,21 @@ def explain(
     means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person of
     that curve; clicks and rows need a table that is built for it.
     """
-    level_db = read_level(level)
-    by_zones = drives is not None and read_drives_of(drives) is Drives.ZONES
+    level_db = options.read_level(level)
+    by_zones = drives is not None and options.read_drives_of(drives) is Drives.ZONES
     if threshold is not None and (click or by_zones):
-        raise OptionError(
+        raise options.OptionError(
             f"--threshold {threshold}: rows and clicks are made for the curve of their table; leave --click and "
             f"--drives out, or build a table with `tactable build DEVICE --threshold {threshold}`"
         )
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
-        placement = read_placement(table.device, felt, quiet)
+        placement = options.read_placement(table.device, felt, quiet)
         if click:
             _explain_click(table, placement, level_db, alternatives, as_json)
         elif by_zones:
             _explain_row(table, placement, level_db, as_json)
         else:
-            device = with_threshold(table.device, threshold)
+            device = options.with_threshold(table.device, threshold)
             _explain_drive(table, device, placement, level_db, as_json)
 
 
@@ -104,7 +91,7 @@ def diff(
         float,
         Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent."),
     ] = DEFAULT_LIMIT_DB,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Compare two tables, as a whole, row by row and click by click.
 
@@ -122,7 +109,7 @@ def diff(
 
 
 def export(
-    table_path: TableArgument,
+    table_path: options.TableArgument,
     group: Annotated[
         str,
         Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
@@ -138,7 +125,7 @@ def export(
     from tactable.research.table_export import write_csv, write_matlab, write_netcdf
 
     if path.suffix.lower() not in _PARTS:
-        raise OptionError(f"--output {path}: expected a name that ends in {', '.join(_PARTS)}")
+        raise options.OptionError(f"--output {path}: expected a name that ends in {', '.join(_PARTS)}")
     write = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}[path.suffix.lower()]
     with NotebookTable.open(table_path) as table, table.to_xarray(group) as found, replace_file(path) as made:
         names = write(found, group, made)

@@ -23,30 +23,8 @@ from engine.device import Device
 from engine.device.surface_description import ROMAN
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
+from tactable.cli import options
 from tactable.cli.console import Progress, print_json, remark, say, shown_progress
-from tactable.cli.options import (
-    AsJson,
-    Change,
-    DeviceArgument,
-    FeltFingers,
-    Frequencies,
-    Level,
-    OptionError,
-    PictureOutputs,
-    QuietFingers,
-    SensorMass,
-    TableArgument,
-    Workers,
-    names_in,
-    read_changes,
-    read_counts,
-    read_drives,
-    read_level,
-    read_numbers,
-    read_option,
-    read_placement,
-    read_zones,
-)
 from tactable.figures.picture_file import Outputs, Picture, outputs_of, write_outputs, write_texts
 from tactable.shipped import find_device
 
@@ -66,7 +44,7 @@ def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:
     """
     own = inspect.signature(draw).parameters
     name = draw.__name__.replace("_", "-")
-    shared = {"output": (PictureOutputs, None), "as_json": (AsJson, False)}
+    shared = {"output": (options.PictureOutputs, None), "as_json": (options.AsJson, False)}
 
     @wraps(draw)
     def command(*, output: list[Path] | None, as_json: bool, **given: Any) -> None:
@@ -108,15 +86,12 @@ def _opened_table(path: Path) -> Iterator[Table]:
         yield table
 
 
-# ---- pictures of a table -----------------------------------------------------------------------------------------
-
-
 @picture_command
 def state(
-    table_path: TableArgument,
-    felt: FeltFingers,
-    quiet: QuietFingers = "",
-    level: Level = _DEFAULT_LEVEL,
+    table_path: options.TableArgument,
+    felt: options.FeltFingers,
+    quiet: options.QuietFingers = "",
+    level: options.Level = _DEFAULT_LEVEL,
     over_time: Annotated[bool, Option("--over-time", help="Draw how it builds up from rest.")] = False,
 ) -> Picture:
     """Draw a drive under some fingers: along the bar, or over time.
@@ -130,13 +105,15 @@ def state(
         from tactable.figures.played_drive import solved_drive
         from tactable.figures.state_picture import plot_state
 
-        played = solved_drive(designer_of(table), read_placement(table.device, felt, quiet), read_level(level))
+        played = solved_drive(
+            designer_of(table), options.read_placement(table.device, felt, quiet), options.read_level(level)
+        )
         return plot_course(played) if over_time else plot_state(played)
 
 
 @picture_command
 def factor(
-    table_path: TableArgument,
+    table_path: options.TableArgument,
     zones: Annotated[str, Option(help="Zones whose common share is drawn, such as I,III; default: each.")] = "",
     fingers: Annotated[str, Option(help="Zones with a finger: also draw the bar with these fingers.")] = "",
     amplitudes: Annotated[str, Option(help="Amplitudes of the two actuators, fractions of full scale.")] = "1,1",
@@ -149,17 +126,17 @@ def factor(
     with _opened_table(table_path) as table:
         from tactable.figures.factor import pair_drive, plot_factor
 
-        drive = pair_drive(table.device, names_in(pair), read_numbers("--amplitudes", amplitudes))
-        named = [read_zones("--zones", zones)] if zones else [[zone.name] for zone in table.device.zones]
-        return plot_factor(table, named, names_in(fingers), drive)
+        drive = pair_drive(table.device, options.names_in(pair), options.read_numbers("--amplitudes", amplitudes))
+        named = [options.read_zones("--zones", zones)] if zones else [[zone.name] for zone in table.device.zones]
+        return plot_factor(table, named, options.names_in(fingers), drive)
 
 
 @picture_command
 def click(
-    table_path: TableArgument,
-    felt: FeltFingers,
-    quiet: QuietFingers = "",
-    level: Level = "full",
+    table_path: options.TableArgument,
+    felt: options.FeltFingers,
+    quiet: options.QuietFingers = "",
+    level: options.Level = "full",
 ) -> Picture:
     """Draw one click: its waveform and what each finger feels.
 
@@ -173,22 +150,19 @@ def click(
         from tactable.explain.click_source import ClickSource
         from tactable.figures.click_picture import plot_click
 
-        source, placement = ClickSource(table), read_placement(table.device, felt, quiet)
-        return plot_click(source, played_at(source.click_of(placement), read_level(level)), placement)
-
-
-# ---- pictures of a device ----------------------------------------------------------------------------------------
+        source, placement = ClickSource(table), options.read_placement(table.device, felt, quiet)
+        return plot_click(source, played_at(source.click_of(placement), options.read_level(level)), placement)
 
 
 @picture_command
 def response(
-    device_name: DeviceArgument,
-    drives: Frequencies = "",
+    device_name: options.DeviceArgument,
+    drives: options.Frequencies = "",
     measured_path: Annotated[
         Path | None, Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
     ] = None,
-    sensor_mass: SensorMass = "0 g",
-    change: Change = None,
+    sensor_mass: options.SensorMass = "0 g",
+    change: options.Change = None,
 ) -> Picture:
     """Draw the acceleration over the surface of one or more drives.
 
@@ -199,18 +173,20 @@ def response(
     from tactable.figures.response_picture import plot_response
 
     device = _changed(device_name, change)
-    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
+    mass_kg = options.read_option("--sensor-mass", sensor_mass, "kg")
     if bool(drives) == (measured_path is not None):
-        raise OptionError("give --drives, such as --drives '150,130', or --measured FILE, which has its own: not both")
+        raise options.OptionError(
+            "give --drives, such as --drives '150,130', or --measured FILE, which has its own: not both"
+        )
     if measured_path is None:
-        layout = lay_out(np.array(read_drives(drives, device)), np.zeros(1), mass_kg)
+        layout = lay_out(np.array(options.read_drives(drives, device)), np.zeros(1), mass_kg)
     else:
         layout = read_measurements(measured_path, device, mass_kg)
     return plot_response(device, layout, has_readings=measured_path is not None)
 
 
 @picture_command
-def zones(device_name: DeviceArgument, drives: Frequencies, change: Change = None) -> Picture:
+def zones(device_name: options.DeviceArgument, drives: options.Frequencies, change: options.Change = None) -> Picture:
     """Draw localized factor and acceleration by zone of up to four drives.
 
     The actuators are at full scale and the bar is untouched.
@@ -219,16 +195,16 @@ def zones(device_name: DeviceArgument, drives: Frequencies, change: Change = Non
     from tactable.figures.zones import plot_zones
 
     device = _changed(device_name, change)
-    drives_hz = np.array(read_drives(drives, device))
+    drives_hz = np.array(options.read_drives(drives, device))
     drawn = [BarDrive("", np.nan_to_num(hz), np.where(np.isnan(hz), 0, 1).astype(np.complex128)) for hz in drives_hz]
     return plot_zones(device, drawn)
 
 
 @picture_command
 def optimum(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     zone_names: Annotated[str, Option("--zones", help="Zones to vibrate, such as I,III,V.")],
-    change: Change = None,
+    change: options.Change = None,
 ) -> Picture:
     """Draw the drives of greatest localized factor of some zones.
 
@@ -236,11 +212,11 @@ def optimum(
     """
     from tactable.figures.zones import plot_optimum
 
-    return plot_optimum(_changed(device_name, change), read_zones("--zones", zone_names))
+    return plot_optimum(_changed(device_name, change), options.read_zones("--zones", zone_names))
 
 
 @picture_command
-def reach(device_name: DeviceArgument, change: Change = None) -> Picture:
+def reach(device_name: options.DeviceArgument, change: options.Change = None) -> Picture:
     """Draw the greatest acceleration and level of each place of the bar.
 
     Places that no drive moves are dead zones.
@@ -257,21 +233,18 @@ def _changed(device_name: str, change: list[str] | None) -> Device:
     device = find_device(device_name)
     if not change:
         return device
-    return replace(with_changes(device, read_changes(change, device)), name=f"{device.name}, changed")
-
-
-# ---- studies of devices that are not built yet -------------------------------------------------------------------
+    return replace(with_changes(device, options.read_changes(change, device)), name=f"{device.name}, changed")
 
 
 @picture_command
 def placement(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     progress: Progress,
     actuators: Annotated[str, Option(help=f"Numbers of actuators, up to {_MOST_ACTUATORS}.")] = "2,3,4",
     level_db: StudiedLevel = 20.0,
     most: Annotated[int, Option(min=3, max=100_000, help="Placements to screen for each number.")] = 300,
-    workers: Workers = None,
-    as_json: AsJson = False,
+    workers: options.Workers = None,
+    as_json: options.AsJson = False,
 ) -> Picture:
     """Search where actuators give the best worst contrast.
 
@@ -283,9 +256,9 @@ def placement(
     from precompute.studies.placement_search import search_placement
     from tactable.figures.placement_picture import plot_placement
 
-    device, counts = find_device(device_name), read_counts("--actuators", actuators, 1, _MOST_ACTUATORS)
+    device, counts = find_device(device_name), options.read_counts("--actuators", actuators, 1, _MOST_ACTUATORS)
     if len(device.zones) < 2:
-        raise OptionError(f"{device.name}: two fingers need two zones, it has {len(device.zones)}")
+        raise options.OptionError(f"{device.name}: two fingers need two zones, it has {len(device.zones)}")
     start_s, found = time.monotonic(), []
     with WorkerPool(_helpers(workers)) as pool:
         for count in counts:
@@ -307,7 +280,7 @@ def placement(
 
 @picture_command
 def resolution(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     progress: Progress,
     zones: Annotated[str, Option(help=f"Numbers of equal zones, 2 to {_MOST_ZONES}.")] = "2,3,4,5,6,8",
     placements: Annotated[
@@ -319,7 +292,7 @@ def resolution(
         ),
     ] = "",
     level_db: StudiedLevel = 20.0,
-    workers: Workers = None,
+    workers: options.Workers = None,
 ) -> Picture:
     """Study how narrow zones can be with a number of actuators.
 
@@ -330,7 +303,7 @@ def resolution(
     from precompute.studies.zone_resolution import study_resolution
     from tactable.figures.resolution_picture import plot_resolution
 
-    device, counts = find_device(device_name), read_counts("--zones", zones, 2, _MOST_ZONES)
+    device, counts = find_device(device_name), options.read_counts("--zones", zones, 2, _MOST_ZONES)
     if placements:
         at_m = _read_placements(device, placements)
     else:
@@ -355,10 +328,12 @@ def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
     found = list[tuple[complex, ...]]()
     for part in text.split(";"):
         try:
-            at_m = {read_point_on(f"{each} %", device.surface.corner_m) for each in names_in(part)}
+            at_m = {read_point_on(f"{each} %", device.surface.corner_m) for each in options.names_in(part)}
         except QuantityError as error:
-            raise OptionError(f"--at {text!r}: {error}") from None
-        if not at_m or len(at_m) < len(names_in(part)):
-            raise OptionError(f"--at {text!r}: {part!r}: expected different places in %, as 16,97.7 or 10x15,90x85")
+            raise options.OptionError(f"--at {text!r}: {error}") from None
+        if not at_m or len(at_m) < len(options.names_in(part)):
+            raise options.OptionError(
+                f"--at {text!r}: {part!r}: expected different places in %, as 16,97.7 or 10x15,90x85"
+            )
         found.append(tuple(sorted(at_m, key=order_of)))
     return found

@@ -9,21 +9,9 @@ from typer import Option
 
 from base.points import json_of, point_of_json, point_text
 from firmware_link import BIT_RATE_HZ
+from tactable.cli import options
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, say, show
 from tactable.cli.measure import FlawsText, PortName, Seed, SensorPath, ask, with_simulation
-from tactable.cli.options import (
-    AsJson,
-    BitRate,
-    Change,
-    DrivesOf,
-    Level,
-    PictureOutputs,
-    SensorMass,
-    TableArgument,
-    read_drives_of,
-    read_level,
-    read_option,
-)
 
 if TYPE_CHECKING:
     from engine.table import Table
@@ -45,7 +33,7 @@ _REMEDIES["not shown"] = _REMEDIES["in part"]
 
 
 def verify(
-    table_path: TableArgument,
+    table_path: options.TableArgument,
     port_name: PortName,
     sensor_path: SensorPath,
     places: Annotated[
@@ -53,15 +41,15 @@ def verify(
         Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 4,
     placements: Annotated[int, Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
-    level: Level = "20",
-    drives: DrivesOf = None,
-    sensor_mass: SensorMass = "2 g",
-    output: PictureOutputs = None,
+    level: options.Level = "20",
+    drives: options.DrivesOf = None,
+    sensor_mass: options.SensorMass = "2 g",
+    output: options.PictureOutputs = None,
     flaws: FlawsText = "",
-    change: Change = None,
+    change: options.Change = None,
     seed: Seed = 0,
-    bit_rate_hz: BitRate = BIT_RATE_HZ,
-    as_json: AsJson = False,
+    bit_rate_hz: options.BitRate = BIT_RATE_HZ,
+    as_json: options.AsJson = False,
 ) -> None:
     """Play drives and clicks of a table, and compare a sensor with the promise.
 
@@ -84,14 +72,14 @@ def verify(
     from tactable.measure.verification import plan_played, verify_table
 
     outputs = outputs_of(output or [])
-    mass_kg, level_db = read_option("--sensor-mass", sensor_mass, "kg"), read_level(level)
+    mass_kg, level_db = options.read_option("--sensor-mass", sensor_mass, "kg"), options.read_level(level)
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         device = table.device
         most, basis = device.limits.amplitude, table.clicks.basis if table.clicks else None
         named = ApparatusOptions(port_name, sensor_path, most, bit_rate_hz, mass_kg, clicks=basis)
         chosen = with_simulation(device, named, flaws, change, seed)
         asked = random_placements(device, Anywhere(placements=placements, seed=seed + 1))
-        played = plan_played(table, asked, level_db, read_drives_of(drives))
+        played = plan_played(table, asked, level_db, options.read_drives_of(drives))
         with open_apparatus(device, chosen, ask) as apparatus:
             where = fixed_places(device, sensor_path, even_places(device, places).tolist())
             points = verify_table(table, played, where, apparatus, SteppedSineOptions(), mass_kg)

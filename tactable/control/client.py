@@ -64,9 +64,6 @@ async def connect_async(
     return client
 
 
-# ---- messages, the same for both clients ----
-
-
 def hello(name: str, lease_s: float | None) -> Document:
     """The first message."""
     lease_s = DEFAULT_LEASE_S if lease_s is None else lease_s

@@ -158,8 +158,6 @@ class SimulatedBench(VirtualLine):
         self._upright = 1.0  # -1 when it is turned over
         self.place(true.surface.corner_m / 2)
 
-    # ---- what a person does at the bench ----
-
     def place(self, position_m: complex) -> None:
         """Put the sensor here; that takes as long as the surface takes to come to rest."""
         surface = self._device.surface
@@ -175,8 +173,6 @@ class SimulatedBench(VirtualLine):
         """Turn the sensor over, so that gravity shows with the other sign."""
         self._make_samples()
         self._upright = -self._upright
-
-    # ---- the samples ----
 
     def _ready_of(self, readable: Sequence[int]) -> list[int]:
         found = super()._ready_of(readable)

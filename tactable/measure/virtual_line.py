@@ -29,8 +29,6 @@ class VirtualLine:
         """Let the host stand still for a while at its next wait."""
         self._stall_ns = duration_ns
 
-    # ---- the clock ----
-
     def now_ns(self) -> int:
         """Virtual time."""
         return self.time_ns
@@ -44,8 +42,6 @@ class VirtualLine:
         while not (ready := self._ready_of(readable)) and self.time_ns < end_ns:
             self.run_to(min(end_ns, self._next_ns(readable)))
         return ready
-
-    # ---- the port ----
 
     def fileno(self) -> int:
         """Stand-in for the port's descriptor."""
@@ -61,8 +57,6 @@ class VirtualLine:
         data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
         self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
         return data
-
-    # ---- inside ----
 
     def run_to(self, end_ns: int) -> None:
         """Let time pass."""

@@ -165,9 +165,6 @@ class Moment:
         return True
 
 
-# ---- what stays during a run ----
-
-
 def _first_segment(rule: Rule) -> Segment:
     """First segment of the rule's effect; quiet where it has no segment."""
     return rule.effect.envelope[0] if rule.effect.envelope else _QUIET

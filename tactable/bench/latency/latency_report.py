@@ -168,9 +168,6 @@ def _floor_note(has_echo: bool, transport: Transport) -> str:
     return note + " It writes into a socket pair: the driver of the port is in no floor."
 
 
-# ---- the document ----------------------------------------------------------------------------------------
-
-
 def run_json(run: Run) -> dict[str, Any]:
     """Conditions, the ratios to their floors, and the layers that cost most."""
     return {
@@ -250,9 +247,6 @@ def compare_with(run: Run, baseline: Mapping[str, Sequence[Stamps]]) -> dict[str
     floors = ((condition, run.plan.floor_of(condition)) for condition in run.measured)
     floor_of = {condition.name: floor.name for condition, floor in floors if floor is not None}
     return compare_runs(run.rounds(), baseline, floor_of)
-
-
-# ---- files -----------------------------------------------------------------------------------------------
 
 
 def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
