@@ -157,9 +157,7 @@ def _check_linearisation(device: Device, capabilities: Capabilities) -> None:
         key = f"{device.name}: actuator {actuator.name}: electrodes.linearised_by is {electrodes.linearised_by!r}"
         if of_board:
             raise RendererError(f"{key}, and the connected board linearises: say 'board', or flash electrode_bias = 0")
-        raise RendererError(
-            f"{key}, and the connected board does not: flash electrode_bias = {electrodes.bias_word}, or say what does"
-        )
+        raise RendererError(f"{key}, and the connected board does not: flash electrode_bias = {electrodes.bias_word}")
 
 
 def _notes_on_others(device: Device, capabilities: Capabilities) -> tuple[str, ...]:

@@ -76,9 +76,7 @@ def _split(measurements: Measurements, source: str) -> list[tuple[Array, Complex
         raise MeasurementError(f"{source}: has a finger on it; modes are those of the untouched surface")
     places = np.unique(measurements.position_m)
     if measurements.sensor_mass_kg.any() and len(places) > 1:
-        raise MeasurementError(
-            f"{source}: sensor mass: it moves the modes from place to place; keep one place, or fit the responses"
-        )
+        raise MeasurementError(f"{source}: sensor mass: it moves the modes; keep one place, or fit the responses")
     rows, which = np.arange(len(moving)), moving.argmax(axis=1)
     force_m, hz = measurements.force_m, measurements.frequency_hz[rows, which]
     value = measurements.acceleration / (1.0 if force_m is not None else measurements.amplitude[rows, which])

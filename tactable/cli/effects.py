@@ -81,9 +81,7 @@ def export(
 
 def curve(
     device_name: DeviceArgument,
-    at: Annotated[
-        str, Option("--at", help="Places: 40mm,140mm, or 40x60mm of a plate; default: the middle of each zone.")
-    ] = "",
+    at: Annotated[str, Option("--at", help="Places: 40mm,140mm or 40x60mm; default: the middle of each zone.")] = "",
     path: Annotated[Path | None, Option("-o", "--output", help="A .json file; default: print.")] = None,
     under_finger: Annotated[bool, Option("--finger/--no-finger", help="With the device's finger there.")] = True,
 ) -> None:

@@ -36,9 +36,7 @@ _SHOWN = 20  # a screen's worth; the summary file has all
 def fleet(
     source: Annotated[Path, Argument(metavar="DIR|MANIFEST|STUDY", help="Folders, .toml or .csv (docs/fleet.md).")],
     output: Annotated[Path, Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
-    scheduler: Annotated[
-        str | None, Option(metavar="ADDRESS", help="A running Dask scheduler, such as tcp://host:8786.")
-    ] = None,
+    scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="A Dask scheduler, as tcp://host:8786.")] = None,
     workers: Annotated[
         int | None, Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,

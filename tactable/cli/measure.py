@@ -73,9 +73,7 @@ def measure(
         int,
         Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many."),
     ] = 8,
-    frequencies: Annotated[
-        str, Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the lines of the mains.")
-    ] = "",
+    frequencies: Annotated[str, Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the mains.")] = "",
     method: MethodName = "stepped",
     planned: Annotated[int, Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")] = 0,
     least: Annotated[str, Option(help="Amplitude that the walk begins with.")] = "5 %",

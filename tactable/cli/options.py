@@ -22,9 +22,7 @@ DEVICE_HELP = "A device file, or the name of a shipped device."
 DeviceArgument = Annotated[str, Argument(metavar="DEVICE", help=DEVICE_HELP)]
 DeviceOption = Annotated[str, Option("--device", help=DEVICE_HELP)]
 TableArgument = Annotated[Path, Argument(metavar="TABLE", help="A built table.")]
-OptionalTable = Annotated[
-    Path | None, Argument(metavar="TABLE", help="A built table; default: the demo's, built if need be.")
-]
+OptionalTable = Annotated[Path | None, Argument(metavar="TABLE", help="A built table; default: that of the demo.")]
 AsJson = Annotated[bool, Option("--json", help="Print JSON for machines.")]
 FeltFingers = Annotated[
     str, Option("--felt", help="Fingers that feel it: positions, or zones for their middles, as 35mm,III.")
@@ -33,9 +31,7 @@ QuietFingers = Annotated[str, Option("--quiet", help="Fingers that must not feel
 Level = Annotated[str, Option("--level", help="Wanted level, dB above the detection threshold, or full.")]
 ThresholdCurve = Annotated[
     str | None,
-    Option(
-        "--threshold", metavar="CURVE", help="Threshold curve in place of the device's: a shipped name, or a TOML file."
-    ),
+    Option("--threshold", metavar="CURVE", help="Threshold curve in place of the device's: shipped, or a TOML file."),
 ]
 PictureOutputs = Annotated[
     list[Path] | None,
@@ -56,9 +52,7 @@ ControlOsc = Annotated[
     int | None,
     Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
 ]
-SensorMass = Annotated[
-    str, Option("--sensor-mass", help="Mass of the accelerometer where the file states none, such as 2 g.")
-]
+SensorMass = Annotated[str, Option("--sensor-mass", help="Mass of the accelerometer if the file states none, as 2 g.")]
 ClicksUpTo = Annotated[
     int | None,
     Option(min=0, max=2, help="Most fingers that get clicks ahead, by default 2; more are solved as they come."),

@@ -31,9 +31,7 @@ from tactable.shipped import find_device
 _DEFAULT_LEVEL = f"{DEFAULT_LEVEL_DB:g}"
 _MOST_ACTUATORS = 4
 _MOST_ZONES = len(ROMAN)
-StudiedLevel = Annotated[
-    float, Option("--level", min=0.0, max=60.0, help="Level of the felt finger, dB above threshold.")
-]
+StudiedLevel = Annotated[float, Option("--level", min=0.0, max=60.0, help="Level of felt fingers, dB above threshold.")]
 
 
 def picture_command(draw: Callable[..., Picture]) -> Callable[..., None]:
@@ -175,9 +173,7 @@ def response(
     device = _changed(device_name, change)
     mass_kg = options.read_option("--sensor-mass", sensor_mass, "kg")
     if bool(drives) == (measured_path is not None):
-        raise options.OptionError(
-            "give --drives, such as --drives '150,130', or --measured FILE, which has its own: not both"
-        )
+        raise options.OptionError("give --drives, as --drives '150,130', or --measured FILE, which has its own")
     if measured_path is None:
         layout = lay_out(np.array(options.read_drives(drives, device)), np.zeros(1), mass_kg)
     else:
@@ -332,8 +328,6 @@ def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
         except QuantityError as error:
             raise options.OptionError(f"--at {text!r}: {error}") from None
         if not at_m or len(at_m) < len(options.names_in(part)):
-            raise options.OptionError(
-                f"--at {text!r}: {part!r}: expected different places in %, as 16,97.7 or 10x15,90x85"
-            )
+            raise options.OptionError(f"--at {text!r}: {part!r}: expected places in %, as 16,97.7 or 10x15,90x85")
         found.append(tuple(sorted(at_m, key=order_of)))
     return found

@@ -82,9 +82,7 @@ RingPath = Annotated[
 ]
 Watch = Annotated[bool, Option(help="Change over to a new table that replaces this one, once it is verified.")]
 Solve = Annotated[bool, Option("--solve/--no-solve", help="Solve clicks that the table lacks, in another process.")]
-FastPathWanted = Annotated[
-    bool, Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step where it can.")
-]
+FastPathWanted = Annotated[bool, Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step.")]
 
 
 @dataclass(frozen=True)

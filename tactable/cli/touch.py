@@ -126,9 +126,7 @@ def doctor(
     context: typer.Context,
     device: Annotated[str | None, Argument(help="With --emit-udev: a digitizer or serial port; default: all.")] = None,
     emit_udev: Annotated[bool, Option("--emit-udev", help="Print the udev rule, and nothing else.")] = False,
-    tables: Annotated[
-        list[Path] | None, Option("--table", help="Also check this table; default: those in this folder.")
-    ] = None,
+    tables: Annotated[list[Path] | None, Option("--table", help="A table to check; default: those here.")] = None,
     bit_rate_hz: BitRate = BIT_RATE_HZ,
     measures: Annotated[bool, Option("--measure/--no-measure", help="Measure which layer is slowest.")] = True,
     as_json: AsJson = False,
