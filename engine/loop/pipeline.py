@@ -60,8 +60,7 @@ def open_pipeline(
     0.
     """
     digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id, report_id)
-    player = EffectPlayer(effects, click_length_ns)
-    return Pipeline(digitizer, device, player, renderer, stamp_ns)
+    return Pipeline(digitizer, device, EffectPlayer(effects, click_length_ns), renderer, stamp_ns)
 
 
 class Pipeline:

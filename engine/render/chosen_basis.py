@@ -68,8 +68,7 @@ def scaled(chosen: ChosenBasis, scales: Sequence[float]) -> ChosenBasis:
 
 def play_ns(weights: int, bit_rate_hz: int) -> int:
     """Duration for which a PLAY with this number of weights occupies a serial line."""
-    frame = encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0)
-    return occupied_ns(bit_rate_hz, len(frame))
+    return occupied_ns(bit_rate_hz, len(encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0)))
 
 
 def _part(basis: Basis, numbers: Sequence[int]) -> Basis:

@@ -50,8 +50,7 @@ def _levels(modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Co
     power, tones = np.zeros(cases.position_m.shape), np.array(hz)
     for tone_hz in np.unique(tones[amplitude != 0]):
         lines, weight = _neighbours(float(tone_hz), modes.frequency_hz)
-        loaded = PlainLoading(modes, lines).loaded(cases)
-        response = np.einsum("k,ckfa->cfa", weight, loaded)
+        response = np.einsum("k,ckfa->cfa", weight, PlainLoading(modes, lines).loaded(cases))
         power += abs(response @ np.where(tones == tone_hz, amplitude, 0)) ** 2
     return 10 * np.log10(np.maximum(power, _LEAST_POWER))
 

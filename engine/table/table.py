@@ -263,8 +263,7 @@ def _read_inside(path: Path, sealed: bool, verify: bool) -> _LiveParts:
         else:
             clicks = Clicks.of(Places.every(corner_m, pitch_m), [])
         is_packed = IS_SHIPPED in file.attrs and "modes" not in groups
-        modes = None if is_packed else read_modes(groups["modes"], device)
-        return device, rows, clicks, modes
+        return device, rows, clicks, None if is_packed else read_modes(groups["modes"], device)
 
 
 def _as_table_error(path: Path, error: Exception) -> TableError:

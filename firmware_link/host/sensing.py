@@ -66,5 +66,4 @@ class Sensing:
         if not self._is_described:
             self._is_described = True
             self._request.due_ns = now_ns
-        scale_m_per_s2 = message.scale_nm_per_s2 * 1e-9
-        return AccelerometerDescribed(rate_hz, scale_m_per_s2, message.greatest, message.lost)
+        return AccelerometerDescribed(rate_hz, message.scale_nm_per_s2 * 1e-9, message.greatest, message.lost)

@@ -86,8 +86,7 @@ def read_sets(path: Path, device: Device) -> tuple[Sequence[Mapping[str, Any]], 
     units = next((part for part in sets if part["type"] == _UNITS), None)
     unit_m, unit_n = (1.0 if units is None else _unit_of(units, key, path) for key in ("length", "force"))
     nodes = _read_nodes(sets, path, is_plate=isinstance(device.surface.corner_m, complex))
-    place_m = {number: unit_m * place for number, place in nodes.items()}
-    return sets, place_m, (unit_m, unit_n)
+    return sets, {number: unit_m * place for number, place in nodes.items()}, (unit_m, unit_n)
 
 
 def write_uff(path: Path, measurements: Measurements, device: Device, comment: str) -> None:

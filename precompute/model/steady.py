@@ -34,8 +34,7 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
 
 def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> SteadyState:
     """The steady state of a known field, displacement_m (tone, degree of freedom)."""
-    field = Response(plant, tones_hz, np.ascontiguousarray(displacement_m[:, None]))
-    gram, total = compute_gram(field)
+    gram, total = compute_gram(Response(plant, tones_hz, np.ascontiguousarray(displacement_m[:, None])))
     share = (gram.sum(axis=0) / total.sum(axis=0))[:, 0, 0].real
     places_m = plant.zone_places_m
     omega = 2 * np.pi * tones_hz

@@ -49,5 +49,4 @@ def _responses(device: Device) -> Complex:
     """Acceleration (line, actuator, finger) under a finger in the middle of every zone, for a unit of each command."""
     hz = np.linspace(device.sweep.frequency_hz[0], device.sweep.frequency_hz[-1], _LINES)
     at_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    loaded = assemble(device).with_fingers(at_m, device.finger)
-    return solve_response(loaded, hz).acceleration(np.array(at_m))
+    return solve_response(assemble(device).with_fingers(at_m, device.finger), hz).acceleration(np.array(at_m))

@@ -81,8 +81,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         stream.start()
     except Exception as error:
         raise AudioError(f"{output.name}: cannot be started: {error}") from error
-    greeting = {"card": stream.name, "latency_s": stream.latency_s, "block_s": output.block / output.rate_hz}
-    parent.say(greeting)
+    parent.say({"card": stream.name, "latency_s": stream.latency_s, "block_s": output.block / output.rate_hz})
     try:
         wait_while_called(parent.has_spoken, lambda: feeder.blocks, stream.name)
     except AudioError:

@@ -106,8 +106,7 @@ def _write_floor(factor, peak, dead):  # type: ignore[no-untyped-def]  # numba
 
 def _time_points(plant: BarPlant, grid: GridResponse) -> float:
     """Seconds a point the way of the paper: solve the model for each (f1, f2, a1, a2), then read the figures off."""
-    rng = np.random.default_rng(0)
-    pairs_hz = rng.choice(grid.frequency_hz, size=(SAMPLED_POINTS, 2))
+    pairs_hz = np.random.default_rng(0).choice(grid.frequency_hz, size=(SAMPLED_POINTS, 2))
     start = time.perf_counter()
     for pair_hz in pairs_hz:
         solve_point(plant, grid.position_m, pair_hz, np.array([0.6, 0.8]))

@@ -178,8 +178,7 @@ def _modes(device: "Device", path: Path, picked: Path | None, mass_kg: float) ->
     if picked is not None:
         _refuse_existing(picked)
         responses = read_measurements(path, device, mass_kg)
-        text = write_modes(pick_modes(responses, str(path)), responses, str(path))
-        write_text(picked, text)
+        write_text(picked, write_modes(pick_modes(responses, str(path)), responses, str(path)))
         path = picked
     return path, modal_names(device, read_modes(path, device, mass_kg))
 

@@ -80,8 +80,7 @@ def _draw_map(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
     axes.contour(
         rows, [0.0], colors="white", linestyles="--", linewidths=1.2, extent=(*axes.get_xlim(), *axes.get_ylim())
     )
-    texts = [_level_text(each) for each in played.fingers]
-    style.draw_fingers(axes, played.placement, texts)
+    style.draw_fingers(axes, played.placement, [_level_text(each) for each in played.fingers])
     axes.set_title("dashed: the detection threshold; in brackets least to greatest of the touches", fontsize="small")
 
 

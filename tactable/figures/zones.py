@@ -38,8 +38,7 @@ def plot_zones(device: Device, drives: Sequence[BarDrive]) -> Picture:
     if not 1 <= len(drives) <= len(_HATCHES):
         raise FigureError(f"{len(drives)} drives: expected one to {len(_HATCHES)}; draw the others by themselves")
     shown = _compute(assemble(device), drives)
-    caption = f"{device.name}: acceleration and localized factor by zone, untouched"
-    return _picture(device, shown, caption, [])
+    return _picture(device, shown, f"{device.name}: acceleration and localized factor by zone, untouched", [])
 
 
 def plot_optimum(device: Device, zones: Sequence[str]) -> Picture:

@@ -54,8 +54,7 @@ class Taker:
         marks = max(lost, int(overflowed), int(self._was_full))
         self._was_full = False
         marked = np.full((marks, len(self._columns)), np.nan, np.float32)
-        block = np.vstack([marked, data[:, self._columns] * self._scales])
-        self._unwritten = block.astype("<f4").tobytes()
+        self._unwritten = np.vstack([marked, data[:, self._columns] * self._scales]).astype("<f4").tobytes()
         self._write()
 
     def _write(self) -> None:

@@ -73,8 +73,7 @@ class ToneFit:
 
     def phase_step_rad(self, channel: int) -> float:
         """The greatest step of the phase between two parts beyond the even drift: large where samples are missing."""
-        phase = np.unwrap(np.angle(self.parts[:, channel]))
-        steps = np.diff(phase)
+        steps = np.diff(np.unwrap(np.angle(self.parts[:, channel])))
         return float(abs(steps - np.median(steps)).max())
 
 

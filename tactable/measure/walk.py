@@ -107,8 +107,7 @@ class RawFolder:
     def __init__(self, path: Path, device: Device, walk: Sequence[Stop], settings: dict[str, Any]) -> None:
         self.path = path
         stops = [[json_of(stop.position_m), [list(tone) for tone in stop.tones]] for stop in walk]
-        identity = {"form": _FORM, "device": device.fingerprint, "stops": stops, **settings}
-        text = json.dumps(identity, indent=1)
+        text = json.dumps({"form": _FORM, "device": device.fingerprint, "stops": stops, **settings}, indent=1)
         self._identity = hashlib.sha256(text.encode()).hexdigest()
         path.mkdir(parents=True, exist_ok=True)
         file = path / _IDENTITY

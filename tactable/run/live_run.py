@@ -106,8 +106,7 @@ class Live:
         self._options, self._clock = options, clock
         self._session = FastSession(self.link, port, clock.now_ns)
         self.fast_counters = self._session.fast_counters
-        click_ns = rendering.click_length_ns
-        rules = effects, self.renderer, clock.now_ns, click_ns
+        rules = effects, self.renderer, clock.now_ns, rendering.click_length_ns
         pipeline = open_pipeline(source, table.device, *rules, source.report_id)
         self._pipeline = pipeline
         pipeline.answerer.patience_ns = options.patience_ns
@@ -117,8 +116,7 @@ class Live:
         edges: tuple[Source, Clock, Observer] = (source, clock, observer)
         if options.fast is not None and isinstance(source, PacketSource):
             try:
-                fast_rendering = with_fast_table(rendering, self.capabilities)
-                others = (clock, effects, fast_rendering, observer)
+                others = (clock, effects, with_fast_table(rendering, self.capabilities), observer)
                 fast = fast_path(options.fast, source, pipeline, dispatcher, *others)
                 edges = (fast.source, fast, fast)
             except FastPathError as error:

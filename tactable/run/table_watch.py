@@ -141,8 +141,7 @@ def _rendered(watched: Watched) -> FastRendering:
             was = ", ".join(watched.zones)
             raise TableError(f"{watched.path}: has zones {', '.join(zones)}, the run began with {was}: start it again")
         fits = watched.effects, watched.capabilities, watched.bit_rate_hz
-        rendering = render_table(table, *fits, refuses=watched.refuses)
-        return with_fast_table(rendering, watched.capabilities)
+        return with_fast_table(render_table(table, *fits, refuses=watched.refuses), watched.capabilities)
 
 
 def _packed(rendering: Rendering) -> bytes:

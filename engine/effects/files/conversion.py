@@ -123,8 +123,7 @@ def convert(pattern: Pattern, name: str, full_level_db: float = FULL_LEVEL_DB) -
         raise EffectError(f"{name}: {long}; expected at most {MOST_EVENT_S:g} s: shorten them, or leave some out")
     reports = tuple(EventReport(event) for event in pattern.events)
     clicks = _clicks(reports, full_level_db)
-    drives = _drives(reports, clicks, full_level_db)
-    segments = _segments(clicks, drives)
+    segments = _segments(clicks, _drives(reports, clicks, full_level_db))
     if len(segments) > MOST_SEGMENTS:
         raise EffectError(f"{name}: {len(segments)} segments; expected at most {MOST_SEGMENTS}: shorten the file")
     return Converted(name, segments, pattern, reports)

@@ -20,8 +20,7 @@ def read_haptic(document: Part) -> Pattern:
     if major.number() != 1:
         raise major.error("1: no other version of this format is known")
     envelopes = document.need("signals").need("continuous").need("envelopes")
-    has_frequency = bool(envelopes.list_of("frequency"))
-    unused = ("curve of the frequency",) if has_frequency else ()
+    unused = ("curve of the frequency",) if envelopes.list_of("frequency") else ()
     points: list[tuple[float, float]] = []
     transients = []
     for part in envelopes.need("amplitude").items():

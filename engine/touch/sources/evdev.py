@@ -281,5 +281,4 @@ def open_evdev(path: str, evdev: EvdevModule | None) -> EvdevSource:
 
 def _axis(node: InputNode, code: int) -> Axis:
     info = node.absinfo(code)
-    length_mm = (info.max - info.min) / info.resolution if info.resolution > 0 else None
-    return Axis(info.min, info.max, length_mm)
+    return Axis(info.min, info.max, (info.max - info.min) / info.resolution if info.resolution > 0 else None)

@@ -83,8 +83,7 @@ def durations_of(stamps: Stamps, point: Point) -> Values:
     """Durations (sample,) of the stage that ends with a point, ns, from the last known point before it."""
     before = stamps[:, :point]
     known = np.where(np.isfinite(before), np.arange(int(point)), -1).max(axis=1)
-    rows = np.arange(len(stamps))
-    return stamps[:, point] - before[rows, known]
+    return stamps[:, point] - before[np.arange(len(stamps)), known]
 
 
 def last_measured(stamps: Stamps) -> Point:

@@ -38,8 +38,7 @@ def stamps_of_commands(samples: dict[str, Times], arrivals: Arrivals, schedule: 
         samples["sequence"],
     )
     stamps[:, Point.RECEIVED] = received_ns - due_ns
-    applied_ns = _applied(samples, ours[:, Stage.COMMAND])
-    stamps[:, Point.APPLIED] = applied_ns - due_ns
+    stamps[:, Point.APPLIED] = _applied(samples, ours[:, Stage.COMMAND]) - due_ns
     stamps[:, Point.AT_FINGER] = np.fmax(stamps[:, Point.APPLIED], stamps[:, Point.RECEIVED]) + samples["prediction_ns"]
     return stamps, due_ns
 

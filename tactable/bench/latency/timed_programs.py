@@ -16,8 +16,7 @@ def build_program(name: str, folder: Path) -> Path | None:
     compiler, program = find_compiler(), folder / name
     if compiler is None:
         return None
-    source = Path(__file__).with_name(f"{name}.c")
-    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(source)]
+    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(Path(__file__).with_name(f"{name}.c"))]
     return program if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None
 
 
