@@ -33,12 +33,10 @@ from firmware_link.host.session import Session
 from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 NS_PER_S = 1_000_000_000
-# The ring of hidraw holds 63 reports; the link never waits for more.
-REPORTS_PER_PASS = 64
+REPORTS_PER_PASS = 64  # the ring of hidraw holds 63 reports; the link never waits for more
 # A line that takes nothing is tried again this often, so that the patience of the link still ends.
 BLOCKED_LINE_NS = 5_000_000
-# The hot path: half the time of calling a named tuple's class.
-_new = tuple.__new__
+_new = tuple.__new__  # the hot path: half the time of calling a named tuple's class
 
 
 class Clock(Protocol):

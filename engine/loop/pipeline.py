@@ -41,8 +41,7 @@ from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digit
 from engine.touch.debounce import fit_releases
 from engine.touch.sources import Described
 
-# The hot path: half the time of calling a named tuple's class.
-_new = tuple.__new__
+_new = tuple.__new__  # the hot path: half the time of calling a named tuple's class
 
 
 def open_pipeline(

@@ -17,8 +17,7 @@ from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Fault
 
 _ENDED = (LinkState.STOPPED, LinkState.DISCONNECTED)
-# Without a port nothing else wakes the loop for a request to stop.
-_LOST_PORT_NS = 80_000_000
+_LOST_PORT_NS = 80_000_000  # without a port nothing else wakes the loop for a request to stop
 
 
 class Reopening(Protocol):

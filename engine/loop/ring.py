@@ -26,13 +26,11 @@ REVISION = 5  # raise it with any change of the structures below
 MOST_TOUCHES = 16
 SLOTS = 4096  # half a second of the fastest digitizer, 8000 reports a second; 8 MiB
 
-# magic, revision, bytes of a slot, slots, process, records written
-_HEAD = struct.Struct("<8sIIIIQ")
+_HEAD = struct.Struct("<8sIIIIQ")  # magic, revision, bytes of a slot, slots, process, records written
 _WRITTEN_AT = _HEAD.size - 8
 _COUNT = struct.Struct("<Q")
 _HEAD_SIZE = 64  # a cache line: the count of records shares none with a slot
-# CRC-32 of the rest, then the number of the record, from 1
-_GUARD = struct.Struct("<IIQ")
+_GUARD = struct.Struct("<IIQ")  # CRC-32 of the rest, then the number of the record, from 1
 # six stamps, report index, level, is_click, sequence, counters, the fingers that feel as bits, then how many of
 # fingers, touches, drive, play, effect's name and report; no finger stands for no placement
 _FIXED = struct.Struct("<6qqd?h6QHBBHHBH")

@@ -8,8 +8,7 @@ from engine.touch.hid_items import Application, Declarations, DescriptorError, F
 
 __all__ = ["ContactLayout", "DescriptorError", "Field", "ReportLayout", "Surface", "SurfaceKind", "read_surfaces"]
 
-# HID 1.11 allows 32 bits a field.
-_MAXIMUM_FIELD_BITS = 32
+_MAXIMUM_FIELD_BITS = 32  # HID 1.11 allows 32 bits a field
 # HID Usage Tables, page in the upper 16 bits: 0x01 Generic Desktop, 0x0D Digitizers, 0xFF00 of Microsoft
 _DIGITIZER_PAGE = 0x000D_0000
 _X, _Y, _TIP, _CONTACT_ID = 0x0001_0030, 0x0001_0031, 0x000D_0042, 0x000D_0051  # page, then usage

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 # Frames of live digitizers come every 2..26 ms. A report that comes later than this belongs to another one.
 FRAME_SILENCE_NS = 30_000_000
-# Watchdog: four times the slowest frame period; Linux waits 100 ms.
-RELEASE_AFTER_NS = 120_000_000
+RELEASE_AFTER_NS = 120_000_000  # watchdog: four times the slowest frame period; Linux waits 100 ms
 
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16

@@ -24,8 +24,7 @@ if TYPE_CHECKING:  # `tactable list` decodes touches and needs no device descrip
     from engine.device.parts import TouchAcross
 
 REACH_M = 8e-3  # a fingertip whose centre is farther beyond an end does not touch the bar: half its width at most
-# For the hot path: half the time of calling a named tuple's class.
-_new = tuple.__new__
+_new = tuple.__new__  # for the hot path: half the time of calling a named tuple's class
 
 
 class ZoneState(IntEnum):

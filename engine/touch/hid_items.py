@@ -10,8 +10,7 @@ from base.errors import TactableError
 # Linux refuses longer descriptors and longer reports (HID_MAX_DESCRIPTOR_SIZE, HID_MAX_BUFFER_SIZE).
 MAXIMUM_DESCRIPTOR_BYTES = 4096
 MAXIMUM_REPORT_BITS = 8 * 16384  # HID_MAX_BUFFER_SIZE in bits
-# Real devices nest 3 collections and push once or twice.
-MAXIMUM_DEPTH = 32
+MAXIMUM_DEPTH = 32  # real devices nest 3 collections and push once or twice
 
 _MILLIMETRES_PER_UNIT = {1: 10.0, 3: 25.4}  # system nibble: SI linear counts centimetres, English linear inches
 

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-# A scan time that is further than this from host time has been reset or wrapped.
-SCAN_TIME_TOLERANCE_NS = 25_000_000
+SCAN_TIME_TOLERANCE_NS = 25_000_000  # a scan time that is further than this from host time has been reset or wrapped
 SCAN_TIME_TICK_NS = 100_000  # HID Usage Tables, 0x0D:0x56; real ones tick each 92 to 131 us
 
 

@@ -7,8 +7,7 @@ from firmware_link.protocol.messages import CLOCK_REFERENCE_SPAN, CLOCK_REFERENC
 # Nothing fresh for this long: disarmed until a new handshake. Not configurable: it can't be switched off.
 DISARM_US = 250_000
 _HALF_SPAN = CLOCK_REFERENCE_SPAN // 2
-# A sequence is one byte: half of its numbers are ahead.
-_GREATEST_STEP = 127
+_GREATEST_STEP = 127  # a sequence is one byte: half of its numbers are ahead
 
 
 @dataclass

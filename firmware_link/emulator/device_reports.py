@@ -8,8 +8,7 @@ from firmware_link.protocol.framing import FrameEncoder, FramingCounters, encode
 from firmware_link.protocol.layout import Message
 
 STATUS_PERIOD_US = 100_000  # 65 bytes each: 6 % of 115 200 bit/s
-# A new drive is reported this soon; more often would crowd a slow line.
-STATUS_SPACING_US = 10_000
+STATUS_SPACING_US = 10_000  # a new drive is reported this soon; more often would crowd a slow line
 FAULT_PERIOD_US = 100_000  # PROTOCOL.md; with STATUS, which says it too
 LOG_SPACING_US = 10_000  # PROTOCOL.md: logs must not crowd a slow line
 

@@ -9,8 +9,7 @@ from firmware_link.emulator.faulty_device import Boot, C, FaultyDevice
 from firmware_link.emulator.firmware import EmulatedFirmware
 
 NS_PER_US = 1_000
-# A host that does not read loses what the device says, as on a wire.
-UNSENT_LIMIT = 8192
+UNSENT_LIMIT = 8192  # a host that does not read loses what the device says, as on a wire
 
 
 class Terminal(Protocol):

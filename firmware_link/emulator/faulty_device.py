@@ -9,8 +9,7 @@ from firmware_link.emulator.fault_plan import FaultPlan, TimedKind
 from firmware_link.emulator.faulty_line import FaultyLine
 
 BILLION = 1_000_000_000
-# What ModemManager says to a new port.
-AT_NOISE = b"AT\rATE0 V1\rAT+GCAP\r"
+AT_NOISE = b"AT\rATE0 V1\rAT+GCAP\r"  # what ModemManager says to a new port
 
 
 class Core(Protocol):

@@ -11,8 +11,7 @@ from firmware_link.protocol.line_rate import UART_BITS_PER_BYTE
 
 US_PER_S = 1_000_000
 BITS_PER_BYTE = 8
-# Bytes without a delimiter go on at this length: they are no frame.
-_LONGEST_RUN = 4096
+_LONGEST_RUN = 4096  # bytes without a delimiter go on at this length: they are no frame
 _LONGEST_CUT = 8
 _LONGEST_BURST = 16
 

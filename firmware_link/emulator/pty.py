@@ -11,8 +11,7 @@ from firmware_link.protocol.link_errors import LinkError
 
 NS_PER_MS = 1_000_000
 READ_SIZE = 4096  # N_TTY_BUF_SIZE of Linux: one read takes what waits
-# How often to look whether a host has opened the terminal: nothing wakes a poll for that.
-HOST_POLL_MS = 10
+HOST_POLL_MS = 10  # how often to look whether a host has opened the terminal: nothing wakes a poll for that
 
 
 def open_pseudo_terminal(

@@ -26,10 +26,8 @@ from firmware_link.emulator.drive_log import ChannelTarget, DriveEvent
 from firmware_link.protocol.messages import FULL_SCALE_WORD
 
 S_PER_US = 1e-6
-# Less is silence: half of the least amplitude that a SET can ask for.
-_SILENT = 0.5 / FULL_SCALE_WORD
-# What comes just when a crossfade ends does not wait; the end of a crossfade is a sum, and rounded.
-_ROUNDING_US = 1e-3
+_SILENT = 0.5 / FULL_SCALE_WORD  # less is silence: half of the least amplitude that a SET can ask for
+_ROUNDING_US = 1e-3  # what comes just when a crossfade ends does not wait; the end of a crossfade is a sum, and rounded
 _SHORTEST_US = 1e-3  # a stretch without a length is over; dividing by less overflows after minutes
 
 

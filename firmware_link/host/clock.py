@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 NS_PER_US = 1_000
 NS_PER_S = 1_000_000_000
-# Two ordinary crystals, 100 ppm each: the most that old bounds may have moved.
-DRIFT_BOUND = 200e-6
-# An exchange is forgotten at this pace, since temperature changes the drift.
-DRIFT_MEMORY_S = 60.0
+DRIFT_BOUND = 200e-6  # two ordinary crystals, 100 ppm each: the most that old bounds may have moved
+DRIFT_MEMORY_S = 60.0  # an exchange is forgotten at this pace, since temperature changes the drift
 # Below this standard deviation in time the noise of the round trips outweighs any crystal's drift.
 DRIFT_BASELINE_S = 5.0
 

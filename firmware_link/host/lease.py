@@ -13,8 +13,7 @@ US_PER_MS = 1_000
 # A sequence says its age up to here: with more frames within a lease, old ones could not be told from new ones.
 LONGEST_SEQUENCE_LEAD = 127
 RENEWALS_PER_LEASE = 3  # each costs a frame a lease; see above
-# The device disarms 250 ms after the last fresh frame: two in a row may be lost.
-SILENT_RENEWAL_NS = 80 * NS_PER_MS
+SILENT_RENEWAL_NS = 80 * NS_PER_MS  # the device disarms 250 ms after the last fresh frame: two in a row may be lost
 
 
 class Lease:

@@ -64,10 +64,8 @@ from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, Signal
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.link_errors import LinkError, LinkLostError, MessageError
 
-# 200 ppm of it widen the bounds of the clock by 0.2 ms (PROTOCOL.md).
-EXCHANGE_PERIOD_NS = 980_000_000
-# A status comes every 100 ms: ten lost in a row are no accident.
-SILENCE_NS = NS_PER_S
+EXCHANGE_PERIOD_NS = 980_000_000  # 200 ppm of it widen the bounds of the clock by 0.2 ms (PROTOCOL.md)
+SILENCE_NS = NS_PER_S  # a status comes every 100 ms: ten lost in a row are no accident
 STOP_PATIENCE_NS = NS_PER_S
 STOP_RETRY_NS = 20_000_000  # some round trips of a slow line (1 ms of USB, 2 of a UART); tried until STOP_PATIENCE_NS
 _HANDSHAKING = (LinkState.GREETING, LinkState.PREPARING, LinkState.SYNCHRONISING, LinkState.ARMING)

@@ -38,8 +38,7 @@ from firmware_link.protocol.messages import (
 from firmware_link.protocol.player import Player
 
 NS_PER_US = 1_000
-# A frame may reach the device so much sooner after the one before than it left.
-JITTER_US = 2 * NS_PER_MS // NS_PER_US
+JITTER_US = 2 * NS_PER_MS // NS_PER_US  # a frame may reach the device so much sooner after the one before than it left
 _NEVER_NS = (1 << 63) - 1  # the greatest int64
 
 

@@ -15,8 +15,7 @@ from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
 
 LEASE_MS = 500  # a board whose host is gone streams on for at most this long
-# Two renewals in a row may be lost.
-RENEWAL_NS = LEASE_MS * NS_PER_MS // 3
+RENEWAL_NS = LEASE_MS * NS_PER_MS // 3  # two renewals in a row may be lost
 MHZ_PER_HZ = 1_000
 
 

@@ -51,10 +51,8 @@ MAXIMUM_SETS = 256
 _WEIGHT_MAXIMUM = 32_767  # the greatest int16; fraction_bits give the scale
 _HEAD, _SET_HEAD = struct.Struct("<HH"), struct.Struct("<HH")
 _LONGEST_WAVEFORM = 0xFFFF  # a u16 counts the samples
-# A hash of 0 means that no basis is held.
-_HASH_INSTEAD_OF_0 = 1
-# 2 pi as a fraction of small integers, 9e-8 too great.
-_TURN_NUMERATOR, _TURN_DENOMINATOR = 710, 113
+_HASH_INSTEAD_OF_0 = 1  # a hash of 0 means that no basis is held
+_TURN_NUMERATOR, _TURN_DENOMINATOR = 710, 113  # 2 pi as a fraction of small integers, 9e-8 too great
 
 Samples = NDArray[np.int16]
 

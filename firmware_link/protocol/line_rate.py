@@ -4,10 +4,8 @@ from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.messages import MAXIMUM_SENSED_VALUES, Acceleration
 
 NS_PER_S = 1_000_000_000
-# A start bit, eight of data, a stop bit.
-UART_BITS_PER_BYTE = 10
-# The rest is for STATUS and answers, and for an accelerometer that is faster than it says.
-SENSED_SHARE = 0.8
+UART_BITS_PER_BYTE = 10  # a start bit, eight of data, a stop bit
+SENSED_SHARE = 0.8  # the rest is for STATUS and answers, and for an accelerometer that is faster than it says
 
 
 def occupied_ns(bit_rate_hz: int, size: int) -> int:

@@ -3,8 +3,7 @@
 from firmware_link.protocol.messages import FULL_SCALE_WORD
 
 US_PER_S = 1_000_000
-# One that plays and one that fades: a device has memory for no more.
-WAVEFORMS_AT_ONCE = 2
+WAVEFORMS_AT_ONCE = 2  # one that plays and one that fades: a device has memory for no more
 
 
 class Player:

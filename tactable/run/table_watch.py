@@ -32,8 +32,7 @@ _READ_BYTES = 1 << 16
 WORD = struct.Struct("<Q")  # the size that leads a message
 # A child that fails writes a line of text as its last words, whose first bytes are a larger number.
 _MOST_BYTES = 1 << 40
-# Arrays begin at multiples of it, as NumPy lays them out.
-_ALIGNMENT = 64
+_ALIGNMENT = 64  # arrays begin at multiples of it, as NumPy lays them out
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from firmware_link.protocol.messages import Play, Set, encode_set_body, seed_of
 
 _NEVER_NS = (1 << 63) - 1  # the greatest int64
 _QUIET = Segment(None, None)
-# A field is read as eight bytes from the one that it begins in.
-_WIDEST_FIELD = 56
+_WIDEST_FIELD = 56  # a field is read as eight bytes from the one that it begins in
 _KEYS = {
     Key.CONTACT_ID: CONSTANTS["KEY_ID"],
     Key.SLOT_IS_CONTACT_ID: CONSTANTS["KEY_SLOT"],

@@ -19,8 +19,7 @@ from engine.touch.sources.own_reports import MOST_CONTACTS, Axis, ContactReports
 # linux/input-event-codes.h
 EV_SYN, EV_ABS = 0x00, 0x03
 SYN_REPORT, SYN_DROPPED = 0, 3  # of type EV_SYN
-# ABS_MT_..., of type EV_ABS
-SLOT, _X, _Y, _TOOL_TYPE, TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B
+SLOT, _X, _Y, _TOOL_TYPE, TRACKING_ID, _DISTANCE = 0x2F, 0x35, 0x36, 0x37, 0x39, 0x3B  # ABS_MT_..., of type EV_ABS
 _SLOT_CODES = (_X, _Y, TRACKING_ID, _DISTANCE, _TOOL_TYPE)
 _OPTIONAL = (_DISTANCE, _TOOL_TYPE)
 SLOT_AXES = frozenset((SLOT, _X, _Y, TRACKING_ID))  # of a node that reports contacts in slots, protocol B

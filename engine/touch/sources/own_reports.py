@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact
 
-# A descriptor of 4096 bytes, the most Linux takes, holds 41.
-MOST_CONTACTS = 32
+MOST_CONTACTS = 32  # a descriptor of 4096 bytes, the most Linux takes, holds 41
 
 TIP, CONFIDENT = 1, 2  # flags of a contact, its first byte: it touches; it is no palm
 _REPORT_ID = b"\x01"

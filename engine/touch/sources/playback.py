@@ -6,8 +6,7 @@ from engine.touch.sources.recording import Recording
 
 NS_PER_S = 1_000_000_000
 PAUSE_NS = NS_PER_S  # pause between two repetitions of a recording
-# Any clock is past this.
-_AT_ONCE_NS = 0
+_AT_ONCE_NS = 0  # any clock is past this
 
 
 class Playback:

@@ -39,8 +39,7 @@ from tactable.bench.latency.timed_programs import build_program, exchange_ns, re
 from tactable.bench.light_device import Arrivals, LightDevice
 from tactable.rig.emulate import configuration_of
 
-# Small, so that a line that stands still is noticed: a real one has one frame in flight.
-_LINK_BUFFER_BYTES = 2_048
+_LINK_BUFFER_BYTES = 2_048  # small, so that a line that stands still is noticed: a real one has one frame in flight
 _TOUCH_BUFFER_BYTES = 1 << 20  # reports of a stalled engine must wait, not block the load generator, whose times count
 
 

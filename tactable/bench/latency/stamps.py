@@ -13,8 +13,7 @@ Times = Integers
 
 # A command comes within a fraction of a lease, or a stall of the line; its sequence comes again after 256 frames.
 _LONGEST_WAY_NS = 200_000_000
-# Device time is cut to whole microseconds.
-_CUT_NS = 1_000
+_CUT_NS = 1_000  # device time is cut to whole microseconds
 
 
 def _empty(count: int) -> Stamps:
