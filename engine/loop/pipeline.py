@@ -55,8 +55,7 @@ def open_pipeline(
 ) -> "Pipeline":
     """The pipeline of a digitizer on a bar with these rules; raises DescriptorError and DigitizerError.
 
-    It follows the touch surface with the report `report_id`; None: the one that reports. Without `stamp_ns` stamps are
-    0.
+    It follows the touch surface of the report `report_id`; None: the one that reports. Without `stamp_ns` stamps are 0.
     """
     digitizer = open_digitizer(described.descriptor, described.vendor_id, described.product_id, report_id)
     return Pipeline(digitizer, device, EffectPlayer(effects, click_length_ns), renderer, stamp_ns)

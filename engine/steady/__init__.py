@@ -1,7 +1,6 @@
 """Steady drives for fingers at any positions, solved when fingers come.
 
-`engine.steady.steady_solver` needs Numba, so it is imported only by who solves; modes and drives need no
-compiler.
+`engine.steady.steady_solver` needs Numba, so only who solves imports it; modes and drives need no compiler.
 """
 
 from engine.steady.modes import Modes

@@ -1,8 +1,7 @@
 """Stream of the device's accelerometer, on the host: asked for, checked against the line, renewed while it is wanted.
 
 The device streams for one lease after each SENSE. The first SENSE has a lease of 0: its answer says how fast the
-accelerometer is, and only a line that carries that gets a stream. A stream that nobody renews ends by itself, as a
-drive does.
+accelerometer is, and only a line that carries that gets a stream. A stream that is not renewed ends, as a drive does.
 """
 
 from firmware_link.host.lease import NS_PER_MS

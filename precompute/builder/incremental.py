@@ -1,11 +1,10 @@
 """Incremental builds: which parts of a table are still right, and which must be computed again.
 
-A table has two parts: the responses of the surface with its modes and sweeps, and the clicks. For each
-part it holds the fingerprint of the inputs that the part was computed from: the code, the values of the device that the
-part depends on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is
-equal. Values are left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks
-the sweep), and everything else is in it, so that a value which is added to the device makes parts stale rather than
-wrong.
+A table has two parts: the responses of the surface with its modes and sweeps, and the clicks. For each part it holds
+the fingerprint of the inputs that the part was computed from: the code, the values of the device that the part depends
+on, and the options of the build. A part of an earlier table is taken over only if that fingerprint is equal. Values are
+left out of a fingerprint where the part provably does not depend on them (a name, a lease, for clicks the sweep), and
+everything else is in it, so that a value which is added to the device makes parts stale, not wrong.
 """
 
 import hashlib

@@ -19,8 +19,7 @@ def energy_contrast(solver: ClickSolver, placement: Placement) -> Array:
     """Waveform of the greatest ratio of felt energy during the click to quiet energy at all times.
 
     Acoustic contrast control in the time domain: the leading generalised eigenvector over the weights of the tones,
-    with weighted energies averaged over the scenarios. Without quiet fingers the denominator is the energy of the
-    drive.
+    with weighted energies averaged over the scenarios. Without quiet fingers the denominator is the drive's energy.
     """
     length_s = solver.options.length_s
     tones = make_tones(solver.device, length_s, solver.options.crowding)

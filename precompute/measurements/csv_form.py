@@ -1,8 +1,7 @@
 """The form of a table that holds no readings of a bar: a sentence that names it, with an example of the right one.
 
 Programs export time series and spectra in tables that look like measurements. Such a table fails at its first heading
-for a reason that does not help, such as a missing unit. So the form is looked at first, and what makes readings of it
-is said.
+for a reason that does not help, such as a missing unit. So the form is looked at first, and the remedy is said.
 """
 
 import re

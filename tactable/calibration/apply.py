@@ -122,8 +122,7 @@ def apply_fit(
 ) -> Applied:
     """Fit, build the table for the calibrated device and put it in place; a finished step is not repeated.
 
-    A doubtful fit, and a table that `verify` refuses, leave the table, unless `despite_doubts`. Raises what its steps
-    raise.
+    A doubtful fit, and a table that `verify` refuses, leave the table, unless `despite_doubts`. Raises as its steps.
     """
     times = StepTimes(progress, "start")
     target = TableTarget(table, job.device)

@@ -9,7 +9,6 @@ board by STOP, whether the block ended by itself, by an error or by Ctrl-C.
 import contextlib
 from collections.abc import Container, Sequence
 from dataclasses import replace
-from types import TracebackType
 from typing import Protocol, Self
 
 from engine.device import Device
@@ -133,11 +132,9 @@ class DrivenDevice:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *unused: object) -> None:
         # An error of the block says more than that the port was lost on the way out.
-        with contextlib.suppress(LinkError) if error is not None else contextlib.nullcontext():
+        with contextlib.suppress(LinkError) if kind is not None else contextlib.nullcontext():
             self._stop()
 
     def _stop(self) -> None:

@@ -102,8 +102,7 @@ def find_faults(
 ) -> tuple[Fault, ...]:
     """Faults of one steady window (sample, channel), the most serious first.
 
-    reference: index of the loopback channel, None without one. hum_at_rest: amplitude of the mains with the bar at
-    rest, m/s^2.
+    reference: index of the loopback channel, None without one. hum_at_rest: of the mains, with the bar at rest, m/s^2.
     """
     channel, found = form.acceleration, list[Fault]()
     size = max(float(abs(fit.phasor[channel])), 1e-300)

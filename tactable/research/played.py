@@ -127,8 +127,7 @@ class Click(_Asked, ClickEntry):
     def to_xarray(self) -> "xarray.Dataset":
         """The waveform (time, actuator) as played, fractions of full scale; felt_level and quiet_level (spread) in dB.
 
-        The levels are promised for fingers within the tolerance of its places. quiet_level is NaN where nothing is
-        quiet.
+        Levels are promised for fingers within the tolerance of its places. quiet_level is NaN where nothing is quiet.
         """
         import xarray
 

@@ -99,8 +99,7 @@ class FastSource:
 class FastPath:
     """The compiled step of one run: give a loop its `source`, and the fast path itself as clock and observer.
 
-    The session of the dispatcher must be a FastSession. Raises FastPathError for a digitizer or rules that the step
-    cannot serve.
+    The dispatcher's session must be a FastSession. Raises FastPathError for a digitizer or rules that it cannot serve.
     """
 
     def __init__(

@@ -88,8 +88,7 @@ def measure(
 ) -> tuple[dict[str, Any], Run]:
     """The document of the report, and all samples. `streams` are (rate in Hz, touches).
 
-    Raises LatencyReportError for a table without clicks, LinkError or ChildError where the engine, the port or the
-    device fails.
+    Raises LatencyReportError for a table without clicks, LinkError or ChildError where engine, port or device fails.
     """
     if not table.clicks:
         raise LatencyReportError(f"{table.path}: has no clicks, which the touches bring: build it with them")
