@@ -42,10 +42,7 @@ def parse_effects(
     folder: Path | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Effects:
-    """Validate the rules in `text`; `source` names it in errors. Raises EffectError.
-
-    Effect files are looked up in `folder`; None: the text may name none.
-    """
+    """The rules in `text` of `source`; effect files are looked up in `folder`, if any. Raises EffectError."""
     top = RuleTable.parse(text, source)
     parts = top.tables("effect") if "effect" in top.left else []
     rule_parts = top.tables("rule")

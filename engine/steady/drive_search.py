@@ -315,10 +315,7 @@ def _fill_power(grid_hz, hz, loaded, a, power):  # type: ignore[no-untyped-def] 
 
 @njit(types.void(REAL, _COUNT), cache=True, error_model="numpy")
 def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
-    """Keep only the peak of value (frequency,) that is uphill of the index `held`; all other frequencies become -1.
-
-    It is the nearest one that reaches the level.
-    """
+    """Keep the peak of value (frequency,) uphill of the index `held`, the nearest at the level; the rest is -1."""
     count, k = len(value), held
     for away in range(count):
         if value[max(held - away, 0)] >= 0.0 or value[min(held + away, count - 1)] >= 0.0:

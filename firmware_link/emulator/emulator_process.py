@@ -127,9 +127,7 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """
     wanted = arguments["configuration"]
     configuration = DeviceConfiguration(**wanted | {"full_scales_pm": tuple(wanted["full_scales_pm"])})
-    device = FaultyDevice(
-        lambda boot_id: EmulatedFirmware(replace(configuration, boot_id=boot_id)), FaultPlan(), seed=0
-    )
+    device = FaultyDevice(lambda boot: EmulatedFirmware(replace(configuration, boot_id=boot)), FaultPlan(), seed=0)
     link = Announcement(Path(arguments["link"])) if arguments["link"] else None
     follow = () if link is None else (link.point_to, link.close)
     server = DeviceServer(device, PseudoTerminal, time.monotonic_ns(), *follow)

@@ -359,10 +359,7 @@ _WRITES_PHASE = int(SetFlag.WRITE_PHASE)
 def encode_set_body(
     clock_reference: int, lease_ms: int, drive: bytes, sequence: int, *, writes_phase: bool = True
 ) -> bytes:
-    """Body of a SET, as `encode_body` makes it, for the way from a touch to its command.
-
-    The values are those of a link that is ready: they are known to fit.
-    """
+    """Body of a SET, as `encode_body` makes it, but faster: the values of a link that is ready are known to fit."""
     return _pack_set(sequence, clock_reference, _WRITES_PHASE if writes_phase else 0, lease_ms) + drive
 
 

@@ -40,10 +40,7 @@ class ClickOptions:
         return Places.every(corner_m, self.on(corner_m).pitch_m or FINEST_M)
 
     def at(self, places: Places) -> "ClickOptions":
-        """The options for clicks that are tabulated at these places: within half a pitch and what the digitizer leaves.
-
-        A tolerance that is given stays.
-        """
+        """The options at these places: within half a pitch and the digitizer's error, unless a tolerance is given."""
         if self.tolerance_m is not None:
             return self
         return replace(self, tolerance_m=places.pitch_m / 2 + DIGITIZER_TOLERANCE_M)

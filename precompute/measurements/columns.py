@@ -18,9 +18,7 @@ _SINGLE = {
     "force position": "m",
     "frequency": "Hz",
     "peak acceleration": "m/s^2",
-} | {
-    f"{quantity} {part}": "rad" if part == "phase" else unit for quantity, unit in QUANTITIES.items() for part in _PARTS
-}
+} | {f"{name} {part}": "rad" if part == "phase" else unit for name, unit in QUANTITIES.items() for part in _PARTS}
 _PER_ACTUATOR = {"frequency": "Hz", "amplitude": "", "phase": "rad"}
 _MOTIONS = "acceleration", "velocity", "displacement"
 _ANGLES = {"rad": 1.0, **dict.fromkeys(("deg", "degrees", "°"), np.pi / 180)}

@@ -118,10 +118,7 @@ def lay_out(frequency_hz: Array, position_m: Points, sensor_mass_kg: float, kind
 def check_measurements(
     measurements: Measurements, device: Device, source: str, place: Callable[[int], str]
 ) -> Measurements:
-    """Return the measurements after checking every row; `place` names a row as the file does.
-
-    Raises MeasurementError where a row is impossible or empty.
-    """
+    """The measurements, every row checked; `place` names a row as the file does. Raises MeasurementError."""
     if not len(measurements):
         raise MeasurementError(f"{source}: has no measurement; give at least one acceleration")
     corner_m, kind = device.surface.corner_m, device.surface.kind

@@ -239,9 +239,7 @@ def _diagonal(grid: GridResponse, pair: tuple[int, int], ratios: AmplitudeRatios
     directions[pair[0]], directions[pair[1]] = ratios.first, ratios.second
     figures = compute_coherent_figures(grid, directions)
     index, multiple = ratios.ratio.ravel(), ratios.multiple.ravel().astype(np.float32)
-    factor, peak, dead = (
-        values.transpose(0, 2, 1)[:, index] for values in (figures.factor, figures.peak, figures.dead)
-    )
+    factor, peak, dead = (each.transpose(0, 2, 1)[:, index] for each in (figures.factor, figures.peak, figures.dead))
     multiple[multiple == 0] = np.nan  # nothing moves
     return [factor + 0 * multiple[:, None], peak * multiple[:, None], dead * multiple[:, None]]
 

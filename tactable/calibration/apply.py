@@ -33,10 +33,7 @@ class PromiseError(TactableError):
 
 
 class TableTarget:
-    """The table that a calibration is applied to.
-
-    Raises TableError where there is no table, where it belongs to another bar, and where it cannot be rebuilt.
-    """
+    """The table that a calibration is applied to. Raises TableError for none, another bar's, or one not rebuildable."""
 
     def __init__(self, path: Path, device: Device) -> None:
         self.path = path

@@ -51,10 +51,7 @@ def print_applied(out: Console, table: Path, applied: "Applied") -> None:
 
 
 def print_clicks(out: Console, table: Path, is_complete: bool, clicks_s: float | None) -> None:
-    """Print what became of the clicks of two fingers; `clicks_s`: the time that it took to add them, None: it did not.
-
-    is_complete: they were there before.
-    """
+    """Print what became of the clicks of two fingers; `clicks_s`: the time to add them; is_complete: there before."""
     say = partial(print_lines, out)
     if clicks_s is not None:
         say(f"{table}: clicks of two fingers added in {clicks_s:.0f} s and put in place in a second change")

@@ -196,10 +196,7 @@ class Client:
         self.ask({"type": "define", "name": name, "envelope": [list(each) for each in envelope]})
 
     def define_from_file(self, name: str, path: Path | str, level: str | None = None) -> list[Document]:
-        """Define an effect by an effect file (.ahap, .haptic, .hjif); what became of each of its events.
-
-        level: that of the file's intensity 1, such as "25 dB".
-        """
+        """Define an effect by an effect file, `level` that of its intensity 1 as "25 dB"; what became of its events."""
         events: list[Document] = self.ask(file_message(name, path, level))["events"]
         return events
 

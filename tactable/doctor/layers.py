@@ -63,9 +63,7 @@ def measure_layers(bit_rate_hz: int) -> list[Layer]:
             "`tactable run --realtime all`; `tactable bench latency` says what each step brings",
         ),
         Layer("engine", *_decoding_us(), "a report becomes a touch frame", "`tactable bench latency` has its stages"),
-        Layer(
-            "terminal", *_terminal_us(), "bytes through a pseudo-terminal, as to an emulator", "a real port has none"
-        ),
+        Layer("terminal", *_terminal_us(), "bytes through a pseudo-terminal, as to emulators", "a real port has none"),
         Layer(
             "line",
             line_us,
@@ -106,10 +104,7 @@ def layers_of(bit_rate_hz: int, table: Path | None) -> list[Check]:
 
 
 def wait_text(panel: tuple[float, str], engine: tuple[float, str], bit_rate_hz: int, table: Path | None) -> str:
-    """What the finger waits for in one line: panel, engine, line and bar in ms, each with where its figure is from.
-
-    panel, engine: ms, and where they are from.
-    """
+    """What the finger waits for, in one line: panel, engine (each ms and source), line and bar, with their sources."""
     actuators, bar_ms = _told_by(table)
     line = play_ns(actuators * _CLICK_WEIGHTS, bit_rate_hz) / 1e6, f"computed: a click of {actuators} actuators"
     parts = {"panel": panel, "engine": engine, "line": line}

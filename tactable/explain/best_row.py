@@ -17,10 +17,7 @@ from tactable.explain.placed_drive import PERCENTILES, finger_grid
 
 
 class ExplainedRow:
-    """The row that a table has for fingers at positions, and levels (case, finger) of these, standard ones first.
-
-    Raises TableError for zones without a row.
-    """
+    """The row of a table for fingers, and their levels (case, finger), standard first. Raises TableError for none."""
 
     def __init__(self, table: Table, placement: Placement, level_db: float) -> None:
         device = table.device

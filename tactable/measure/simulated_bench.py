@@ -137,13 +137,11 @@ class SimulatedBench(VirtualLine):
     ) -> None:
         self._device = true
         self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
-        full_scales_m = [actuator.full_scale_m for actuator in (board or true).actuators]
+        own_m = [actuator.full_scale_m for actuator in (board or true).actuators]
         self.firmware = EmulatedFirmware(configuration_of(board or true, BOOT_ID))
         self.card = card
         super().__init__(card or self.firmware)
-        self._of_card = (
-            [] if card is None else np.divide(card.output.full_scales_m[: len(full_scales_m)], full_scales_m)
-        )
+        self._of_card = [] if card is None else np.divide(card.output.full_scales_m[: len(own_m)], own_m)
         loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)

@@ -40,10 +40,7 @@ def read_haptic(document: Part) -> Pattern:
 
 
 def _stretches(points: list[tuple[float, float]], unused: tuple[str, ...], added: int) -> list[Event]:
-    """The stretches of an envelope above 0; one that touches 0 between two of its points is two.
-
-    added: points that the file has not, before its first one.
-    """
+    """The stretches of an envelope above 0, parted where it touches 0; `added` points precede the file's first."""
     runs: list[list[int]] = []
     for number, (before, after) in enumerate(pairwise(points)):
         if before[1] == after[1] == 0:
