@@ -173,7 +173,10 @@ class Ack(Message, wire_name="ACK", type_byte=0x04, sender=Sender.BOTH):
 
 @dataclass(frozen=True)
 class Set(Message, wire_name="SET", type_byte=0x05, sender=Sender.HOST):
-    """Drive for one lease; no answer, the latest wins. `drive` comes from `encode_drive`."""
+    """Drive for one lease; no answer, the latest wins.
+
+    `drive` comes from `encode_drive`.
+    """
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     flags: Annotated[SetFlag, _U8]
@@ -253,7 +256,10 @@ class Fault(Message, wire_name="FAULT", type_byte=0x0B, sender=Sender.DEVICE):
 
 @dataclass(frozen=True)
 class Log(Message, wire_name="LOG", type_byte=0x0C, sender=Sender.DEVICE):
-    """An event for people, as numbers; no answer. `text` has the words."""
+    """An event for people, as numbers; no answer.
+
+    `text` has the words.
+    """
 
     level: Annotated[LogLevel, _U8]
     code: Annotated[LogCode, _U16]

@@ -66,5 +66,5 @@ def test_a_wrong_table_is_refused_by_name(lines: tuple[str, ...], message: str) 
 
 def test_a_board_linearises_with_one_bias() -> None:
     text = with_electrodes("number = 1", 'bias = "70 %"', 'linearised_by = "board"')
-    with pytest.raises(DeviceError, match=r"60 % and 70 %: a board linearises with one bias"):
+    with pytest.raises(DeviceError, match=r"60 % and 70 %: a board has one bias"):
         Device.parse(text.replace("70 %", "60 %", 1), "bar")

@@ -74,7 +74,8 @@ def mutants_of(path: str, text: str) -> list[Mutant]:
         begin, end = text.rfind("\n", 0, start) + 1, text.find("\n", start)
         context, line = text[begin:end], text.count("\n", 0, start) + 1
         column = start - begin - (len(context) - len(context.lstrip()))
-        name = f"{path}: {context.strip()} [{column}: {' '.join(text[start:stop].split())} -> {after}]"
+        code = context.partition("  #")[0].strip()
+        name = f"{path}: {code} [{column}: {' '.join(text[start:stop].split())} -> {after}]"
         names[name] += 1
         if text[start:stop] != after:
             found.append(Mutant(path, start, stop, line, after, name if names[name] == 1 else f"{name} #{names[name]}"))

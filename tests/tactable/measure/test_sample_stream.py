@@ -76,5 +76,5 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "no").write_bytes(b"position (mm)\n1\n")
     with pytest.raises(SensorError, match="does not begin with"):
         SampleStream(tmp_path / "no", DEVICE)
-    with pytest.raises(SensorError, match="name the file or pipe"):
+    with pytest.raises(SensorError, match="name a file or pipe"):
         SampleStream(tmp_path / "missing", DEVICE)
