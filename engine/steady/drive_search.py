@@ -104,11 +104,7 @@ def _fill_forms(first, weight, loaded, order, felt, forms, is_given, usable, out
                 part += 2
 
 
-@njit(
-    types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
+@njit(types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, DRIVE), cache=True, error_model="numpy")
 def _solve_at(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """The best drive at one frequency, in place, from a drive next to it; its ratio, or -1: not loud enough.
 

@@ -89,11 +89,7 @@ def _length_us(played: PlayedWaveform) -> float:
 
 
 def _add_waveform(
-    displacements: Array,
-    times_us: Array,
-    played: PlayedWaveform,
-    start_us: int,
-    following: DriveEvent | None,
+    displacements: Array, times_us: Array, played: PlayedWaveform, start_us: int, following: DriveEvent | None
 ) -> None:
     samples = played.samples / SAMPLE_FULL_SCALE
     first, stop = np.searchsorted(times_us, [start_us, start_us + _length_us(played)])

@@ -50,11 +50,7 @@ def eliminate(lu, right):  # type: ignore[no-untyped-def]  # numba
                 right[a, row] -= lu[j, FIRST_SUPER + row - j] * right[a, j]
 
 
-@njit(
-    types.void(_BAND, _BAND, _BAND, _VECTOR, _INDEX, _WEIGHT, _VECTOR, _VECTOR, _OUT),
-    cache=True,
-    parallel=True,
-)
+@njit(types.void(_BAND, _BAND, _BAND, _VECTOR, _INDEX, _WEIGHT, _VECTOR, _VECTOR, _OUT), cache=True, parallel=True)
 def solve_banded(K, C, M, omega, dof, weight, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (frequency, load, degree of freedom); K, C, M upper bands.
 

@@ -34,12 +34,7 @@ def by_tone(frequency_hz: Array, amplitude: Complex) -> tuple[Array, Complex]:
     return tones_hz, np.where(frequency_hz == tones_hz[:, None], amplitude, 0)
 
 
-def peak_along(
-    plant: Plant,
-    frequency_hz: Array,
-    amplitude: Complex,
-    position_m: Points,
-) -> Array:
+def peak_along(plant: Plant, frequency_hz: Array, amplitude: Complex, position_m: Points) -> Array:
     """Peak steady acceleration (point,), m/s^2, of a drive (actuator,) at positions (point,).
 
     Fields of one frequency add, those of several as magnitudes (paper eq. (8)).

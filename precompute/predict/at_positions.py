@@ -83,11 +83,7 @@ class SteadyDesigner:
     """
 
     def __init__(
-        self,
-        device: Device,
-        plant: Plant | None = None,
-        modes: Modes | None = None,
-        samples: int = SAMPLES,
+        self, device: Device, plant: Plant | None = None, modes: Modes | None = None, samples: int = SAMPLES
     ) -> None:
         self.plant, self._samples = plant or assemble(device), samples
         self.basis = compute_basis(self.plant)

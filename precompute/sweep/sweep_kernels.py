@@ -132,10 +132,7 @@ def _quadratic_form(gram_real, gram_imag, drive_real, drive_imag, out):  # type:
 
 
 @njit(
-    types.void(_F4, _F4, _F4, _F4, _F3, _F3, _F2, _F2, _OUT3, _OUT3, _OUT3),
-    cache=True,
-    parallel=True,
-    fastmath=_FAST,
+    types.void(_F4, _F4, _F4, _F4, _F3, _F3, _F2, _F2, _OUT3, _OUT3, _OUT3), cache=True, parallel=True, fastmath=_FAST
 )
 def fill_coherent_sweep(  # type: ignore[no-untyped-def]  # numba
     real, imag, gram_real, gram_imag, total_real, total_imag, drive_real, drive_imag, factor, peak, dead

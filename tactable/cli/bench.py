@@ -41,8 +41,7 @@ def step(
         list[Path] | None, Option("--recording", help="In hid-recorder format; default: the shipped one.")
     ] = None,
     rules_path: Annotated[
-        Path | None,
-        Option("--rules", help="Also with the rules of this file, such as tables/effects/slider.toml."),
+        Path | None, Option("--rules", help="Also with the rules of this file, such as tables/effects/slider.toml.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -86,8 +85,7 @@ def latency(
         Option("--recording", help="Send the reports of this recording; further ones inside the process only."),
     ] = None,
     over: Annotated[
-        str,
-        Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port."),
+        str, Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port.")
     ] = "sockets",
     bit_rate_hz: BitRate = PTY_BIT_RATE_HZ,
     loads: Annotated[str, Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",

@@ -37,8 +37,7 @@ def build(
     workers: options.Workers = None,
     reuse: Annotated[bool, Option(help="Take from the table that is there what the changes do not affect.")] = True,
     responses: Annotated[
-        Path | None,
-        Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md)."),
+        Path | None, Option(metavar="FILE", help="Measured responses in place of the model's (tables/MEASUREMENTS.md).")
     ] = None,
     force_of_actuators: Annotated[
         bool,

@@ -93,10 +93,7 @@ def calibrate(
     ] = True,
     measures: Annotated[
         bool,
-        Option(
-            "--measure",
-            help="First measure into MEASUREMENTS; with --apply verify the table before it counts.",
-        ),
+        Option("--measure", help="First measure into MEASUREMENTS; with --apply verify the table before it counts."),
     ] = False,
     port_name: PortName = "",
     sensor_path: SensorPath = "",

@@ -88,8 +88,7 @@ def diff(
     before: Annotated[Path, Argument(metavar="BEFORE", help="A built table.")],
     after: Annotated[Path, Argument(metavar="AFTER", help="The table to compare with it.")],
     limit_db: Annotated[
-        float,
-        Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent."),
+        float, Option("--limit", min=0.0, max=100.0, help="Ignore changes up to this many dB, or as much in per cent.")
     ] = DEFAULT_LIMIT_DB,
     as_json: options.AsJson = False,
 ) -> None:
@@ -111,8 +110,7 @@ def diff(
 def export(
     table_path: options.TableArgument,
     group: Annotated[
-        str,
-        Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md."),
+        str, Argument(help="sweep, coherent_sweep, best_rows, responses, modes or clicks, as in tables/FORMAT.md.")
     ],
     path: Annotated[Path, Option("-o", "--output", help="The file to write; ends in .nc, .csv or .mat.")],
 ) -> None:

@@ -101,13 +101,13 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "show": Entry("effects:show", "Read an effect file, say of each event whether it is played, and draw it."),
             "export": Entry("effects:export", "Write an effect as an MPEG haptic file (.hjif)."),
             "curve": Entry("effects:curve", "Write the greatest acceleration of places by frequency, as for Android."),
-        },
+        }
     },
     "study": {
         "Studies": {
             "placement": Entry("plot:placement", "Search where actuators give the best worst contrast."),
             "resolution": Entry("plot:resolution", "Study how narrow zones can be with a number of actuators."),
-        },
+        }
     },
     "bench": {
         "Benchmarks": {
@@ -115,7 +115,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "step": Entry("bench:step", "Time the stages from a report to command bytes."),
             "control": Entry("bench:control", "Time a program's message to command bytes, beside touches."),
             "latency": Entry("bench:latency", "Measure the latency from report to command."),
-        },
+        }
     },
 }
 """Commands by group ("" is the top), then by section, in the order of the help."""

@@ -48,12 +48,10 @@ SensorPath = Annotated[
     ),
 ]
 FlawsText = Annotated[
-    str,
-    Option("--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40."),
+    str, Option("--flaws", metavar="SPEC", help="What is wrong with the simulated sensor, as noise=0.05m/s^2,drift=40.")
 ]
 MethodName = Annotated[
-    str,
-    Option("--method", help="stepped: one frequency after the other. sweep: all of a band at once, by loopback."),
+    str, Option("--method", help="stepped: one frequency after the other. sweep: all of a band at once, by loopback.")
 ]
 Most = Annotated[str, Option(help="Greatest amplitude; the board is armed for no more.")]
 Seed = Annotated[int, Option(min=0, help="Seed of the simulated sensor.")]
@@ -70,8 +68,7 @@ def measure(
         Option("--transfer", help="Also write the device file with the transfer functions found: .toml, new."),
     ] = None,
     places: Annotated[
-        int,
-        Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many."),
+        int, Option(min=1, max=1000, help="Number of evenly spaced sensor positions; on a plate at most this many.")
     ] = 8,
     frequencies: Annotated[str, Option(help="Hz, between commas, or FROM:TO:STEP; default: 12 beside the mains.")] = "",
     method: MethodName = "stepped",

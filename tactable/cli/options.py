@@ -49,8 +49,7 @@ ControlPort = Annotated[
     int | None, Option(min=0, max=65_535, help="With --control also a WebSocket on this loopback port; 0: any.")
 ]
 ControlOsc = Annotated[
-    int | None,
-    Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any."),
+    int | None, Option(min=0, max=65_535, help="With --control also Open Sound Control on this loopback port; 0: any.")
 ]
 SensorMass = Annotated[str, Option("--sensor-mass", help="Mass of the accelerometer if the file states none, as 2 g.")]
 ClicksUpTo = Annotated[
@@ -75,8 +74,7 @@ Also = Annotated[
 Loss = Annotated[str, Option(help="Loss of the fit: robust, squares, or l1 as the paper's equation (12).")]
 Change = Annotated[list[str] | None, Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")]
 Frequencies = Annotated[
-    str,
-    Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90."),
+    str, Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90.")
 ]
 Workers = Annotated[int | None, Option("--workers", min=1, max=64, help="Processes that work; default: one a core.")]
 PortName = Annotated[

@@ -77,8 +77,7 @@ RealTimeSteps = Annotated[
     ),
 ]
 RingPath = Annotated[
-    Path | None,
-    Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py)."),
+    Path | None, Option("--ring", help="Shared memory from which other processes follow the run (engine/loop/ring.py).")
 ]
 Watch = Annotated[bool, Option(help="Change over to a new table that replaces this one, once it is verified.")]
 Solve = Annotated[bool, Option("--solve/--no-solve", help="Solve clicks that the table lacks, in another process.")]

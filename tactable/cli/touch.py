@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from engine.device import TouchAxis
 
 DigitizerName = Annotated[
-    str,
-    Argument(metavar="PANEL", help="Path, stable id, serial number or vendor:product, as in `tactable list`."),
+    str, Argument(metavar="PANEL", help="Path, stable id, serial number or vendor:product, as in `tactable list`.")
 ]
 
 
@@ -70,13 +69,11 @@ def record(
 
 def replay(
     recording_name: Annotated[
-        str,
-        Argument(metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface."),
+        str, Argument(metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface.")
     ],
     frames: Annotated[bool, Option("--frames", help="Print every complete touch frame.")] = False,
     device_name: Annotated[
-        str | None,
-        Option("--device", help="The device file or shipped name, for its `silence` and `debounce`."),
+        str | None, Option("--device", help="The device file or shipped name, for its `silence` and `debounce`.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

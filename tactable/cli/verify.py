@@ -37,8 +37,7 @@ def verify(
     port_name: PortName,
     sensor_path: SensorPath,
     places: Annotated[
-        int,
-        Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many."),
+        int, Option(min=1, max=100, help="Number of evenly spaced sensor positions; on a plate at most this many.")
     ] = 4,
     placements: Annotated[int, Option(min=1, max=100, help="Random placements of two fingers.")] = 5,
     level: options.Level = "20",

@@ -133,12 +133,7 @@ class StepDecoder:
             self._begun = 0, "", []
 
     def take_region(
-        self,
-        region: int,
-        rules: list[Any],
-        zones: list[int] | None,
-        region_m: list[Any] | None,
-        level_change_db: float,
+        self, region: int, rules: list[Any], zones: list[int] | None, region_m: list[Any] | None, level_change_db: float
     ) -> None:
         """Add a region, which no scene has yet."""
         indices = None if zones is None else frozenset(_whole(zone, _MOST_NUMBERS) for zone in zones)

@@ -208,12 +208,7 @@ def _read_stop(stop: Stop, stepped: SteppedSine, sweep: SweepOptions | None) -> 
 
 
 def measurements_of(
-    records: Sequence[StopRecord],
-    device: Device,
-    sensor_mass_kg: float,
-    kind: Kind,
-    *,
-    is_simulated: bool,
+    records: Sequence[StopRecord], device: Device, sensor_mass_kg: float, kind: Kind, *, is_simulated: bool
 ) -> Measurements:
     """The readings as `calibrate` takes them: responses, or their magnitudes as peaks. Raises MeasurementError."""
     rows = [

@@ -217,12 +217,7 @@ def _steps(strongest: Array, is_click: Mask, full_level_db: float) -> Array:
 
 
 def _report_drive(
-    report: EventReport,
-    number: int,
-    is_felt: Mask,
-    owner: NDArray[np.int_],
-    is_click: Mask,
-    levels_db: Array,
+    report: EventReport, number: int, is_felt: Mask, owner: NDArray[np.int_], is_click: Mask, levels_db: Array
 ) -> None:
     """Say what became of one continuous event; all arrays (millisecond,) cover its time."""
     felt_ms, is_own = int(is_felt.sum()), owner == number

@@ -11,13 +11,7 @@ from pathlib import Path
 
 from engine.touch.digitizer import DigitizerError
 from engine.touch.sources import LIFT_ALL, OnClock
-from engine.touch.sources.hid_discovery import (
-    HidDigitizer,
-    HidSystem,
-    find_digitizers,
-    refusal,
-    select_digitizer,
-)
+from engine.touch.sources.hid_discovery import HidDigitizer, HidSystem, find_digitizers, refusal, select_digitizer
 
 RING_SIZE = 63  # unread reports that the kernel keeps; it then drops the newest
 _READ_BYTES = 4096  # with a smaller buffer the rest of a report is lost

@@ -103,7 +103,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
                 "link": to_plain(live.link.counters),
                 "digitizer": to_plain(live.digitizer.counters),
                 "clock_bounds_ns": [bounds.lower_ns, bounds.upper_ns],
-            },
+            }
         )
 
 
