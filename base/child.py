@@ -90,12 +90,9 @@ class Child:
         self._name = name
         self._socket, theirs = socket.socketpair()
         with theirs:
+            end = theirs.fileno()
             self._process = subprocess.Popen(
-                command_of(module),
-                stdin=theirs.fileno(),
-                stdout=theirs.fileno(),
-                pass_fds=descriptors,
-                start_new_session=True,
+                command_of(module), stdin=end, stdout=end, pass_fds=descriptors, start_new_session=True
             )
         self.process_id = self._process.pid
         self._received = bytearray()

@@ -68,13 +68,8 @@ def render_table(
     else:
         steady = SteadyDrives(device, capabilities, table.modes, refuses, fit.scales, has_kernels=has_kernels)
     renderer = Renderer(capabilities, steady, RenderedClicks(clicks, basis, refuses), effects.levels_db)
-    return Rendering(
-        device,
-        renderer,
-        replace(configuration, basis=basis.basis),
-        _longest_ns(clicks.basis) if click_ns is None else click_ns,
-        fit,
-    )
+    length_ns = _longest_ns(clicks.basis) if click_ns is None else click_ns
+    return Rendering(device, renderer, replace(configuration, basis=basis.basis), length_ns, fit)
 
 
 def _longest_ns(basis: Basis | None) -> int:

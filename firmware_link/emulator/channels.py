@@ -51,14 +51,7 @@ class Channels:
         return self._amplitude_limits
 
     def apply(
-        self,
-        drive: bytes,
-        writes_phase: bool,
-        now_us: int,
-        sequence: int,
-        *,
-        takes_over: bool = False,
-        is_first: bool = False,
+        self, drive: bytes, writes_phase: bool, now_us: int, sequence: int, *, takes_over: bool, is_first: bool
     ) -> DriveEvent | None:
         """Take the drive of a SET; None where nothing changes, unless it takes over from a waveform.
 

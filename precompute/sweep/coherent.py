@@ -37,15 +37,8 @@ def compute_coherent_figures(grid: GridResponse, directions: Complex) -> Coheren
     shape = (len(grid.frequency_hz), len(grid.device.zones), directions.shape[1])
     factor, peak, dead = (np.empty(shape, dtype=np.float32) for _ in range(3))
     unit = np.einsum("fii->f", grid.total).real.max()  # the kernel is in single precision
-    fill_coherent_sweep(
-        *_split(grid.acceleration),
-        *_split(grid.gram / unit),
-        *_split(grid.total / unit),
-        *_split(directions),
-        factor,
-        peak,
-        dead,
-    )
+    fields = (grid.acceleration, grid.gram / unit, grid.total / unit, directions)
+    fill_coherent_sweep(*(part for field in fields for part in _split(field)), factor, peak, dead)
     allowed = ~((~grid.in_band).astype(np.int64) @ (abs(directions) > 0).astype(np.int64)).astype(bool)
     return CoherentFigures(factor, peak, dead, allowed)
 

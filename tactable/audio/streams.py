@@ -47,15 +47,7 @@ class PortAudioStream:
     """
 
     def __init__(
-        self,
-        name: str,
-        channels: int,
-        rate_hz: int,
-        block: int,
-        callback: Callback,
-        *,
-        is_input: bool,
-        is_exact: bool = False,
+        self, name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_input: bool, is_exact: bool
     ) -> None:
         module = load_portaudio()
         card = select_interface(name, find_interfaces(module), is_input=is_input, is_exact=is_exact)

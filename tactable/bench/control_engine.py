@@ -30,12 +30,8 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
         Table.open(path, verify=False) as table,
     ):
         assert ring is not None  # it is needed
-        options = LiveOptions(
-            effects,
-            reconnect=True,
-            bit_rate_hz=PTY_BIT_RATE_HZ,
-            fast=fast_library() if arguments["has_fast_path"] else None,
-        )
+        fast = fast_library() if arguments["has_fast_path"] else None
+        options = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ, fast=fast)
         served = ControlOf(Path(folder) / "control.sock", ring.path, path)
         with ControlProcess(served) as slot:
             port = DescriptorPort("the socket", arguments["link"])

@@ -24,7 +24,7 @@ _SETTINGS = {"max_content_width": 120, "help_option_names": ["-h", "--help"]}
 
 
 class Entry(NamedTuple):
-    """A command as the help lists it: `target` is "module:function" under tactable/cli, or empty for a group."""
+    """A command as the help lists it: `target` is "module:function" under tactable/cli, or "" for a group; `module` alone: "module:module"."""
 
     target: str
     help: str
@@ -33,9 +33,7 @@ class Entry(NamedTuple):
 COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     "": {
         "Set up": {
-            "quickstart": Entry(
-                "quickstart:quickstart", "Go from wiring to a felt click by questions, each step a command."
-            ),
+            "quickstart": Entry("quickstart", "Go from wiring to a felt click by questions, each step a command."),
             "list": Entry(
                 "touch:list_devices", "List the touch digitizers, serial ports and sound cards of this machine."
             ),
@@ -71,15 +69,11 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Measure": {
             "plan-measurements": Entry("calibrate:plan_measurements", "Propose the readings that tell most."),
             "simulate-measurements": Entry("calibrate:simulate_measurements", "Write measurements, SIMULATED."),
-            "measure": Entry(
-                "measure:measure", "Drive a bar or plate and record its responses, for calibrate and build."
-            ),
+            "measure": Entry("measure", "Drive a bar or plate and record its responses, for calibrate and build."),
             "calibrate": Entry(
-                "calibrate:calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."
+                "calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."
             ),
-            "verify": Entry(
-                "verify:verify", "Play drives and clicks of a table, and compare a sensor with the promise."
-            ),
+            "verify": Entry("verify", "Play drives and clicks of a table, and compare a sensor with the promise."),
             "bench": Entry("", "Measure speed on this machine, against floors measured beside it."),
         },
     },
@@ -194,7 +188,7 @@ def load_command(name: str, entry: Entry) -> Any:
         return get_command(_group(name, entry.help))
     module, _, function = entry.target.partition(":")
     single = typer.Typer(add_completion=False, rich_markup_mode=None, context_settings=dict(_SETTINGS))
-    single.command(name)(getattr(import_module(f"tactable.cli.{module}"), function))
+    single.command(name)(getattr(import_module(f"tactable.cli.{module}"), function or module))
     return get_command(single)
 
 

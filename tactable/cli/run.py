@@ -73,7 +73,7 @@ RealTimeSteps = Annotated[
     Option(
         "--realtime",
         metavar="STEPS",
-        help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority leaves one out.",
+        help=f"all, none, or some of {', '.join(ALL_STEPS)}; all,-priority omits one.",
     ),
 ]
 RingPath = Annotated[

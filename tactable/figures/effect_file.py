@@ -26,13 +26,8 @@ def plot_effect_file(converted: Converted, full_level_db: float) -> Picture:
         if report.event.kind is Kind.CONTINUOUS:
             time_ms = np.linspace(points[0][0], points[-1][0], 400)
             course = np.interp(time_ms / 1e3, *np.array(report.event.points).T)
-            axes.plot(
-                time_ms,
-                [_level(intensity, full_level_db) for intensity in course],
-                color=GREY,
-                lw=1,
-                label="the file's envelope",
-            )
+            levels_db = [_level(intensity, full_level_db) for intensity in course]
+            axes.plot(time_ms, levels_db, color=GREY, lw=1, label="the file's envelope")
         colour, mark = _FATES[report.fate]
         at_ms, level_db = max(points, key=lambda point: point[1], default=(0.0, LOWEST_DB))
         # A transient and an envelope often begin together: the transient's mark is larger, and hollow.

@@ -93,13 +93,8 @@ def _picture(device: Device, shown: Sequence[_Shown], caption: str, wanted: Sequ
 def _draw_acceleration(axes: Axes, device: Device, shown: Sequence[_Shown], wanted: Sequence[int]) -> None:
     place_mm = 1e3 * style.surface_field(device).position_m.real
     for zone in wanted:
-        axes.axvspan(
-            1e3 * device.zones[zone].start_m.real,
-            1e3 * device.zones[zone].stop_m.real,
-            color=style.GREEN,
-            alpha=0.12,
-            lw=0,
-        )
+        start_mm, stop_mm = 1e3 * device.zones[zone].start_m.real, 1e3 * device.zones[zone].stop_m.real
+        axes.axvspan(start_mm, stop_mm, color=style.GREEN, alpha=0.12, lw=0)
     for each, (colour, ls) in zip(shown, style.CURVES, strict=False):
         axes.plot(place_mm, each.level, color=colour, ls=ls, lw=1.7, label=_label(device, each.drive))
     axes.set(

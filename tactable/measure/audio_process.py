@@ -76,7 +76,9 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     taker = Taker(source, arguments["actuators"], arguments["pipe"])
     channels = max(source.acceleration, *source.loopbacks, 0) + 1
     block = round(_BLOCK_S * source.rate_hz)
-    stream = PortAudioStream(source.name, channels, source.rate_hz, block, taker.take_block, is_input=True)
+    stream = PortAudioStream(
+        source.name, channels, source.rate_hz, block, taker.take_block, is_input=True, is_exact=False
+    )
     try:
         stream.start()
     except Exception as error:

@@ -35,17 +35,8 @@ class Fault(Enum):
     LATENCY = "latency: samples come late, or differ from start to start; the loopback takes it out of responses"
 
 
-SPOILING = (
-    Fault.CLIPPING,
-    Fault.NOISE,
-    Fault.HUM,
-    Fault.LOST_SAMPLES,
-    Fault.STALLED,
-    Fault.LAPSED,
-    Fault.NOT_STEADY,
-    Fault.NO_SIGNAL,
-)
-"""Faults for which a reading is repeated, and marked where that does not help."""
+_HARMLESS = {Fault.CLOCK_DRIFT, Fault.DISTORTION, Fault.TURNED, Fault.GAIN, Fault.OFFSET, Fault.LATENCY}
+SPOILING = frozenset(Fault) - _HARMLESS  # a reading is repeated for these, and marked where that does not help
 
 
 # What a reading may have of each fault; fractions are of the tone.

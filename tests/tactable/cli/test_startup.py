@@ -81,7 +81,7 @@ def test_the_table_of_commands_says_what_their_functions_say() -> None:
                 groups.add(name)
                 continue
             module, _, function = entry.target.partition(":")
-            text = getdoc(getattr(import_module(f"tactable.cli.{module}"), function)) or ""
+            text = getdoc(getattr(import_module(f"tactable.cli.{module}"), function or module)) or ""
             assert text.partition("\n\n")[0] == entry.help, name
             assert len(entry.help) <= 80 and entry.help.endswith("."), name
     assert set(COMMANDS) == groups
