@@ -4,6 +4,7 @@ import math
 import struct
 from dataclasses import dataclass
 
+from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN
 
@@ -25,13 +26,12 @@ class Channels:
     nothing. So every renewal of a drive may carry the write, and the loss of a frame loses no phase.
     """
 
-    def __init__(
-        self, number_of_actuators: int, frequency_resolution_hz: float, frequency_minimum: int, frequency_maximum: int
-    ) -> None:
+    def __init__(self, configuration: DeviceConfiguration) -> None:
+        number_of_actuators, lowest = configuration.number_of_actuators, configuration.frequency_minimum
         self.slew_per_s = 1  # the slew in full scale a second, as it was armed when the last drive came
-        self._resolution_hz = frequency_resolution_hz
-        self._range = (frequency_minimum, frequency_maximum)
-        self._channels = [_Channel(frequency_minimum) for _ in range(number_of_actuators)]
+        self._resolution_hz = configuration.frequency_resolution_uhz * 1e-6
+        self._range = (lowest, configuration.frequency_maximum)
+        self._channels = [_Channel(lowest) for _ in range(number_of_actuators)]
         self._amplitude_limits: tuple[int, ...] = (0,) * number_of_actuators
         self._armed_limits = (self._amplitude_limits, self.slew_per_s)
         self._writes = 0

@@ -27,14 +27,8 @@ class Drive:
     """SET, PLAY and KEEPALIVE: fresh ones hold a device that is armed. `log` has every change of what sounds."""
 
     def __init__(self, device: Device, lease: Lease, memory: Memory, reports: Reports) -> None:
-        configuration = device.configuration
         self.log: list[DriveEvent] = []
-        self.channels = Channels(
-            configuration.number_of_actuators,
-            configuration.frequency_resolution_uhz * 1e-6,
-            configuration.frequency_minimum,
-            configuration.frequency_maximum,
-        )
+        self.channels = Channels(device.configuration)
         self.player = Player()
         self._device, self._lease, self._memory, self._reports = device, lease, memory, reports
 
@@ -47,13 +41,9 @@ class Drive:
         lease.refresh(sequence, now_us)
         lease.drive_us = min(message.lease_ms * US_PER_MS, lease.armed_us)
         lease.renewed_us = now_us
+        writes_phase, takes_over = SetFlag.WRITE_PHASE in message.flags, self.player.end_us is not None
         event = self.channels.apply(
-            message.drive,
-            SetFlag.WRITE_PHASE in message.flags,
-            now_us,
-            sequence,
-            takes_over=self.player.end_us is not None,
-            is_first=not self.log,
+            message.drive, writes_phase, now_us, sequence, takes_over=takes_over, is_first=not self.log
         )
         if event is not None:
             self.log.append(event)

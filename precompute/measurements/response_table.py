@@ -75,15 +75,8 @@ def read_responses(
     if len(set(zip(f.tolist(), actuator.tolist(), p.tolist(), strict=True))) < len(measurements):
         raise MeasurementError(f"{path}: reads one actuator at one frequency and place twice; leave one out")
     acceleration[f, actuator, p] = value
-    responses = MeasuredResponses(
-        frequency_hz,
-        position_m,
-        acceleration,
-        path.name,
-        hashlib.sha256(path.read_bytes()).hexdigest(),
-        measurements.is_simulated,
-        scales_forces,
-    )
+    source = path.name, hashlib.sha256(path.read_bytes()).hexdigest(), measurements.is_simulated
+    responses = MeasuredResponses(frequency_hz, position_m, acceleration, *source, scales_forces)
     _check_complete(responses, device, str(path))
     return responses
 

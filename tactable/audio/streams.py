@@ -63,15 +63,8 @@ class PortAudioStream:
         make, latency = (module.InputStream, "high") if is_input else (module.OutputStream, "low")
         try:
             with quiet():
-                self._stream = make(
-                    samplerate=rate_hz,
-                    blocksize=block,
-                    device=card.index,
-                    channels=channels,
-                    dtype="float32",
-                    latency=latency,
-                    callback=called,
-                )
+                form = {"samplerate": rate_hz, "blocksize": block, "device": card.index, "channels": channels}
+                self._stream = make(**form, dtype="float32", latency=latency, callback=called)
         except module.PortAudioError as error:
             raise AudioError(
                 f"{card.name}: does not open at {rate_hz} Hz ({error}); close other programs that use it, or take "

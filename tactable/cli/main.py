@@ -24,7 +24,10 @@ _SETTINGS = {"max_content_width": 120, "help_option_names": ["-h", "--help"]}
 
 
 class Entry(NamedTuple):
-    """A command as the help lists it: `target` is "module:function" under tactable/cli, or "" for a group; `module` alone: "module:module"."""
+    """A command as the help lists it: `target` is "module:function" under tactable/cli, or empty for a group.
+
+    Where both names are the same it is given once.
+    """
 
     target: str
     help: str

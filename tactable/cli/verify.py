@@ -67,7 +67,6 @@ def verify(
     from tactable.figures.picture_file import outputs_of
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus
     from tactable.measure.board_sensor import fixed_places
-    from tactable.measure.stepped_sine import SteppedSineOptions
     from tactable.measure.verification import plan_played, verify_table
 
     outputs = outputs_of(output or [])
@@ -81,7 +80,7 @@ def verify(
         played = plan_played(table, asked, level_db, options.read_drives_of(drives))
         with open_apparatus(device, chosen, ask) as apparatus:
             where = fixed_places(device, sensor_path, even_places(device, places).tolist())
-            points = verify_table(table, played, where, apparatus, SteppedSineOptions(), mass_kg)
+            points = verify_table(table, played, where, apparatus, mass_kg)
             is_simulated = apparatus.sensor.form.is_simulated
     summary = summary_of(table, points, is_simulated)
     if outputs.paths:

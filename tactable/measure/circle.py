@@ -21,7 +21,7 @@ from precompute.measurements.types import Kind, MeasurementError
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
 from tactable.measure.board_sensor import fixed_places
-from tactable.measure.stepped_sine import Reading, SteppedSineOptions
+from tactable.measure.stepped_sine import Reading
 from tactable.measure.verification import Judgement, Verdict, plan_played, verify_table
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of
 
@@ -76,8 +76,7 @@ class Circle:
         with Table.open(written, verify=False) as table, threadpool_limits(1, "blas"):
             played = plan_played(table, random_placements(table.device, asked), LEVEL_DB)
             places_m = fixed_places(table.device, self.options.sensor, even_places(table.device, PLACES).tolist())
-            options, mass_kg = SteppedSineOptions(), self.options.sensor_mass_kg
-            points = verify_table(table, played, places_m, self.apparatus, options, mass_kg)
+            points = verify_table(table, played, places_m, self.apparatus, self.options.sensor_mass_kg)
         judgement = Judgement.of(points)
         doubt = _DOUBTS.get(judgement.verdict)
         return "" if doubt is None else f"{doubt.format(self.device.surface.kind)}: {judgement}"

@@ -219,12 +219,7 @@ class PossibleSurfaces:
 
 
 def verify_table(
-    table: Table,
-    played: Sequence[Played],
-    position_m: Sequence[complex],
-    apparatus: Apparatus,
-    options: SteppedSineOptions,
-    sensor_mass_kg: float,
+    table: Table, played: Sequence[Played], position_m: Sequence[complex], apparatus: Apparatus, sensor_mass_kg: float
 ) -> tuple[Point, ...]:
     """Play everything at every place, and compare."""
     possible, decay_per_s = PossibleSurfaces(table.device, sensor_mass_kg), slowest_decay_per_s(table.device)
@@ -232,7 +227,7 @@ def verify_table(
     for place_m in position_m:
         apparatus.guide(place_m)
         with apparatus.open_driven() as driven:
-            stepped = SteppedSine(table.device, driven, apparatus.sensor, options, decay_per_s)
+            stepped = SteppedSine(table.device, driven, apparatus.sensor, SteppedSineOptions(), decay_per_s)
             stepped.listen()
             read = [(each, found) for each in played if (found := _read(stepped, driven, each)) is not None]
         # Not before the board is at rest: an armed one does not wait for so long.
