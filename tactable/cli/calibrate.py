@@ -13,36 +13,8 @@ from typer import Argument, Option
 from base.files import write_text
 from engine.table.history import previous_of
 from firmware_link import BIT_RATE_HZ
+from tactable.cli import measure, options
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, note, print_json, say, show, shown_progress
-from tactable.cli.measure import (
-    FlawsText,
-    MethodName,
-    Most,
-    PortName,
-    SensorPath,
-    ask,
-    read_most,
-    tell_reading,
-    with_simulation,
-)
-from tactable.cli.options import (
-    Also,
-    AsJson,
-    BitRate,
-    Change,
-    DeviceArgument,
-    Fit,
-    Frequencies,
-    Loss,
-    OptionError,
-    SensorMass,
-    need_switch,
-    read_changes,
-    read_choice,
-    read_drives,
-    read_option,
-    read_parameters,
-)
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
@@ -65,12 +37,12 @@ AppliedTable = Annotated[
 
 def calibrate(
     context: typer.Context,
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     measurements_path: Annotated[Path, Argument(metavar="MEASUREMENTS", help=f"{_MEASUREMENTS}.")],
     output: Annotated[Path | None, Option("-o", "--output", help="A new folder; default NAME-calibrated here.")] = None,
-    fit: Fit = None,
-    also: Also = None,
-    loss: Loss = "robust",
+    fit: options.Fit = None,
+    also: options.Also = None,
+    loss: options.Loss = "robust",
     sensor_mass: Annotated[
         str,
         Option(
@@ -95,20 +67,20 @@ def calibrate(
         bool,
         Option("--measure", help="First measure into MEASUREMENTS; with --apply verify the table before it counts."),
     ] = False,
-    port_name: PortName = "",
-    sensor_path: SensorPath = "",
+    port_name: measure.PortName = "",
+    sensor_path: measure.SensorPath = "",
     places: Annotated[int, Option(min=2, max=1000, help="With --measure: places of the sensor.")] = 8,
-    method: MethodName = "stepped",
-    most: Most = "100 %",
-    flaws: FlawsText = "",
-    change: Change = None,
-    bit_rate_hz: BitRate = BIT_RATE_HZ,
+    method: measure.MethodName = "stepped",
+    most: measure.Most = "100 %",
+    flaws: measure.FlawsText = "",
+    change: options.Change = None,
+    bit_rate_hz: options.BitRate = BIT_RATE_HZ,
     modes: Annotated[bool, Option("--modes", help="MEASUREMENTS are natural frequencies and damping ratios.")] = False,
     pick_modes: Annotated[
         Path | None,
         Option(metavar="FILE", help="First pick the modes of the responses into this new CSV file; fit these."),
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Fit a device to measured accelerations or modes, measured first if asked to.
 
@@ -120,16 +92,16 @@ def calibrate(
 
     device = find_device(device_name)
     of_measure = ("port_name", "sensor_path", "places", "method", "most", "flaws", "change", "bit_rate_hz")
-    need_switch(context, "--measure", measures, *of_measure)
-    need_switch(context, "--apply", apply is not None, "despite_doubts", "clicks")
-    accepted, chosen = read_option("--accept", accept, ""), read_choice("--loss", loss, Losses)
-    mass_kg = read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg")
+    options.need_switch(context, "--measure", measures, *of_measure)
+    options.need_switch(context, "--apply", apply is not None, "despite_doubts", "clicks")
+    accepted, chosen = options.read_option("--accept", accept, ""), options.read_choice("--loss", loss, Losses)
+    mass_kg = options.read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg")
     usual = None
     if modes or pick_modes:
         if measures:
-            raise OptionError("--measure reads accelerations: fit modes in a second command, without it")
+            raise options.OptionError("--measure reads accelerations: fit modes in a second command, without it")
         measurements_path, usual = _modes(device, measurements_path, pick_modes, mass_kg)
-    names, bounds = read_parameters(device, fit, also, usual)
+    names, bounds = options.read_parameters(device, fit, also, usual)
     job = CalibrationJob(
         device=device,
         measurements=measurements_path,
@@ -148,12 +120,12 @@ def calibrate(
     with ExitStack() as stack:
         circle = None
         if measures:
-            named = _apparatus(device, apply, port_name, sensor_path, read_most(device, most), bit_rate_hz)
+            named = _apparatus(device, apply, port_name, sensor_path, measure.read_most(device, most), bit_rate_hz)
             named = replace(named, sensor_mass_kg=job.sensor_mass_kg)
-            bench = with_simulation(device, named, flaws, change, seed)
+            bench = measure.with_simulation(device, named, flaws, change, seed)
             circle = stack.enter_context(_at_the_bar(device, bench, places, method))
             spoiled, readings = circle.measure(
-                measurements_path, lambda *at: None if as_json else tell_reading(device, *at)
+                measurements_path, lambda *at: None if as_json else measure.tell_reading(device, *at)
             )
             if spoiled:
                 note(f"{spoiled} of {readings} readings stayed spoiled and are left out of {measurements_path}")
@@ -189,7 +161,7 @@ def _apparatus(
     from tactable.measure.apparatus import ApparatusOptions
 
     if not port or not sensor:
-        raise OptionError("--measure needs --port and --sensor, each a name or `simulated`")
+        raise options.OptionError("--measure needs --port and --sensor, each a name or `simulated`")
     basis = None
     if table is not None:
         TableTarget(table, device)  # one that cannot be rebuilt is refused before anybody walks along the bar
@@ -199,16 +171,16 @@ def _apparatus(
 
 
 @contextmanager
-def _at_the_bar(device: "Device", options: "ApparatusOptions", places: int, method: str) -> Iterator["Circle"]:
+def _at_the_bar(device: "Device", named: "ApparatusOptions", places: int, method: str) -> Iterator["Circle"]:
     """The circle of a calibration, its apparatus open."""
     from tactable.measure.apparatus import open_apparatus
     from tactable.measure.circle import Circle
     from tactable.measure.stepped_sine import SteppedSineOptions
     from tactable.measure.walk import Methods, even_walk, named_method
 
-    with open_apparatus(device, options, ask) as apparatus:
-        how = named_method(read_choice("--method", method, Methods), SteppedSineOptions(most=options.most))
-        yield Circle(device, apparatus, options, even_walk(device, places), how)
+    with open_apparatus(device, named, measure.ask) as apparatus:
+        how = named_method(options.read_choice("--method", method, Methods), SteppedSineOptions(most=named.most))
+        yield Circle(device, apparatus, named, even_walk(device, places), how)
 
 
 def _fit(job: "CalibrationJob", as_json: bool) -> list[str]:
@@ -269,18 +241,18 @@ def _apply(
 
 
 def plan_measurements(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     measurements_path: Annotated[
         Path | None, Argument(metavar="[MEASUREMENTS]", help=f"Measurements so far: {_MEASUREMENTS}.")
     ] = None,
     count: Annotated[int, Option(min=1, max=1000, help="Readings to propose.")] = 10,
-    fit: Fit = None,
-    also: Also = None,
-    sensor_mass: SensorMass = "0 g",
+    fit: options.Fit = None,
+    also: options.Also = None,
+    sensor_mass: options.SensorMass = "0 g",
     noise: Annotated[str, Option(help="Relative standard deviation of a reading, without measurements.")] = "2 %",
     floor: Annotated[str, Option(help="Noise of the sensor at rest.")] = "0.05 m/s^2",
     place: Annotated[str, Option(help="Standard deviation of the sensor's position.")] = "0.5 mm",
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Propose the readings that tell most.
 
@@ -297,12 +269,12 @@ def plan_measurements(
 
     device = find_device(device_name)
     accuracy = Accuracy(
-        relative=read_option("--noise", noise, ""),
-        floor_m_per_s2=read_option("--floor", floor, "m/s^2"),
-        place_m=read_option("--place", place, "m"),
+        relative=options.read_option("--noise", noise, ""),
+        floor_m_per_s2=options.read_option("--floor", floor, "m/s^2"),
+        place_m=options.read_option("--place", place, "m"),
     )
-    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
-    names, bounds = read_parameters(device, fit, also)
+    mass_kg = options.read_option("--sensor-mass", sensor_mass, "kg")
+    names, bounds = options.read_parameters(device, fit, also)
     with threadpool_limits(1, "blas"):
         if measurements_path is None:
             plan = plan_first(device, names, bounds, mass_kg, accuracy, count)
@@ -315,18 +287,18 @@ def plan_measurements(
 
 def _refuse_existing(output: Path) -> None:
     if output.exists() or output.is_symlink():
-        raise OptionError(f"{output}: exists already and is not overwritten; choose another output")
+        raise options.OptionError(f"{output}: exists already and is not overwritten; choose another output")
 
 
 def simulate_measurements(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     output: Annotated[Path, Option("-o", "--output", help="A new CSV file.")],
-    drives: Frequencies = "150,130;150,200;150,230",
+    drives: options.Frequencies = "150,130;150,200;150,230",
     points: Annotated[int, Option(min=1, max=1000, help="Evenly spaced points; on a plate at most this many.")] = 22,
-    change: Change = None,
+    change: options.Change = None,
     noise: Annotated[str, Option(help="Relative standard deviation of a reading.")] = "1 %",
     wrong: Annotated[str, Option(help="Share of readings that are wrong by a factor of 3.")] = "0 %",
-    sensor_mass: SensorMass = "2 g",
+    sensor_mass: options.SensorMass = "2 g",
     seed: Annotated[int, Option(min=0, help="Seed of the noise.")] = 0,
 ) -> None:
     """Write measurements, SIMULATED.
@@ -340,10 +312,10 @@ def simulate_measurements(
     from precompute.measurements.types import lay_out
 
     device = find_device(device_name)
-    flaws = Flaws(read_option("--noise", noise, ""), read_option("--wrong", wrong, ""))
-    mass_kg = read_option("--sensor-mass", sensor_mass, "kg")
-    layout = lay_out(np.array(read_drives(drives, device)), even_places(device, points), mass_kg)
-    measured = simulate(with_changes(device, read_changes(change, device)), layout, flaws, seed)
+    flaws = Flaws(options.read_option("--noise", noise, ""), options.read_option("--wrong", wrong, ""))
+    mass_kg = options.read_option("--sensor-mass", sensor_mass, "kg")
+    layout = lay_out(np.array(options.read_drives(drives, device)), even_places(device, points), mass_kg)
+    measured = simulate(with_changes(device, options.read_changes(change, device)), layout, flaws, seed)
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
     _refuse_existing(output)

@@ -11,19 +11,8 @@ from rich.table import Table as Grid
 from rich.text import Text
 from typer import Argument, Option
 
+from tactable.cli import options
 from tactable.cli.console import EXIT_DOUBTFUL, OUT, say, show, shown_progress
-from tactable.cli.options import (
-    Also,
-    AsJson,
-    ClicksUpTo,
-    Fit,
-    Loss,
-    OptionError,
-    Pitch,
-    SensorMass,
-    read_option,
-    read_pitch,
-)
 
 if TYPE_CHECKING:
     from precompute.fleet.summary import Summary
@@ -40,13 +29,13 @@ def fleet(
     workers: Annotated[
         int | None, Option(min=1, help="Processes of this machine; default: one unit after another in this one.")
     ] = None,
-    clicks_up_to: ClicksUpTo = None,
-    pitch: Pitch = None,
-    loss: Loss = "robust",
-    fit: Fit = None,
-    also: Also = None,
-    sensor_mass: SensorMass = "0 g",
-    as_json: AsJson = False,
+    clicks_up_to: options.ClicksUpTo = None,
+    pitch: options.Pitch = None,
+    loss: options.Loss = "robust",
+    fit: options.Fit = None,
+    also: options.Also = None,
+    sensor_mass: options.SensorMass = "0 g",
+    as_json: options.AsJson = False,
 ) -> None:
     """Calibrate, build and verify many devices; an interrupted run continues.
 
@@ -60,25 +49,27 @@ def fleet(
     from precompute.fleet.verdict import read_limits
 
     if scheduler is not None and workers is not None:
-        raise OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
-    options = FleetOptions(
+        raise options.OptionError("--workers and --scheduler: give one of them; a scheduler has its own workers")
+    fleet_options = FleetOptions(
         clicks_up_to=clicks_up_to,
-        pitch_m=read_pitch(pitch),
+        pitch_m=options.read_pitch(pitch),
         loss=loss,
         parameters=tuple(fit) if fit else None,
         also=tuple(also or ()),
-        sensor_mass_kg=read_option("--sensor-mass", sensor_mass, "kg"),
+        sensor_mass_kg=options.read_option("--sensor-mass", sensor_mass, "kg"),
     )
     units, limits = plan_fleet(source), read_limits(source)
     if output.exists() and source.is_dir() and output.resolve() == source.resolve():
-        raise OptionError(f"--output {output}: is the folder of the units; choose another folder for the results")
+        raise options.OptionError(
+            f"--output {output}: is the folder of the units; choose another folder for the results"
+        )
     output.mkdir(parents=True, exist_ok=True)
     for path in _summary_paths(output):
         path.unlink(missing_ok=True)  # a summary means that the run was completed
     pool = run_on_scheduler(scheduler) if scheduler else run_on_processes(workers) if workers else run_here
     created = datetime.now(UTC).isoformat(timespec="seconds")
     with shown_progress(as_json) as progress:
-        outcomes = run_fleet(units, options, output, pool, created=created, progress=progress)
+        outcomes = run_fleet(units, fleet_options, output, pool, created=created, progress=progress)
     summary = summarise(units, outcomes, limits)
     _write_summary(summary, output, limits)
     show(summary_json(summary), as_json, lambda *_: print_fleet(summary, _summary_paths(output)[0]))

@@ -32,19 +32,8 @@ from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of
 from firmware_link.protocol.link_errors import LinkError
 from tactable.audio.port import AudioPort, CardReopening, OpenPort, open_port
+from tactable.cli import options
 from tactable.cli.console import ERRORS, OUT, note, remark, show
-from tactable.cli.options import (
-    AsJson,
-    BitRate,
-    ControlOsc,
-    ControlPort,
-    ControlSocket,
-    DrivesOf,
-    PortName,
-    RulesPath,
-    need_switch,
-    read_rules,
-)
 from tactable.cli.touch import machine_of
 from tactable.control.client import default_socket
 from tactable.control.slot import ControlOf, ControlProcess
@@ -101,13 +90,13 @@ def run(
     context: typer.Context,
     table_path: Annotated[Path, Argument(metavar="TABLE", help="A built table, or the device file beside it.")],
     touch: TouchName,
-    port_name: PortName,
-    rules_path: RulesPath = None,
-    drives: DrivesOf = None,
+    port_name: options.PortName,
+    rules_path: options.RulesPath = None,
+    drives: options.DrivesOf = None,
     refuses: Refuses = False,
     seconds: Annotated[float, Option("--for", min=0.0, help="End after this time of playing.")] = math.inf,
     device_name: RequiredDevice = None,
-    bit_rate_hz: BitRate = BIT_RATE_HZ,
+    bit_rate_hz: options.BitRate = BIT_RATE_HZ,
     reconnect: Reconnect = False,
     steps: RealTimeSteps = "collector",
     ring_path: RingPath = None,
@@ -117,18 +106,18 @@ def run(
     page_host: Annotated[str | None, Option(help="Bind the page to this address; default: this machine.")] = None,
     page_port: Annotated[int | None, Option(min=0, max=65_535, help="The page's port; 0: any.")] = None,
     control: Annotated[bool, Option("--control", help="Let other programs decide who feels what.")] = False,
-    control_socket: ControlSocket = None,
-    control_port: ControlPort = None,
-    control_osc: ControlOsc = None,
+    control_socket: options.ControlSocket = None,
+    control_port: options.ControlPort = None,
+    control_osc: options.ControlOsc = None,
     fast: FastPathWanted = True,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Play a table: turn touches into commands for the firmware.
 
     Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
     """
-    need_switch(context, "--page", page, "page_host", "page_port")
-    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
+    options.need_switch(context, "--page", page, "page_host", "page_port")
+    options.need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     clock, table_path = SystemClock(), find_table(table_path)
     identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
@@ -141,7 +130,7 @@ def run(
         port = open_port(port_name, bit_rate_hz)
         reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
-        options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
+        live_options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
         source = stack.enter_context(_opened(machine_of(context), touch))
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control))
         stop = stack.enter_context(stop_at_signal())
@@ -158,7 +147,7 @@ def run(
             socket = control_socket or default_socket()
             served = ControlOf(socket, ring.path, table_path, control_port, control_osc, watch)
             slot = stack.enter_context(ControlProcess(served))
-        live = Live(table, source, port, clock, options, ring, found_again, watching, solving, control=slot)
+        live = Live(table, source, port, clock, live_options, ring, found_again, watching, solving, control=slot)
         if slot is not None:
             slot.begin_steps(live.capabilities)
         if ring is not None and page:
@@ -187,7 +176,7 @@ def _play(
 
 def _effects(path: Path | None, device: Device, drives: str | None, *, with_others: bool) -> Effects:
     """The rules of a file; with the other named effects, too, where programs may name them during the run."""
-    effects = read_rules(path, device, drives, note)
+    effects = options.read_rules(path, device, drives, note)
     return replace(effects, others=tuple(named_effects().values())) if with_others else effects
 
 

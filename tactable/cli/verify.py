@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tactable.measure.verification import Point
 
 
+_FIGURES = ("read", "promised", "low", "high", "error")
 _VERDICTS = {
     "kept": "the {0} keeps the promise",
     "broken": "the {0} does not keep the promise",
@@ -110,11 +111,7 @@ def summary_of(table: "Table", points: "tuple[Point, ...]", is_simulated: bool) 
                 "finger_m": [*map(json_of, point.played.placement.position_m)],
                 "is_felt": list(point.played.placement.is_felt),
                 "position_m": json_of(point.position_m),
-                "read_m_per_s2": point.read_m_per_s2,
-                "promised_m_per_s2": point.promised_m_per_s2,
-                "low_m_per_s2": point.low_m_per_s2,
-                "high_m_per_s2": point.high_m_per_s2,
-                "error_m_per_s2": point.error_m_per_s2,
+                **{f"{key}_m_per_s2": getattr(point, f"{key}_m_per_s2") for key in _FIGURES},
                 "difference_db": 20 * math.log10(max(point.read_m_per_s2, 1e-300) / point.promised_m_per_s2),
                 "outcome": point.outcome.value,
                 "faults": [fault.name for fault in point.faults],

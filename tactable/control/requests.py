@@ -86,18 +86,8 @@ class Ping:
     """A message that only renews the lease."""
 
 
-Request = (
-    Hello
-    | Region
-    | RemoveRegion
-    | DefineEffect
-    | SceneSettings
-    | TriggeredEffect
-    | StopRequest
-    | Role
-    | Subscribe
-    | Ping
-)
+_Wish = Region | RemoveRegion | DefineEffect | SceneSettings | TriggeredEffect | StopRequest | Role  # of a program
+Request = Hello | _Wish | Subscribe | Ping
 
 
 def decode_line(line: bytes) -> tuple[int | None, dict[str, Any]]:

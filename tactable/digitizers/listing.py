@@ -22,12 +22,8 @@ def list_devices(machine: Machine) -> dict[str, list[Any]]:
     problems: list[str] = []
     digitizers = [*_hid_rows(machine, problems), *_evdev_rows(machine), _simulated_row()]
     ports = [
-        {
-            "path": port.path,
-            "stable_id": port.stable_id,
-            "description": port.description,
-            "simulated": _MARK in port.description,
-        }
+        {key: getattr(port, key) for key in ("path", "stable_id", "description")}
+        | {"simulated": _MARK in port.description}
         for port in machine.ports()
     ]
     form = {"outputs": 2, "inputs": 0, "rate_hz": 48_000.0, "output_latency_ms": 10.0, "simulated": True}
@@ -114,13 +110,5 @@ def _row(
         known = dict(
             zip(known, (surface.kind.name.lower(), surface.x.extent_mm, surface.y.extent_mm, most), strict=True)
         )
-    return {
-        "name": name,
-        "path": path,
-        "stable_id": stable_id,
-        "source": source,
-        **known,
-        "usable": problem is None,
-        "problem": problem,
-        "simulated": _MARK in name,
-    }
+    row = {"name": name, "path": path, "stable_id": stable_id, "source": source, **known}
+    return row | {"usable": problem is None, "problem": problem, "simulated": _MARK in name}

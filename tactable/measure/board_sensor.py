@@ -18,7 +18,7 @@ from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_point_on
 from engine.loop.loop import Clock
-from firmware_link.host.link_values import AccelerometerDescribed, Event
+from firmware_link.host.link_values import BOARD_EMULATED, AccelerometerDescribed, Capabilities, Event
 from firmware_link.host.session import Port
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from firmware_link.protocol.messages import Acceleration
@@ -68,29 +68,18 @@ class BoardSensor:
     """The accelerometer that a board described; a `DrivenDevice` hands it what the link heard."""
 
     def __init__(
-        self,
-        described: AccelerometerDescribed,
-        device: Device,
-        scales: Sequence[float],
-        number_of_actuators: int,
-        synthesis_rate_hz: int,
-        clock: Clock,
-        *,
-        is_simulated: bool,
+        self, part: AccelerometerDescribed, device: Device, board: Capabilities, scales: Sequence[float], clock: Clock
     ) -> None:
         names = [actuator.name for actuator in device.actuators]
-        greatest_m_per_s2 = described.greatest * described.scale_m_per_s2
-        self.form = SensorForm(
-            described.rate_hz,
-            (ACCELERATION, *(LOOPBACK + name for name in names)),
-            (greatest_m_per_s2, *(np.inf for _ in names)),
-            is_simulated,
-        )
+        greatest_m_per_s2 = part.greatest * part.scale_m_per_s2
+        channels = (ACCELERATION, *(LOOPBACK + name for name in names))
+        clips_at = (greatest_m_per_s2, *(np.inf for _ in names))
+        self.form = SensorForm(part.rate_hz, channels, clips_at, board.board == BOARD_EMULATED)
         self.losses = Losses()
-        self._clock, self._synthesis_rate_hz = clock, synthesis_rate_hz
-        self._values = 1 + number_of_actuators
+        self._clock, self._synthesis_rate_hz = clock, board.synthesis_rate_hz
+        self._values = 1 + board.number_of_actuators
         # Amplitudes were multiplied by the scales on their way to the board.
-        self._units = np.array([described.scale_m_per_s2, *(1 / (SAMPLE_FULL_SCALE * scale) for scale in scales)])
+        self._units = np.array([part.scale_m_per_s2, *(1 / (SAMPLE_FULL_SCALE * scale) for scale in scales)])
         self._signal = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._waiting: list[Array] = []
         self._points: deque[tuple[int, int]] = deque()
@@ -194,15 +183,6 @@ def open_board_sensor(device: Device, port: Port, clock: Clock, bit_rate_hz: int
         end_ns = clock.now_ns() + int(_PATIENCE_S * _NS_PER_S)
         while probe.described is None and clock.now_ns() < end_ns:
             driven.wait(clock.now_ns() + _NS_PER_S // 20)
-        capabilities, scales, is_simulated = driven.capabilities, driven.fit.scales, driven.is_simulated
     if probe.described is None:
         raise SensorError("the board's accelerometer does not answer: check its wiring, then reset the board")
-    return BoardSensor(
-        probe.described,
-        device,
-        scales,
-        capabilities.number_of_actuators,
-        capabilities.synthesis_rate_hz,
-        clock,
-        is_simulated=is_simulated,
-    )
+    return BoardSensor(probe.described, device, driven.capabilities, driven.fit.scales, clock)

@@ -43,14 +43,10 @@ def median(values: Values) -> float:
 
 
 def compare(
-    ours: Sequence[Values],
-    theirs: Sequence[Values],
-    statistic: Statistic,
-    combine: Callable[[float, float], float],
-    seed: int = 0,
+    ours: Sequence[Values], theirs: Sequence[Values], statistic: Statistic, combine: Callable[[float, float], float]
 ) -> Interval:
     """`combine(statistic of ours, statistic of theirs)` with its interval; each argument is one array a round."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     value = combine(statistic(np.concatenate(ours)), statistic(np.concatenate(theirs)))
     drawn = [combine(statistic(_redraw(ours, random)), statistic(_redraw(theirs, random))) for _ in range(RESAMPLES)]
     tail = 50 * (1 - _CONFIDENCE)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_link.host.link_values import AccelerometerDescribed
+from firmware_link.host.link_values import AccelerometerDescribed, Capabilities
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Acceleration
 from tactable.measure.board_bench import BoardBench
@@ -64,7 +64,8 @@ def test_a_board_without_an_accelerometer_and_a_slow_line_are_refused() -> None:
 
 def a_sensor(scales: tuple[float, ...] = (1.0, 1.0), number_of_actuators: int = 2) -> BoardSensor:
     described, clock = AccelerometerDescribed(RATE_HZ, 0.5, 100, 0), VirtualClock()
-    return BoardSensor(described, DEVICE, scales, number_of_actuators, SYNTHESIS_HZ, clock, is_simulated=False)
+    board = Capabilities(number_of_actuators, 0.01, 10.0, 1000.0, (), 100, SYNTHESIS_HZ, 1, 1)
+    return BoardSensor(described, DEVICE, board, scales, clock)
 
 
 def frame(index: int, number: int, values: tuple[int, ...], sample: int = 0) -> Acceleration:
