@@ -74,7 +74,6 @@ _SIGNED, _MOST_PPM = ("drift", "gain", "offset"), 100_000
 _LONGEST_TEXT = 64  # "2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files
 _POINTS = {1: "35mm", 2: "35x60mm"}
 _SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa"), "": (0.01, "%")}
-"""Scale and unit that people use, by SI unit."""
 
 
 class QuantityError(ValueError):

@@ -22,7 +22,6 @@ from tactable.shipped import cache_folder, find_device
 
 MOST_COMMANDS_HZ = 100  # a device fades one click while the next one plays, and has no room for a third
 HELD = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, DEFAULT_LEVEL_DB),))),))
-"""A drive as long as a finger touches."""
 _NS_PER_S = 1_000_000_000
 
 

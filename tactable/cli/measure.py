@@ -9,19 +9,8 @@ from typer import Option
 
 from base.points import point_text
 from firmware_link import BIT_RATE_HZ
+from tactable.cli import options
 from tactable.cli.console import EXIT_DOUBTFUL, note, remark, say, show
-from tactable.cli.options import (
-    AsJson,
-    BitRate,
-    Change,
-    DeviceArgument,
-    OptionError,
-    SensorMass,
-    read_changes,
-    read_choice,
-    read_numbers,
-    read_option,
-)
 from tactable.shipped import find_device
 
 if TYPE_CHECKING:
@@ -58,7 +47,7 @@ Seed = Annotated[int, Option(min=0, help="Seed of the simulated sensor.")]
 
 
 def measure(
-    device_name: DeviceArgument,
+    device_name: options.DeviceArgument,
     output: Annotated[list[Path], Option("-o", "--output", help="Complex responses: .csv or .uff. Repeat for more.")],
     port_name: PortName,
     sensor_path: SensorPath,
@@ -75,13 +64,13 @@ def measure(
     planned: Annotated[int, Option(min=0, max=1000, help="Instead: this many readings of plan-measurements.")] = 0,
     least: Annotated[str, Option(help="Amplitude that the walk begins with.")] = "5 %",
     most: Most = "100 %",
-    sensor_mass: SensorMass = "2 g",
+    sensor_mass: options.SensorMass = "2 g",
     gravity: Annotated[bool, Option("--gravity", help="First check the sensor by turning it over.")] = False,
     flaws: FlawsText = "",
-    change: Change = None,
+    change: options.Change = None,
     seed: Seed = 0,
-    bit_rate_hz: BitRate = BIT_RATE_HZ,
-    as_json: AsJson = False,
+    bit_rate_hz: options.BitRate = BIT_RATE_HZ,
+    as_json: options.AsJson = False,
 ) -> None:
     """Drive a bar or plate and record its responses, for calibrate and build.
 
@@ -99,19 +88,19 @@ def measure(
     from tactable.measure.stepped_sine import SteppedSineOptions
     from tactable.measure.walk import Methods, RawFolder, even_walk, measure_walk, named_method, planned_walk
 
-    device, mass_kg = find_device(device_name), read_option("--sensor-mass", sensor_mass, "kg")
+    device, mass_kg = find_device(device_name), options.read_option("--sensor-mass", sensor_mass, "kg")
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
     if transfer is not None:
         _check_transfer_path(transfer)
-    options = SteppedSineOptions(read_option("--least", least, ""), read_most(device, most))
-    how = named_method(read_choice("--method", method, Methods), options)
+    stepped = SteppedSineOptions(options.read_option("--least", least, ""), read_most(device, most))
+    how = named_method(options.read_choice("--method", method, Methods), stepped)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
     walk = at_fixed_place(device, sensor_path, walk)
-    named = ApparatusOptions(port_name, sensor_path, options.most, bit_rate_hz, mass_kg)
+    named = ApparatusOptions(port_name, sensor_path, stepped.most, bit_rate_hz, mass_kg)
     chosen = with_simulation(device, named, flaws, change, seed)
     if gravity and is_audio(sensor_path):
-        raise OptionError(
+        raise options.OptionError(
             "--gravity: a sound card passes no direct current, so that gravity does not show; check the sensor by a "
             "vibration calibrator, or leave --gravity out"
         )
@@ -123,7 +112,7 @@ def measure(
         settings = to_plain({"form": form, "method": how, "mass_kg": mass_kg, "flaws": chosen.flaws})
         raw = RawFolder(output[0].with_name(f"{output[0].name}.raw"), device, walk, settings | {"seed": seed})
         if gravity:
-            checked = _check_gravity(device, apparatus, options)
+            checked = _check_gravity(device, apparatus, stepped)
         records = measure_walk(
             device, walk, apparatus, how, raw, lambda *at: None if as_json else tell_reading(device, *at)
         )
@@ -140,16 +129,16 @@ def measure(
 
 
 def with_simulation(
-    device: "Device", options: "ApparatusOptions", flaws: str, change: list[str] | None, seed: int
+    device: "Device", named: "ApparatusOptions", flaws: str, change: list[str] | None, seed: int
 ) -> "ApparatusOptions":
     """The options with the flaws, the changes of the surface and the seed of a simulated bench. Raises OptionError."""
     from tactable.measure.simulated_bench import ConverterFlaws
 
-    if options.is_simulated:
+    if named.is_simulated:
         remark(f"{device.name}, SIMULATED: firmware, {device.surface.kind} and sensor, in virtual time")
     elif flaws or change:
-        raise OptionError("--flaws and --change belong to a simulated bench; leave them out")
-    return replace(options, flaws=ConverterFlaws.parse(flaws), changes=read_changes(change, device), seed=seed)
+        raise options.OptionError("--flaws and --change belong to a simulated bench; leave them out")
+    return replace(named, flaws=ConverterFlaws.parse(flaws), changes=options.read_changes(change, device), seed=seed)
 
 
 def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "tuple[Stop, ...]":
@@ -163,14 +152,14 @@ def at_fixed_place(device: "Device", sensor: str, walk: "tuple[Stop, ...]") -> "
     return (Stop(position_m, tuple(sorted({tone for stop in walk for tone in stop.tones}))),)
 
 
-def _check_gravity(device: "Device", apparatus: "Apparatus", options: "SteppedSineOptions") -> "GravityCheck":
+def _check_gravity(device: "Device", apparatus: "Apparatus", stepped: "SteppedSineOptions") -> "GravityCheck":
     """Read the sensor lying level, and turned over."""
     from tactable.measure.faults import check_gravity
     from tactable.measure.stepped_sine import SteppedSine
 
     def mean() -> float:
         with apparatus.open_driven() as driven:
-            return SteppedSine(device, driven, apparatus.sensor, options).listen().mean
+            return SteppedSine(device, driven, apparatus.sensor, stepped).listen().mean
 
     apparatus.guide(device.surface.corner_m / 2)
     level = mean()
@@ -209,9 +198,9 @@ def write_records(
 
 def _check_transfer_path(path: Path) -> None:
     if path.suffix != ".toml":
-        raise OptionError(f"--transfer {path}: expected a device file, whose name ends in .toml")
+        raise options.OptionError(f"--transfer {path}: expected a device file, whose name ends in .toml")
     if path.exists():
-        raise OptionError(f"--transfer {path}: exists already and is not overwritten; choose another name")
+        raise options.OptionError(f"--transfer {path}: exists already and is not overwritten; choose another name")
 
 
 def write_transfers(
@@ -247,10 +236,10 @@ def write_transfers(
 
 def read_most(device: "Device", text: str) -> float:
     """The greatest amplitude, within the device's limit. Raises OptionError."""
-    most = read_option("--most", text, "")
+    most = options.read_option("--most", text, "")
     limit = device.limits.amplitude
     if not 0 < most <= 1:
-        raise OptionError(f"--most {text!r}: expected more than 0 and at most 100 %")
+        raise options.OptionError(f"--most {text!r}: expected more than 0 and at most 100 %")
     return min(most, limit)
 
 
@@ -259,14 +248,16 @@ def read_grid(text: str) -> list[float] | None:
     if not text:
         return None
     if ":" not in text:
-        return read_numbers("--frequencies", text, "70,110.5")
-    parts = read_numbers("--frequencies", text, "60:300:1", ":")
+        return options.read_numbers("--frequencies", text, "70,110.5")
+    parts = options.read_numbers("--frequencies", text, "60:300:1", ":")
     if len(parts) != 3 or not parts[0] < parts[1] or not parts[2] > 0:
-        raise OptionError(f"--frequencies {text!r}: expected FROM:TO:STEP in Hz, such as 60:300:1")
+        raise options.OptionError(f"--frequencies {text!r}: expected FROM:TO:STEP in Hz, such as 60:300:1")
     first, last, step = parts
     steps = (last - first) / step
     if not steps < _MOST_FREQUENCIES:
-        raise OptionError(f"--frequencies {text!r}: {steps:.3g} frequencies; expected at most {_MOST_FREQUENCIES}")
+        raise options.OptionError(
+            f"--frequencies {text!r}: {steps:.3g} frequencies; expected at most {_MOST_FREQUENCIES}"
+        )
     return [first + step * i for i in range(round(steps) + 1)]
 
 

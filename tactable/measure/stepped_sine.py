@@ -118,7 +118,6 @@ class SteppedSine:
         self._sensor = sensor
         self.recorder = Recorder(driven, sensor)  # takes the samples
         self.decay_per_s = slowest_decay_per_s(device) if decay_per_s is None else decay_per_s
-        """Decay rate of the slowest mode."""
         self._left = math.exp(-self.decay_per_s * options.window_s)
         self._amplitude = options.least
         self.rest = AtRest(0.0, 0.0, 0.0)  # the sensor with the bar at rest, as `listen` found it
