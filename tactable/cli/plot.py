@@ -328,6 +328,8 @@ def _read_placements(device: Device, text: str) -> list[tuple[complex, ...]]:
         except QuantityError as error:
             raise options.OptionError(f"--at {text!r}: {error}") from None
         if not at_m or len(at_m) < len(options.names_in(part)):
-            raise options.OptionError(f"--at {text!r}: {part!r}: expected places in %, as 16,97.7 or 10x15,90x85")
+            raise options.OptionError(
+                f"--at {text!r}: {part!r}: expected different places in %, as 16,97.7 or 10x15,90x85"
+            )
         found.append(tuple(sorted(at_m, key=order_of)))
     return found
