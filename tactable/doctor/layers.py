@@ -92,7 +92,7 @@ def _click_texts(bit_rate_hz: int) -> Iterator[str]:
 
 
 def layers_of(bit_rate_hz: int, table: Path | None) -> list[Check]:
-    """What a finger waits for with this table, then what the layers cost here; without pseudo-terminals, that."""
+    """What a finger waits for with this table, then what the layers cost; or that pseudo-terminals are missing."""
     try:
         layers = measure_layers(bit_rate_hz)
     except LinkError as error:

@@ -41,7 +41,7 @@ def are_ours(surface: Surface) -> bool:
 
 
 class ContactReports:
-    """A touch screen of up to `contacts` (1 to 32) a report and `maximum_contacts` (1 to 250) at once."""
+    """A touch screen of up to `contacts` (1 to 32; 1: serial) a report, and `maximum_contacts` (1 to 250) in all."""
 
     def __init__(self, x: Axis, y: Axis, contacts: int, maximum_contacts: int) -> None:
         if not 1 <= contacts <= MOST_CONTACTS:
