@@ -64,3 +64,10 @@ def test_what_fails_is_asked_again_and_leaves_the_file_as_it_was(
     answer(commands, 4 * OFFERED + "quit\n", monkeypatch, tmp_path)
     assert commands.names() == ["check", "map"]
     assert (tmp_path / "my-bar.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_bar_that_was_measured_is_built_as_it_was_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    commands = Commands()
+    answer(commands, 8 * OFFERED + "simulated" + 5 * OFFERED, monkeypatch, tmp_path)
+    assert commands.names() == ["new", "map", "emulate", "calibrate", "build", "run"]
+    assert commands[4][1] == "my-bar-calibrated/my-bar.toml"

@@ -70,6 +70,12 @@ def test_a_comma_after_the_last_value_is_passed_over(text: str) -> None:
             Part.parse(wrong, "x")
 
 
+@pytest.mark.parametrize(("first_s", "points"), [(0.5, ((0.0, 0.0), (0.5, 1.0))), (0.0, None)])
+def test_a_haptic_clip_rises_from_0_to_its_first_point(first_s: float, points: object) -> None:
+    events = read_haptic(clip({"time": first_s, "amplitude": 1.0})).events
+    assert [(event.source, event.points) for event in events] == ([("amplitude[0..0]", points)] if points else [])
+
+
 @pytest.mark.parametrize(
     ("keyframes", "exponent", "points"),
     [
@@ -207,6 +213,20 @@ def test_a_word_that_reports_repeat_for_each_event_is_short() -> None:
     document["perceptions"][0]["perception_modality"] = "Force" * 1000
     with pytest.raises(EffectError, match=r"perception_modality: .*at most 64 characters"):
         read_hjif(part(document))
+
+
+@pytest.mark.parametrize(
+    ("modality", "band_type", "reason"),
+    [
+        ("Force", "VectorialWave", "Force is no vibration"),
+        ("Vibrotactile", "WaveletWave", "a band of WaveletWave holds coded samples"),
+    ],
+)
+def test_hjif_that_is_no_course_of_vibration_is_named(modality: str, band_type: str, reason: str) -> None:
+    document = hjif(band_type, {"position": 0, "keyframes": []})
+    document["perceptions"][0]["perception_modality"] = modality
+    (event,) = read_hjif(part(document)).events
+    assert event.kind is Kind.OTHER and event.reason == reason
 
 
 @pytest.mark.parametrize(
