@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice
 from precompute.calibration.identifiability import advise, open_combinations
 from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy
 from precompute.calibration.pairwise import Pairwise
+from precompute.measurements.types import Kind
 
 _CORRELATED = 0.9  # either error is then 2.3 times what it is with the other value known
 _UNTOLD = "- Full scale: responses per newton do not tell it. Every level rests on that of the device file: ESTIMATE."
@@ -78,12 +79,15 @@ def _correlations(calibration: FittedDevice) -> list[dict[str, Any]]:
 
 def _wrong(calibration: Calibration) -> list[dict[str, Any]]:
     measurements = calibration.measurements
+    ratio = measurements.acceleration / calibration.predicted
+    phase_rad = np.angle(ratio) if measurements.kind is Kind.RESPONSE else np.full(len(ratio), None)
     return [
         {
             "row": row,
             "drive": measurements.drive_text(row),
             "position_m": json_of(measurements.position_m[row].item()),
             "measured_over_predicted": float(np.exp(calibration.log_residual[row])),
+            "phase_off_rad": phase_rad[row],
         }
         for row in np.flatnonzero(calibration.is_wrong).tolist()
     ]
@@ -213,6 +217,12 @@ def _known_text(parameter: dict[str, Any]) -> str:
     }.get(parameter["known"], interval_text(parameter["interval"], parameter["unit"], 3))
 
 
+def phase_text(wrong: Mapping[str, Any]) -> str:
+    """How far the phase of a wrong reading is off, to follow its factor; empty for a peak, which has none."""
+    phase_rad = wrong.get("phase_off_rad")  # reports of earlier versions have none
+    return "" if phase_rad is None else f" and is off by {math.degrees(phase_rad):.0f}° of phase"
+
+
 def place_text(value: Any) -> str:
     """A place of a report in words, to a tenth of a millimetre."""
     return point_text(point_of_json(value), 1, "f")
@@ -242,6 +252,7 @@ def _wrong_markdown(wrong: Sequence[dict[str, Any]]) -> str:
         return "No reading is off by more than four times the noise."
     lines = [
         f"- {row['drive']} at {place_text(row['position_m'])}: {row['measured_over_predicted']:.2f} times the fitted"
+        f"{phase_text(row)}"
         for row in wrong[:_LISTED]
     ]
     more = [f"- and {len(wrong) - _LISTED} more"] if len(wrong) > _LISTED else []

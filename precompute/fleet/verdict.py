@@ -20,6 +20,7 @@ from engine.device.quantity import interval_text, quantity_text
 from engine.device.toml_table import TomlTable, read_text
 from engine.device.uncertainty import FITTED_UNITS
 from precompute.calibration.calibrate import Known
+from precompute.calibration.calibration_report import phase_text
 from precompute.calibration.doubts import doubts_of, speaks_against_the_device
 from precompute.fleet.units import FleetError, Outcome
 
@@ -30,7 +31,7 @@ FEWEST = 8
 _SPREADS = 5.0
 """Robust standard deviations from the median of the lot beyond which a value is off."""
 _LEAST_SPREAD = 0.01  # of the median; estimate of how closely bars are made and measured
-_WRONG_FACTOR = 1.1  # smaller errors change a fit little, and noise makes some among hundreds of good readings
+_WRONG_FACTOR = 1.1  # or 5.5 degrees; smaller errors change a fit little, and noise makes some among hundreds
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation
 _TOLD = (Known.WELL.value, Known.ROUGHLY.value)
 Limits = Mapping[str, tuple[float, float]]
@@ -157,10 +158,11 @@ def _off(each: Mapping[str, Any], limits: Limits, lot: Mapping[str, LotValue]) -
 
 
 def wrong_readings(report: Mapping[str, Any]) -> list[str]:
-    """One sentence for each reading that is off by more than noise explains."""
+    """One sentence for each reading that is off by more than noise explains, in magnitude or in phase."""
     return [
         f"reading {each['row'] + 1} ({each['drive']}, at {point_text(point_of_json(each['position_m']))}) is "
-        f"{each['measured_over_predicted']:.3g} times what the other readings say"
+        f"{each['measured_over_predicted']:.3g} times what the other readings say{phase_text(each)}"
         for each in report["wrong_readings"]
-        if abs(math.log(each["measured_over_predicted"])) > math.log(_WRONG_FACTOR)
+        if math.hypot(math.log(each["measured_over_predicted"]), each.get("phase_off_rad") or 0.0)
+        > math.log(_WRONG_FACTOR)
     ]
