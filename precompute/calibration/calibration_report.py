@@ -64,6 +64,7 @@ def _parameter(estimate: Estimate) -> dict[str, Any]:
         "interval": [estimate.low, estimate.high],
         "bounds": [parameter.low, parameter.high],
         "known": estimate.known.value,
+        "knee": parameter.knee,
     }
 
 

@@ -7,7 +7,8 @@ fit that is doubtful, and the one that leaves the least noise is named if it lea
 
 A constant is another full scale, which fits as closely as the right one. What tells it is the device file: its values
 come from data sheets, scales and rulers, and are seldom wrong by more than a factor of two or three. Dampings are
-guesses before the first calibration, so ten is credible there. A value that the measurements hardly tell is no doubt:
+guesses before the first calibration, so ten is credible there, and ten times its knee where the file says less: below
+the knee it changes no reading, and is as good as 0. A value that the measurements hardly tell is no doubt:
 all of its 95 % interval must lie that far off, or nearer to the constant than to the value of the file.
 """
 
@@ -240,7 +241,7 @@ def _constant_text(factor: float) -> str:
 def implausible_changes(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
     """One sentence for each fitted value that is implausibly far from the one before.
 
-    `parameters` as in a calibration's report: "name", "before", "value", "interval" and "unit".
+    `parameters` as in a calibration's report: "name", "before", "value", "interval", "unit", and "knee" of a damping.
     """
     doubts = []
     for parameter in parameters:
@@ -251,7 +252,8 @@ def implausible_changes(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
             continue
         usual = _constant_text(value / before) if "full_scale" in parameter["name"] else ""
         nearest = math.sqrt(before * value)  # geometric mean: equally far from the value before and from the constant
-        if low <= limit * before and high * limit >= before and not (usual and (low > nearest or high < nearest)):
+        most = limit * max(before, parameter.get("knee", 0.0))
+        if low <= most and high * limit >= before and not (usual and (low > nearest or high < nearest)):
             continue
         texts = [quantity_text(each, parameter["unit"]) for each in (value, before)]
         why = f"the readings are {usual}" if usual else "check the units of the measurements, then the device file"

@@ -97,8 +97,8 @@ FULL_SCALE, MODULUS, DAMPING = "actuator[1].full_scale", "bar.youngs_modulus", "
         *((changed(MODULUS, factor), False) for factor in (2.9, 1 / 2.9)),
         *((changed(DAMPING, factor), factor > 10) for factor in (9.0, 11.0)),  # it was guessed
         (changed(DAMPING, 1.0, before=3.0) | {"before": 0.0}, False),  # 0 has no factor
-        # The first calibration of a bar whose damping by mass was all but 0: 3.6 fitted, 0 to 11 possible.
-        *((changed(DAMPING, 3e5, before=1e-5, known=known), known < 1) for known in (1.0, 0.9)),
+        # The first calibration of a bar whose damping by mass was all but 0: 10 fitted, from 1 or from 5 on possible.
+        *((changed(DAMPING, 1e6, 1e-5, known) | {"knee": 0.3}, known < 0.9) for known in (0.9, 0.5)),
     ],
 )
 def test_a_value_that_is_known_to_lie_far_from_the_one_before_is_doubted_by_name(
