@@ -146,7 +146,9 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
         return (
             f"{why}. No single further parameter or length explains it; check positions, drives and the sensor's mass"
         )
-    fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
+    fall = "the greater misfits would fall"
+    if remedy.misfit < found.misfit:
+        fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
     if remedy.length_m is not None:
         text = point_text(remedy.length_m, 4)
         return f"{why}. Measure {remedy.name} again: with {text} in the device file {fall}"

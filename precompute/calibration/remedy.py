@@ -7,8 +7,9 @@ Where the misfit may be noise, a score test picks the candidates worth a fit: th
 candidate, less what the fitted parameters can do, correlated with the residuals. In noise that is chi-squared with one
 degree of freedom, and it needs no fit. A linear model says nothing of a bar whose modes lie elsewhere, so where the
 misfit is larger than noise usually is, every candidate of a bar is fitted, and of a plate the three that promise most.
-In noise twice the fall of the cost is chi-squared as well (likelihood ratio); where it is far beyond that, and the
-typical misfit falls by a tenth or more, the candidate was wrong. The one that helps most is the remedy.
+In noise twice the fall of the cost is chi-squared as well (likelihood ratio); where it is far beyond that, and either
+the cost or the typical misfit says that misfits fall by a tenth or more, the candidate was wrong. The typical misfit
+alone is blind to it where a third of the readings are far off. The one that helps most is the remedy.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -92,7 +93,7 @@ def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, B
         length_m, better = fitted_with()
         _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
         misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
-        if misfit <= _WORTH * before:
+        if misfit <= _WORTH * before or better.cost <= _WORTH**2 * cost:
             gains[2 * (cost - better.cost)] = Remedy(name, misfit, length_m)
     return gains[max(gains)] if gains and max(gains) >= _GAIN else None
 

@@ -8,10 +8,12 @@ import pytest
 from base.arrays import Array
 from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.calibration.doubts import LARGEST_MISFIT
 from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped, with_bar
 from tests.precompute.measured import TRUTH, read_bar
+from tests.studies.physics.wrong_bars import report_about
 
 pytestmark = pytest.mark.long
 
@@ -55,6 +57,13 @@ def test_a_length_that_was_misread_is_named_with_its_value() -> None:
     assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
     millimetres = f"{1e3 * report['remedy']['length_m']:.4g} mm"
     assert f"Measure bar.length again: with {millimetres} in the device file" in report["doubt"]
+
+
+def test_a_length_that_spoils_a_third_of_the_readings_is_doubted_though_the_typical_misfit_stays() -> None:
+    report = report_about(DEVICE, "length", 11)  # 6 mm short: its responses are 3 dB off at one place in ten
+    assert report["median_misfit"] < LARGEST_MISFIT
+    assert report["adequacy"]["remedy"]["name"] == "actuator[2].position"
+    assert report["adequacy"]["doubt"].endswith("the greater misfits would fall")
 
 
 def test_residuals_without_memory_or_smaller_than_of_any_sensor_are_no_doubt() -> None:
