@@ -45,7 +45,8 @@ class Placement:
         for at_m, _ in fingers:
             if isinstance(at_m, complex) is not isinstance(corner_m, complex) or not is_within(at_m, corner_m):
                 reach = f"{device.name} reaches from 0 to {point_text(corner_m)}"
-                raise PlacementError(f"a finger at {point_text(at_m)}: {reach}")
+                form = ", and a point is written as 60x40 mm" if isinstance(corner_m, complex) else ""
+                raise PlacementError(f"a finger at {point_text(at_m)}: {reach}{form}")
         for (one_m, _), (next_m, _) in combinations(fingers, 2):
             if abs(next_m - one_m) < CLOSEST_M - _ROUNDING_M:
                 raise PlacementError(

@@ -41,6 +41,7 @@ _STATIC_MODES = 12  # beyond those that are kept, in the Ritz basis of the sampl
 _CONVERGED = 1e-3  # change by the omitted modes that is tolerated, as a fraction of the greatest response: 0.01 dB
 _MOST_MODES = 128
 _STEP_OF_MODES = 2
+_FEWEST_MODES = 4  # a plate that floats has three modes without stiffness, which is no compliance
 _FILTER_OVERSAMPLING = 2  # the filter is designed at this multiple of the rate, and right up to its Nyquist
 
 
@@ -146,7 +147,7 @@ def count_modes(device: Device, lines: DampedLines) -> int:
     everywhere = nominal.place([(zone.start_m + zone.stop_m) / 2 for zone in device.zones])
     converged = plants.transfer(everywhere)
     greatest = np.abs(converged).max(axis=(0, 2, 3), keepdims=True)
-    for modes in range(_STEP_OF_MODES, most, _STEP_OF_MODES):
+    for modes in range(_FEWEST_MODES, most, _STEP_OF_MODES):
         change = np.abs(SampledPlants(nominal, lines, modes).transfer(everywhere) - converged)
         if (change <= _CONVERGED * greatest).all():
             return modes

@@ -12,7 +12,9 @@ import numpy as np
 
 from base.arrays import Complex
 from engine.device import Device, DeviceError
-from precompute.model.assembly import assemble
+from engine.device.parts import Plate
+from precompute.model.assembly import assemble, free_surface
+from precompute.model.plant import Plant
 from precompute.model.response import solve_response
 
 SHARE = 0.1  # share by which a value is changed
@@ -24,7 +26,7 @@ _BESIDE_MODEL = ("band", "spread")
 
 def weigh_estimates(device: Device) -> list[tuple[str, float]]:
     """Estimated values and the relative change of responses by a tenth of each, the weightiest first."""
-    before = _responses(device)
+    before = _responses(device, assemble(device))
     found = [(name, _change(device, name, before)) for name in device.estimated_values]
     return sorted(((name, change) for name, change in found if change), key=lambda each: -each[1])
 
@@ -42,11 +44,14 @@ def _change(device: Device, name: str, before: Complex) -> float:
         changed = device.with_values({name: f"{(1 + SHARE) * float(quantity[1])!r} {quantity[2]}"})
     except DeviceError:  # beyond what the device allows, as a place beside its surface
         return 0.0
-    return float(np.linalg.norm(_responses(changed) - before) / np.linalg.norm(before))
+    is_as_long = isinstance(device.surface, Plate) and name not in ("plate.length", "plate.width")
+    # The modes of a plate take most of the time, and serve whatever its values become.
+    plant = free_surface(device).plant(changed) if is_as_long else assemble(changed)
+    return float(np.linalg.norm(_responses(changed, plant) - before) / np.linalg.norm(before))
 
 
-def _responses(device: Device) -> Complex:
+def _responses(device: Device, plant: Plant) -> Complex:
     """Acceleration (line, actuator, finger) under a finger in the middle of every zone, for a unit of each command."""
     hz = np.linspace(device.sweep.frequency_hz[0], device.sweep.frequency_hz[-1], _LINES)
     at_m = [(zone.start_m + zone.stop_m) / 2 for zone in device.zones]
-    return solve_response(assemble(device).with_fingers(at_m, device.finger), hz).acceleration(np.array(at_m))
+    return solve_response(plant.with_fingers(at_m, device.finger), hz).acceleration(np.array(at_m))

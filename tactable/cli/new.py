@@ -5,6 +5,7 @@ The file begins as `tables/new-bar.toml` or `tables/new-plate.toml`; what is giv
 
 import copy
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,7 @@ import tomlkit
 import typer
 
 from base.files import replace_file
-from base.points import point_words, rows_of_squares
+from base.points import point_text, point_words, rows_of_squares
 from engine.device import Device, DeviceError
 from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
@@ -105,8 +106,7 @@ def new(
         raise OptionError(f"-o {path}: a device file is TOML; name it {path.stem or name}.toml")
     if path.exists() or path.is_symlink():
         raise OptionError(f"{path}: exists already and is not overwritten; choose another name, or edit the file")
-    if not 0 < len(name) <= _LONGEST_NAME or not name.replace("-", "").replace("_", "").isalnum():
-        raise OptionError(f"NAME {name!r}: expected letters, digits, - and _, such as my-bar")
+    check_answer("name", name)
     surface = "plate" if len(point_words(actuators.split(",")[0])) > 1 else "bar"
     document: Any = tomlkit.parse(new_text(surface))
     document["name"], document["threshold"] = name, threshold
@@ -137,10 +137,32 @@ def new(
         raise OptionError(f"these values are no {surface}: {error}") from error
     with replace_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
-    say(f"{path}: {len(device.actuators)} actuators, {len(device.zones)} zones")
+    size = f"{point_text(device.surface.corner_m)} long" if surface == "bar" else point_text(device.surface.corner_m)
+    say(f"{path}: a {surface}, {size}, {len(device.actuators)} actuators, {len(device.zones)} zones")
     estimates = device.estimated_values
     say(f"{len(estimates)} values are ESTIMATES, which the file marks")
     say(f"next: tactable check {path}, which says which of them matter most")
+
+
+def check_answer(option: str, text: str) -> None:
+    """Check the text of one option, or the name. Raises OptionError, as `new` would."""
+    match option:
+        case "name":
+            if not 0 < len(text) <= _LONGEST_NAME or not text.replace("-", "").replace("_", "").isalnum():
+                raise OptionError(f"NAME {text!r}: expected letters, digits, - and _, such as my-bar")
+        case "material":
+            _known("--material", text, MATERIALS)
+        case "actuators":
+            for place in names_in(text):
+                _position(place)
+        case _:
+            _checked(f"--{option}", text, "m")
+
+
+def _known(option: str, name: str, values: Mapping[str, Any]) -> Any:
+    if name not in values:
+        raise OptionError(f"{option} {name!r}: expected one of {', '.join(values)}")
+    return values[name]
 
 
 def _take_material(table: Any, name: str, given: Values) -> Values:
@@ -148,9 +170,7 @@ def _take_material(table: Any, name: str, given: Values) -> Values:
 
     The damping is an estimate: a loss factor is 2 pi f times the stiffness damping.
     """
-    if name not in MATERIALS:
-        raise OptionError(f"--material {name!r}: expected one of {', '.join(MATERIALS)}; or give modulus and density")
-    *known, loss = MATERIALS[name]
+    *known, loss = _known("--material", name, MATERIALS)
     if loss is not None:
         table["stiffness_damping"] = f"{(loss + _JOINTS) / (2 * math.pi * _LOSS_AT_HZ):.3g} s"
     modulus, density, ratio = (text or value for text, value in zip(given, known, strict=True))
@@ -159,9 +179,7 @@ def _take_material(table: Any, name: str, given: Values) -> Values:
 
 def _take_kind(document: Any, name: str) -> None:
     """Give the actuators what is usual of a kind, as estimates."""
-    if name not in KINDS:
-        raise OptionError(f"--kind {name!r}: expected one of {', '.join(KINDS)}")
-    table, values = document["actuator"][0], KINDS[name]
+    table, values = document["actuator"][0], _known("--kind", name, KINDS)
     table.update(values)
     if "moving_mass" in values:
         table["kind"] = "inertial"

@@ -10,17 +10,23 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import typer
 
 from base.errors import TactableError
 from base.files import replace_file
+from engine.touch.sources.hid_discovery import find_digitizers, select_digitizer
 from tactable.cli.console import say
+from tactable.cli.new import check_answer
+from tactable.cli.options import OptionError
 from tactable.digitizers.listing import SIMULATED
+from tactable.doctor.touch_check import Machine
 
 _BACK, _QUIT, _NO = "back", "quit", "no"
 _RUN_S = 10
+_BAR = {"length": "279.4mm", "thickness": "0.79mm", "material": "aluminium", "actuators": "45mm,275mm"}
 
 
 class _BackError(TactableError):
@@ -36,6 +42,7 @@ class Answers:
     name: str = "my-bar"
     port: str = SIMULATED
     sensor: str = _NO
+    bar: dict[str, str] = field(default_factory=_BAR.copy)
 
     @property
     def device(self) -> Path:
@@ -68,6 +75,7 @@ def quickstart() -> None:
     Without hardware take every answer that is offered. At each question `back` undoes the step before, and `quit` ends;
     what is written by then stays.
     """
+    say(f"Enter takes the answer in brackets; `{_BACK}` undoes the step before, `{_QUIT}` ends.")
     with tempfile.TemporaryDirectory() as folder:
         answers, undo, boards = Answers(Path(folder)), list[Callable[[], None]](), list[subprocess.Popen[str]]()
         try:
@@ -87,7 +95,11 @@ def quickstart() -> None:
                         _end(boards if STEPS[len(undo)].ask is _ask_port else [])
         finally:
             _end(boards)
-    say(f"\nAgain: tactable run {answers.name}.nc --touch {answers.panel} --port PORT; docs/first-hour.md goes on")
+    port = answers.port
+    if port == SIMULATED:
+        port = "board"
+        say(f"\nAgain, beside it: tactable emulate --device {answers.device} --link {port}")
+    say(f"\nAgain: tactable run {answers.name}.nc --touch {answers.panel} --port {port}; docs/first-hour.md goes on")
 
 
 def _run(words: list[str], boards: list[subprocess.Popen[str]]) -> bool:
@@ -133,32 +145,59 @@ def _restoring(path: Path | None) -> Callable[[], None]:
     return restore
 
 
-def _ask(question: str, offered: str) -> str:
-    answer = str(typer.prompt(question, offered)).strip()
-    if answer == _QUIT:
-        raise typer.Exit
-    if answer == _BACK:
-        raise _BackError
-    return answer
+def _ask(question: str, offered: str, check: Callable[[str], object] = lambda _: None) -> str:
+    """The answer to a question, which is asked until `check` takes it."""
+    while True:
+        answer = str(typer.prompt(question, offered)).strip()
+        if answer == _QUIT:
+            raise typer.Exit
+        if answer == _BACK:
+            raise _BackError
+        try:
+            check(answer)
+        except TactableError as error:
+            say(str(error))
+        else:
+            return answer
+
+
+def _one_of(*expected: str) -> Callable[[str], None]:
+    def check(answer: str) -> None:
+        if answer not in expected:
+            raise OptionError(f"{answer!r}: expected {' or '.join(expected)}")
+
+    return check
 
 
 def _list() -> None:
     subprocess.run(command_of(["list"]), check=False)
 
 
+def _find_panel(name: str) -> None:
+    """Look for a panel as `map` will; one of the input layer is a path."""
+    if name != SIMULATED and not name.startswith("/dev/input/"):
+        select_digitizer(name, find_digitizers(Machine().hid()))
+
+
 def _ask_panel(answers: Answers) -> list[str]:
     _list()
-    answers.panel = _ask("The panel, as listed under `choose it by`", answers.panel)
+    answers.panel = _ask("The panel, as listed under `choose it by`", answers.panel, _find_panel)
     return []
 
 
 def _ask_bar(answers: Answers) -> list[str]:
-    answers.name = _ask("A name for your bar", answers.name)
-    if answers.device.exists() and _ask(f"{answers.device} is there: keep it, or describe it anew", "keep") == "keep":
-        return ["check", str(answers.device)]
-    asked = (("length", "279.4mm"), ("thickness", "0.79mm"), ("material", "aluminium"), ("actuators", "45mm,275mm"))
-    given = [word for key, offered in asked for word in (f"--{key}", _ask(f"Its {key}", offered))]
-    return ["new", answers.name, *given]
+    answers.name = _ask("A name for your bar", answers.name, partial(check_answer, "name"))
+    if answers.device.exists():
+        question = f"{answers.device} is there: keep it, or describe the bar anew"
+        if _ask(question, "keep", _one_of("keep", "anew")) == "keep":
+            return ["check", str(answers.device)]
+    for key, offered in answers.bar.items():
+        answers.bar[key] = _ask(f"Its {key}", offered, partial(check_answer, key))
+    if answers.device.exists():
+        kept = answers.device.with_suffix(".toml.before")
+        answers.device.replace(kept)
+        say(f"{answers.device} is kept as {kept}")
+    return ["new", answers.name, *(word for key, text in answers.bar.items() for word in (f"--{key}", text))]
 
 
 def _ask_stroke(answers: Answers) -> list[str]:
@@ -175,8 +214,11 @@ def _ask_port(answers: Answers) -> list[str]:
 
 
 def _ask_sensor(answers: Answers) -> list[str]:
-    question = "Measure the bar as it is? The sensor, as `tactable measure --help` names it, or no"
-    answers.sensor = _ask(question, answers.sensor)
+    if answers.port == SIMULATED:
+        question, check = f"Measure the bar as it is? {SIMULATED}, as the board is, or no", _one_of(SIMULATED, _NO)
+    else:
+        question, check = "Measure the bar as it is? The sensor, as `tactable measure --help` names it, or no", None
+    answers.sensor = _ask(question, answers.sensor, check or (lambda _: None))
     if answers.sensor == _NO:
         return []
     words = ["calibrate", str(answers.device), f"{answers.name}-measured.csv", "--measure"]
@@ -185,7 +227,7 @@ def _ask_sensor(answers: Answers) -> list[str]:
 
 def _ask_build(answers: Answers) -> list[str]:
     device = answers.device if answers.sensor == _NO else answers.calibrated / answers.device
-    fingers = _ask("Clicks ahead for placements of so many fingers (1: in seconds)", "1")
+    fingers = _ask("Clicks ahead for placements of so many fingers (1: a minute at first)", "1")
     return ["build", str(device), "--clicks-up-to", fingers]
 
 

@@ -116,7 +116,11 @@ def _print_part(out: Console, title: str, part: PartDiff, limit: str) -> None:
             more = f" and {len(states) - _NAMED} more" if len(states) > _NAMED else ""
             say(f"{title}: {len(states)} {what}: {'; '.join(states[:_NAMED])}{more}")
     if not part.changed:
-        say(f"{title}: none of {part.compared} changed" if part.compared else f"{title}: none in both")
+        say(
+            f"{title}: none of {part.compared} changed"
+            if part.compared
+            else f"{title}: both tables have none in common"
+        )
         return
     say(f"{title}: {len(part.changed)} of {part.compared} changed {limit}; each figure where it changed most:")
     _print_largest(out, part)

@@ -22,6 +22,7 @@ POINTS = 22
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 ENVELOPE_S = 0.01  # a third of a click
+_CLICK_RATE_HZ = 48_000.0  # a force jumps at the corners of a waveform, and acceleration with it
 _RING_DOWN_US = 200_000  # with fingers on it; an untouched surface may ring longer (docs/theory.md)
 _WINDOW_S = 0.5  # 30 periods of 60 Hz; longer where two tones beat slower
 _LONGEST_SETTLING_S = 8.0
@@ -101,13 +102,13 @@ class SimulatedSurface:
 
     def simulate_click(self, event: DriveEvent, finger_m: Sequence[complex]) -> SimulatedClick:
         """Play the firmware's waveform of `event` from rest, with standard fingers at these positions."""
-        plant = self._plant(np.array(finger_m), finger_m)
-        drive = synthesise([replace(event, device_time_us=0)], 0.0, _RING_DOWN_US, self.sample_rate_hz)
+        plant = self._plant(np.array(finger_m), finger_m, _CLICK_RATE_HZ)
+        drive = synthesise([replace(event, device_time_us=0)], 0.0, _RING_DOWN_US, _CLICK_RATE_HZ)
         acceleration = plant.accelerate(drive)
-        return SimulatedClick(np.arange(len(drive)) / self.sample_rate_hz, drive, acceleration)
+        return SimulatedClick(np.arange(len(drive)) / _CLICK_RATE_HZ, drive, acceleration)
 
-    def _plant(self, point_m: Points, finger_m: Sequence[complex]) -> TransientPlant:
-        plant = TransientPlant(self.basis, point_m, self.sample_rate_hz)
+    def _plant(self, point_m: Points, finger_m: Sequence[complex], rate_hz: float | None = None) -> TransientPlant:
+        plant = TransientPlant(self.basis, point_m, rate_hz or self.sample_rate_hz)
         plant.touch([(position_m, self.device.finger) for position_m in finger_m])
         return plant
 

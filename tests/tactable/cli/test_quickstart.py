@@ -71,3 +71,20 @@ def test_a_bar_that_was_measured_is_built_as_it_was_found(monkeypatch: pytest.Mo
     answer(commands, 8 * OFFERED + "simulated" + 5 * OFFERED, monkeypatch, tmp_path)
     assert commands.names() == ["new", "map", "emulate", "calibrate", "build", "run"]
     assert commands[4][1] == "my-bar-calibrated/my-bar.toml"
+
+
+def test_an_answer_that_is_wrong_is_asked_again_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    commands, wrong = Commands(), ("nobody", "", "my bar", "", "30 cmm", "", "1 kg", "", "stel", "", "4,5", "")
+    said = answer(commands, "\n".join((*wrong, "", "", "yes", "")) + 6 * OFFERED, monkeypatch, tmp_path)
+    assert commands.names() == ["new", "map", "emulate", "build", "run"]
+    assert commands[0] == [*NEW, "--actuators", "45mm,275mm"]
+    for part in ("no digitizer 'nobody'", "NAME 'my bar'", "--length", "--thickness", "'stel': expected", "'yes': exp"):
+        assert part in said
+
+
+def test_a_bar_that_is_described_anew_keeps_the_old_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "my-bar.toml").write_text("mine", encoding="utf-8")
+    commands = Commands()
+    answer(commands, 2 * OFFERED + "maybe\nanew\n40cm\n" + 20 * OFFERED, monkeypatch, tmp_path)
+    assert commands[0][:4] == ["new", "my-bar", "--length", "40cm"]
+    assert (tmp_path / "my-bar.toml.before").read_text(encoding="utf-8") == "mine"
