@@ -101,7 +101,10 @@ function linkScene() {
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
   const promised = byId("promised"), said = promiseOf(wire.picture, fingers.surface);
-  if (promised.textContent !== said) promised.textContent = said;
+  if (promised.textContent !== said) {
+    promised.textContent = said;
+    fit(promised);
+  }
   const outcome = byId("outcome"), found = outcomeOf(wire.picture, wire.paper, fingers.isTouring);
   const text = fingers.says ?? found ?? (wire.picture.command || fingers.isTouring ? null : `Touch the ${fingers.surface}.`);
   outcome.toggleAttribute("data-old", text === null); // Of the command before, until the newest has settled

@@ -68,7 +68,13 @@ export function outcomeOf(picture, paper, isTour) {
 export function promiseOf(picture, surface) {
   const made = picture.made.slice(0, picture.madeCount);
   if (!picture.command || !isSettled(picture) || made.some(({ low }) => low === NOTHING) || !made.length) return "";
-  const ranges = made.map((finger) => `${nameOf(finger)} ${levelText(finger.low / 100).replace(" dB", "")} to ${levelText(finger.high / 100)}`);
+  const rangeOf = (fingers) => {
+    const [low, high] = [Math.min(...fingers.map(({ low }) => low)), Math.max(...fingers.map(({ high }) => high))];
+    return `${levelText(low / 100).replace(" dB", "")} to ${levelText(high / 100)}`;
+  };
+  const alike = [["those to feel", Role.FELT], ["those to rest", Role.QUIET]].map(([name, asked]) => [name, made.filter(({ role }) => role === asked)]);
+  const named = made.length > MOST_NAMED ? alike.filter(([, fingers]) => fingers.length) : made.map((finger) => [nameOf(finger), [finger]]);
+  const ranges = named.map(([name, fingers]) => `${name} ${rangeOf(fingers)}`);
   const judged = made.filter(({ simulated }) => simulated !== NOTHING), isJudged = judged.length && !picture.isLate && !picture.isMixed;
   const isKept = judged.every(({ role, simulated, low, high }) => (role === Role.FELT ? simulated >= low : simulated <= high));
   const verdict = isJudged ? (isKept ? ": kept" : `: not kept, as by one ${surface} in ten`) : "";
