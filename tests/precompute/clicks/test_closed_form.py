@@ -11,7 +11,7 @@ from engine.touch import Placement
 from precompute.clicks.click_basis import Tones, drive_rows
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm
+from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm, _Aims
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.percentiles import MANY, ManyPlants
 from precompute.sampling.placements import Anywhere, random_placements
@@ -128,3 +128,49 @@ def levels_on_fresh_plants(name: str, placement: Placement, waveform: Array) -> 
     fresh = fresh_responses(name, placement, 1000)
     felt, quiet = (decibels(fresh.peaks(waveform, fingers)[1:]) for fingers in (placement.felt, placement.quiet))
     return float(np.percentile(felt.min(axis=1), 5)), float(np.percentile(quiet.max(axis=1), 95))
+
+
+@any_case
+def test_the_quiet_energy_is_that_of_the_damped_courses(name: str, letters: str) -> None:
+    """Parseval: of a whole period, as a ratio, since the form is scaled to trace 1."""
+    given = problem(name, placed(shipped(name), letters))
+    form = given.closed_form._quiet_energy(given.pool.transfer)
+    lines, energies = given.pool.lines, list[tuple[float, float]]()
+    for weight in np.random.default_rng(0).normal(size=(2, len(form))):
+        course = lines.period(given.pool.spectrum(given.tones.waveform(weight)))
+        energies.append((float((course.astype(np.float64) ** 2).sum()), weight @ form @ weight))
+    (played, found), (other_played, other_found) = energies
+    assert found / other_found == pytest.approx(played / other_played, rel=1e-3)
+
+
+@pytest.mark.parametrize("fingers", [1, 2])
+@pytest.mark.parametrize("parallel", [0.0, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_first_step_is_the_least_energy_under_which_every_felt_finger_reaches_1(
+    fingers: int, parallel: float, seed: int
+) -> None:
+    """By the conditions of Karush, Kuhn and Tucker; where one finger feels `parallel` times the other, it gets more."""
+    random = np.random.default_rng(seed)
+    root, rows = random.normal(size=(12, 12)), random.normal(size=(fingers, 1, 12)).astype(np.float32)
+    if parallel and fingers > 1:
+        rows[1] = parallel * rows[0] + 0.1 * rows[1]
+    energy, aims = root @ root.T + 0.1 * np.eye(12), _Aims(rows)
+    aims.choose(energy)
+    weight = aims.closed_form(energy)
+    aim = rows[:, 0] * np.sign(rows[:, 0] @ weight)[:, None]
+    price, *_ = np.linalg.lstsq(aim.T, energy @ weight, rcond=None)
+    slack = aim @ weight - 1
+    assert aim.T @ price == pytest.approx(energy @ weight, abs=1e-5 * abs(energy @ weight).max())
+    assert (price >= -1e-6 * price.max()).all() and (slack >= -1e-6).all()
+    assert price * slack == pytest.approx(np.zeros(fingers), abs=1e-5 * price.max())
+    assert (slack.max() > 0.1) == bool(parallel and fingers > 1)
+
+
+def test_of_all_instants_the_one_of_the_least_energy_is_taken() -> None:
+    random = np.random.default_rng(3)
+    root, rows = random.normal(size=(12, 12)), random.normal(size=(1, 50, 12)).astype(np.float32)
+    energy, aims = root @ root.T + 0.1 * np.eye(12), _Aims(rows)
+    aims.choose(energy)
+    weight = aims.closed_form(energy)
+    least = 1 / np.einsum("ti,ij,tj->t", rows[0], np.linalg.inv(energy), rows[0]).max()
+    assert weight @ energy @ weight == pytest.approx(least, rel=1e-5)

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from base.arrays import Array
 from engine.device import Device, Zone
 from precompute.model.assembly import assemble_bar, build_mesh, dense
-from tests.precompute.devices import shipped, with_bar
+from tests.precompute.devices import any_device, damped_as_assembly, shipped, with_bar
 
 places = st.floats(0.0, 1.0)
 
@@ -43,6 +43,16 @@ def test_mesh_has_a_node_at_every_place_no_element_longer_than_asked_and_no_node
     assert np.diff(node_m).max() <= device.bar.largest_element_m * (1 + 1e-8)
     assert np.diff(node_m).min() > 0.5e-6 * length_m
     assert len(node_m) <= len(wanted) + length_m / device.bar.largest_element_m + 1
+
+
+@any_device
+def test_damping_of_the_assembly_acts_on_springs_and_bolts_too(device: Device) -> None:
+    bar, plant = device.bar, assemble_bar(damped_as_assembly(device))
+    own = [actuator.damping_n_s_per_m for actuator in device.actuators]
+    expected = bar.mass_damping_per_s * plant.M + bar.stiffness_damping_s * plant.K
+    expected[-1, plant.actuator_dof] += own
+    assert np.abs(plant.C - expected).max() <= 1e-13 * np.abs(expected).max()
+    assert (plant.K == assemble_bar(device).K).all() and (plant.M == assemble_bar(device).M).all()
 
 
 def _natural_omegas(elements: int, clamped: list[int], rigid: int) -> Array:
@@ -77,3 +87,28 @@ def test_natural_frequencies_converge_at_order_four_to_the_closed_forms(
     assert (fine < 2e-5).all()
     order = np.log2(coarse / fine)
     assert ((order > 3.8) & (order < 4.2)).all(), order
+
+
+@any_device
+def test_sampler_reads_any_cubic_anywhere_on_the_bar(device: Device) -> None:
+    plant, length_m = assemble_bar(device), device.bar.length_m
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0], [0, length_m], [0, 1])
+    field = np.column_stack([cubic(plant.node_m), cubic.deriv()(plant.node_m)]).ravel() * (1 + 2j)
+    position_m = np.concatenate([np.linspace(0.0, length_m, 101), plant.node_m])
+    assert plant.sampler(position_m).sample(field) == pytest.approx(cubic(position_m) * (1 + 2j), abs=1e-12)
+
+
+@any_device
+def test_fingers_add_the_work_of_springs_dampers_and_masses_at_their_places(device: Device) -> None:
+    plant, length_m = assemble_bar(device), device.bar.length_m
+    position_m = [0.0, 0.317 * length_m, 0.318 * length_m, length_m]
+    fingers = [replace(device.finger, stiffness_n_per_m=k) for k in (100.0, 200.0, 400.0, 800.0)]
+    untouched = [matrix.copy() for matrix in (plant.K, plant.C, plant.M)]
+    touched = plant.with_fingers(position_m, fingers)
+    assert all((a == b).all() for a, b in zip(untouched, (plant.K, plant.C, plant.M), strict=True))
+    field = np.random.default_rng(1).normal(size=plant.size) * np.tile([1.0, 50.0], plant.size // 2)
+    at = plant.sampler(np.array(position_m)).sample(field.astype(complex)).real
+    pairs = ((touched.K, plant.K, "stiffness_n_per_m"), (touched.C, plant.C, "damping_n_s_per_m"))
+    for after, before, value in (*pairs, (touched.M, plant.M, "mass_kg")):
+        work = sum(getattr(finger, value) * y * y for finger, y in zip(fingers, at, strict=True))
+        assert field @ (dense(after) - dense(before)) @ field == pytest.approx(work, rel=1e-6)

@@ -37,6 +37,15 @@ def driven(device: Device) -> Complex:
 
 
 @on_both
+def test_on_a_great_moving_mass_an_actuator_is_grounded(device: Device) -> None:
+    forces = tuple(replace(actuator, is_force=True) for actuator in device.actuators)
+    grounded = replace(device, actuators=forces)
+    inertial = replace(device, actuators=tuple(replace(each, moving_mass_kg=1e4) for each in forces))
+    expected = driven(grounded)
+    assert abs(driven(inertial) - expected).max() < 1e-3 * abs(expected).max()
+
+
+@on_both
 def test_a_moving_mass_is_the_dynamic_stiffness_and_the_force_that_are_left_when_it_is_eliminated(
     device: Device,
 ) -> None:

@@ -21,7 +21,7 @@ from precompute.clicks.nominal import NominalFingers
 from precompute.model.assembly import assemble
 from precompute.model.modal_plant import ModalPlant
 from precompute.model.modes import compute_modes, seen_points
-from precompute.model.plate import Ritz, plate_matrices
+from precompute.model.plate import Ritz, degrees_of, plate_matrices
 from precompute.model.response import solve_response
 from precompute.model.steady import compute_steady_state
 from precompute.model.threshold_filter import threshold_filter
@@ -79,6 +79,37 @@ def test_a_strip_without_poissons_ratio_has_the_modes_of_the_bar() -> None:
         near = min(modes, key=lambda other: abs(other.frequency_hz - mode.frequency_hz))  # used at once
         assert near.frequency_hz == pytest.approx(mode.frequency_hz, rel=2e-3)
         assert near.damping_ratio == pytest.approx(mode.damping_ratio, rel=0.02)
+
+
+def test_with_more_functions_frequencies_fall_less_and_less() -> None:
+    """Ritz's frequencies are upper bounds; with those that are used the ones in the band are converged."""
+    plate = TABLET.surface
+    assert isinstance(plate, Plate)
+    used = degrees_of(plate, TABLET.sweep.stop_hz)
+    few, many, more = (
+        frequencies_hz(plate, degrees, TABLET.actuators)[:12]
+        for degrees in ((12, 10), used, (used[0] + 12, used[1] + 12))
+    )
+    assert (few >= many * (1 - 1e-9)).all() and (many >= more * (1 - 1e-9)).all()
+    assert (many - more).max() < 0.1 * (few - more).max()
+    assert many == pytest.approx(more, rel=2e-3)
+
+
+def test_what_a_point_gets_of_a_force_at_another_it_gives_back() -> None:
+    plant = plant_of(TABLET).with_fingers([0.15 + 0.09j], TABLET.finger)
+    response = solve_response(plant, HZ, POINTS_M)
+    mutual = plant.sampler(POINTS_M).sample(response.displacement_m)[:, len(TABLET.actuators) :]
+    assert mutual == pytest.approx(mutual.transpose(0, 2, 1), rel=1e-9, abs=1e-12 * abs(mutual).max())
+
+
+def test_the_power_of_a_force_is_what_the_dampers_take() -> None:
+    plant = plant_of(TABLET).with_fingers([0.15 + 0.09j], TABLET.finger)
+    field = solve_response(plant, HZ, POINTS_M[:1]).displacement_m[:, -1]
+    omega = 2 * np.pi * HZ
+    moved = plant.sampler(POINTS_M[:1]).sample(field)[:, 0]
+    put_in = 0.5 * (1j * omega * moved).real
+    taken = 0.5 * omega**2 * np.einsum("fi,ij,fj->f", field.conj(), plant.C, field).real
+    assert put_in == pytest.approx(taken, rel=1e-6)
 
 
 def test_zones_share_what_the_whole_plate_has_and_a_zones_integral_is_that_of_its_points() -> None:

@@ -33,3 +33,16 @@ def test_drives_of_all_and_of_some_actuators_are_those_of_the_dense_model(device
         compare(device, frequency_hz, random_amplitude(random, count))
     silent_hz, silent = [1.0] * (count - 1), [0.0] * (count - 1)
     compare(device, np.array([137.0, *silent_hz]), np.array([0.5 + 0j, *silent]))
+
+
+@any_device
+def test_peak_and_dead_spot_are_where_they_are_said_to_be(device: Device) -> None:
+    random, count = np.random.default_rng(9), len(device.actuators)
+    frequency_hz, amplitude = np.full(count, 190.0), random_amplitude(random, count)
+    steady = compute_steady_state(assemble(device), frequency_hz, amplitude)
+    unit = DenseModel(device).unit_acceleration
+    for place, value in ((steady.peak_position_m, steady.peak), (steady.dead_position_m, steady.dead)):
+        assert abs(unit(frequency_hz[:1], place.real)[0] @ amplitude) == pytest.approx(value, rel=1e-5)
+    for zone, peak_m, dead_m in zip(device.zones, steady.peak_position_m, steady.dead_position_m, strict=True):
+        assert zone.start_m.real <= peak_m <= zone.stop_m.real
+        assert zone.start_m.real <= dead_m <= zone.stop_m.real

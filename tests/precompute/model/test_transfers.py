@@ -11,8 +11,9 @@ from precompute.clicks.click_plants import SampledPlants
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.response import solve_response
-from precompute.model.transfers import TransferFilter
+from precompute.model.transfers import TransferFilter, moved_bases
 from precompute.model.transient import TransientPlant
+from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.plants import sample_scenarios
 from tests.engine.device.test_actuator_transfer import coupled, lag, points_of
 from tests.precompute.devices import shipped
@@ -75,3 +76,15 @@ def test_clicks_see_the_plant_that_moves_in_time() -> None:
         low = lines.s_per_s.imag < 2 * np.pi * 300  # holding a sample is as good as this below 300 Hz
         assert abs(ratio[:, :, index, low] / expected[low] - 1).max() < 0.03
         assert ratio[0, 0, index] == pytest.approx(actuator.transfer.series.at(lines.s_per_s), rel=1e-4)
+
+
+def test_rise_times_are_of_the_bases_as_they_move() -> None:
+    basis, fingers = compute_basis(assemble(BARE)), [(0.05, BARE.finger)]
+    hz, amplitude = np.array([150.0, 150.0]), np.array([1.0, -0.4 + 0.2j])
+    models = [
+        compute_rise_model(replace(basis, plant=assemble(device)), [fingers], PLACES_M[None, :1])
+        for device in (BARE, DEVICE)
+    ]
+    undone = amplitude / moved_bases(DEVICE.actuators, hz, np.ones(2, dtype=np.complex128))
+    assert compute_rise_time(models[1], hz, undone) == pytest.approx(compute_rise_time(models[0], hz, amplitude))
+    assert compute_rise_time(models[1], hz, amplitude) != pytest.approx(compute_rise_time(models[0], hz, amplitude))

@@ -11,7 +11,7 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
 from tests.precompute.dense_model import DenseModel, drive_of
-from tests.precompute.devices import every_device, on_each, with_bar
+from tests.precompute.devices import every_device, on_each, shipped, with_bar
 
 RATE_HZ = 48000.0
 DEVICES = {device.name: with_bar(device, mass_damping_per_s=20.0) for device in every_device().values()}
@@ -66,3 +66,28 @@ def test_a_second_of_the_steady_state_equals_the_frequency_response(
     grams = np.stack([model.unit_gram(tones_hz, zone.start_m.real, zone.stop_m.real) for zone in device.zones])
     expected = np.einsum("ta,ztab,tb->z", weight.conj(), grams, weight).real / 2
     assert energy == pytest.approx(expected, rel=2e-3, abs=1e-6 * expected.sum())
+
+
+def test_stretches_do_not_matter() -> None:
+    waves, plant = np.random.default_rng(0).normal(size=(8_400, 2)), plant_of(shipped("reference-a"))
+    whole, energy = plant.run(waves)
+    plant.rest()
+    parts = [plant.run(part) for part in np.split(waves, [1, 2, 19, 8211, 8260])]
+    scale = abs(whole).max()
+    assert np.concatenate([part for part, _ in parts]) == pytest.approx(whole, rel=1e-9, abs=1e-9 * scale)
+    assert sum(part for _, part in parts) == pytest.approx(energy, rel=1e-9)
+
+
+def test_a_bar_at_rest_again_repeats_itself_at_any_rate_of_steps() -> None:
+    """`accelerate` is `run` without energies; after `rest`, steps three times as fine give the same courses."""
+    device = shipped("reference-a")
+    plant, waves = plant_of(device), np.random.default_rng(2).normal(size=(400, 2))
+    waves[0] = 0.0
+    first = plant.run(waves)[0]
+    plant.rest()
+    assert plant.accelerate(waves).tobytes() == first.tobytes()
+    plant.rest()
+    plant.sample_rate_hz *= 3
+    at = np.arange(3 * len(waves) - 2) / 3
+    finer = plant.accelerate(np.column_stack([np.interp(at, np.arange(len(waves)), wave) for wave in waves.T]))
+    assert finer[::3] == pytest.approx(first, rel=1e-6, abs=1e-6 * abs(first).max())
