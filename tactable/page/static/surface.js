@@ -37,12 +37,12 @@ export function levelText(db) {
 
 // The level that counts for a finger: the judged one, which the sentence has too, or its own where it is none of those
 // that the command was made for.
-function levelOf(picture, { number, level_db, felt_db }) {
+function levelOf(picture, number, otherwise_db) {
   for (let i = 0; i < picture.madeCount; i++) {
     const made = picture.made[i];
-    if (made.number === number && made.simulated !== NOTHING) return made.simulated / 100;
+    if (made.called === number && made.simulated !== NOTHING) return made.simulated / 100;
   }
-  return picture.drive === 1 ? level_db : felt_db;
+  return otherwise_db;
 }
 
 // What a finger perceives, whatever was asked for: 0 dB is the detection threshold.
@@ -175,10 +175,12 @@ export class SurfaceView {
       slot.number = finger.number;
       Object.assign(slot.position_m, finger.position_m);
       slot.role = isFresh(picture) ? finger.role : Role.NONE;
-      slot.level_db = levelOf(picture, finger);
+      slot.level_db = picture.drive === 1 ? finger.level_db : finger.felt_db;
       slot.seen_ms = now_ms;
     }
-    return this._slots.some((slot) => now_ms - slot.seen_ms < GHOST_MS);
+    const shown = this._slots.filter((slot) => now_ms - slot.seen_ms < GHOST_MS);
+    for (const slot of shown) slot.level_db = levelOf(picture, slot.number, slot.level_db);
+    return shown.length > 0;
   }
 
   _fall(passed_s) {

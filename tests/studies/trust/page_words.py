@@ -71,7 +71,7 @@ def disagreement(shown: dict[str, Any]) -> str | None:
 def _differ(ours: str, levels: Levels | None) -> str | None:
     if levels is None:
         return ""
-    if any((db >= 0) != is_felt for db, is_felt in (*levels.felt, *levels.quiet)):
+    if any((db >= 0) != is_felt for db, is_felt in (*levels.felt, *levels.quiet) if db):  # -0.04 is "-0.0, not felt"
         return "a label's number and its word"
     says_felt = "not feel the" not in ours
     if says_felt != all(is_felt for _, is_felt in levels.felt):
