@@ -119,7 +119,7 @@ class DemoBackend(PageBackend):
         """Whether one run ends and the next begins."""
         self._other: OtherBar | None = None
         self._others = 0
-        """How many other bars there were; each is drawn anew."""
+        """How often another bar was switched on: the seed of the bar that plays, so that each one is new."""
         self._shown_solved = 0
         """How many solved clicks the browsers have heard of."""
         self._boot: tuple[int, int] = (0, 0)

@@ -24,7 +24,7 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
 @dataclass(frozen=True)
 class _Asked(ABC):
-    """A drive or click, and the positions that it was asked for; `table` is None for one solved without a table."""
+    """A drive or click, with the finger positions that were asked for and its table; without a table that is None."""
 
     device: Device = field(kw_only=True, repr=False)
     asked: Placement = field(kw_only=True)

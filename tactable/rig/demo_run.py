@@ -86,7 +86,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 
 
 def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
-    """The table of `device` at `path`, built there with clicks at few places where there is none or it is outdated."""
+    """Open the table of `device` at `path`; where there is none, or it is outdated, build one with few clicks first."""
     if is_outdated or not path.exists():
         build_table(device, path, click_options=early_options(), workers=available_cores(), progress=progress)
     return Table.open(path, device=device, verify=False)

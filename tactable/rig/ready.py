@@ -44,9 +44,10 @@ def cached_table(device: Device, folder: Path) -> Path:
 
 
 def take_built(device: Device, device_file: Path, folder: Path) -> Path | None:
-    """Put the table that `tactable build` made of a device file into the cache in `folder`; None where there is none.
+    """Copy the table that `tactable build` made of a device file into the cache `folder`, and return its path there.
 
-    It is looked for here and beside the device file. It must be of this device and this code, and have clicks.
+    Looked for are the working folder and that of the device file. The table must be of this device and this code, and
+    have clicks; None: there is no such table.
     """
     cached = cached_table(device, folder)
     for path in built_paths(device, device_file):
