@@ -132,7 +132,7 @@ class Plant(ABC):
     def with_fingers(self, position_m: Sequence[complex], finger: Finger | Sequence[Finger]) -> Self:
         """The plant with a grounded finger at each point, assembled into the matrices (docs/theory.md#fingers).
 
-        Raises ValueError where the surface was measured, which was without fingers: predict.performance adds them.
+        Raises ValueError where the surface was measured, which was without fingers: predict.at_positions adds them.
         """
         if self.is_measured:
             raise ValueError(f"{finger} at {position_m} cannot be assembled into measured responses")

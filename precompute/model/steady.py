@@ -27,13 +27,8 @@ def compute_steady_state(plant: Plant, frequency_hz: Array, amplitude: Complex) 
     Tones of one frequency add as fields, tones of different frequencies as magnitudes and energies
     (paper eqs. (8), (10); docs/theory.md#tabulated-quantities).
     """
-    tones, weight = by_tone(frequency_hz, amplitude)
-    response = solve_response(plant, tones)
-    return steady_state_of(plant, tones, np.einsum("fa,fad->fd", weight, response.displacement_m))
-
-
-def steady_state_of(plant: Plant, tones_hz: Array, displacement_m: Complex) -> SteadyState:
-    """The steady state of a known field, displacement_m (tone, degree of freedom)."""
+    tones_hz, weight = by_tone(frequency_hz, amplitude)
+    displacement_m = np.einsum("fa,fad->fd", weight, solve_response(plant, tones_hz).displacement_m)
     gram, total = compute_gram(Response(plant, tones_hz, np.ascontiguousarray(displacement_m[:, None])))
     share = (gram.sum(axis=0) / total.sum(axis=0))[:, 0, 0].real
     places_m = plant.zone_places_m

@@ -9,21 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from base.arrays import Array
-from engine.device import Device
+from base.arrays import Array, Complex
+from engine.device import Device, Finger
 from engine.steady import SteadyDrive
-from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.cases import SEED, FingerCases, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes
 from engine.steady.steady_solver import SteadySolver
-from precompute.model.assembly import assemble
+from precompute.model.assembly import assemble, free_surface
 from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant
-from precompute.predict.performance import compute_figures
+from precompute.model.response import by_tone, solve_response
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
-from precompute.sampling.fingers import SAMPLES, SampledFingers
+from precompute.sampling.plants import Fingers, sample_scenarios
 from precompute.sampling.steady_modes import steady_basis, steady_modes
-from precompute.sampling.surfaces import sample_surfaces
 
+SAMPLES = 32  # sampled cases, each with a finger of its own at every position
 PERCENTS = (5, 50, 95)  # the median, and what nine of ten cases lie between
 
 
@@ -64,6 +64,8 @@ class PlacementFigures:
     contrast_db: float | None
     expected_contrast_db: float | None
     spread: Spread
+    loads: tuple[list[tuple[complex, Finger]], ...]
+    """Point and finger of every finger, standard ones first, then those of each sampled case."""
     t90_s: float
     """Time from rest after which the envelope under every felt standard finger stays within 10 % of its final value.
 
@@ -99,18 +101,20 @@ class SteadyDesigner:
         device, positions = self.plant.device, np.array(positions_m)
         corner_m = device.surface.corner_m
         deviations = sample_deviations(len(positions), self._samples, axes_of(corner_m))
-        sampled = _sampled_fingers(cases_at(positions, deviations, device.finger, corner_m))
-        touched = range(len(positions))
+        cases = cases_at(positions, deviations, device.finger, corner_m)
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
-        power = compute_figures(self.plant, sampled, touched, hz, amplitude).power
-        bars = None if self.plant.is_measured else sample_surfaces(device, sampled)
-        cases = power[1:] if bars is None else bars.powers(touched, hz, amplitude)
-        level_db_of, sampled_db = (10 * np.log10(np.maximum(each, 1e-30)) for each in (power[0], cases))
+        power = compute_powers(self.plant, cases, hz, amplitude)
+        bars = [] if self.plant.is_measured else sample_bars(device, self._samples)
+        own = [compute_powers(bar, _case(cases, k), hz, amplitude) for k, bar in enumerate(bars, 1)]
+        sampled = np.concatenate(own or [power[1:]])
+        level_db_of, sampled_db = (10 * np.log10(np.maximum(each, 1e-30)) for each in (power[0], sampled))
         is_felt = np.array(felt, dtype=np.bool_)
         weakest = sampled_db[:, is_felt].min(axis=1)
         strongest = sampled_db[:, ~is_felt].max(axis=1, initial=-np.inf)
         is_quiet, mean = bool((~is_felt).any()), power[1:].mean(axis=0)
-        model = compute_rise_model(self.basis, [sampled.fingers(0, touched)], positions[None])
+        fingers = Fingers(cases.position_m, *np.moveaxis(cases.impedance, 2, 0))
+        loads = tuple(fingers.of(case) for case in range(len(power)))
+        model = compute_rise_model(self.basis, loads[0], positions)
         return PlacementFigures(
             positions_m=tuple(positions.tolist()),
             drive=drive,
@@ -123,20 +127,43 @@ class SteadyDesigner:
                 quiet=_percentiles(strongest) if is_quiet else None,
                 contrast=_percentiles(weakest - strongest) if is_quiet else None,
             ),
-            t90_s=float(compute_rise_time(model, hz, amplitude)[0, is_felt].max()),
+            loads=loads,
+            t90_s=float(compute_rise_time(model, hz, amplitude)[is_felt].max()),
         )
 
 
-def _sampled_fingers(cases: FingerCases) -> SampledFingers:
-    """The cases as sampled fingers: each finger stands for a zone, which has a place for each case."""
-    count, fingers = cases.position_m.shape
-    return SampledFingers(
-        position_m=np.ascontiguousarray(cases.position_m.T),
-        place=np.repeat(np.arange(count)[:, None], fingers, axis=1),
-        mass_kg=cases.impedance[:, :, 2],
-        damping_n_s_per_m=cases.impedance[:, :, 1],
-        stiffness_n_per_m=cases.impedance[:, :, 0],
-    )
+def compute_powers(plant: Plant, cases: FingerCases, frequency_hz: Array, amplitude: Complex) -> Array:
+    """Power over threshold (case, finger) under a drive, frequency_hz, amplitude (actuator,); those of tones add.
+
+    Fingers are attached to the responses of the untouched surface, which may have been measured.
+    """
+    tones_hz, weight = by_tone(frequency_hz, amplitude)
+    omega, actuators, (count, fingers) = 2 * np.pi * tones_hz, weight.shape[1], cases.position_m.shape
+    points_m = cases.position_m.ravel()
+    moved = plant.sampler(points_m).sample(solve_response(plant, tones_hz, points_m).displacement_m)
+    free = np.einsum("ta,tap->tp", weight, moved[:, :actuators]).reshape(-1, count, fingers, 1)
+    receptance = np.einsum("tcpcq->tcpq", moved[:, actuators:].reshape(-1, count, fingers, count, fingers))
+    stiffness, damping, mass = np.moveaxis(cases.impedance, 2, 0)
+    w = omega[:, None, None]
+    impedance = stiffness - w**2 * mass + 1j * w * damping
+    under = np.linalg.solve(np.eye(fingers) + receptance * impedance[:, :, None], free)[..., 0]
+    per_threshold = omega**2 / plant.device.threshold.peak_m_per_s2(tones_hz)
+    return (abs(under * per_threshold[:, None, None]) ** 2).sum(axis=0)
+
+
+def sample_bars(device: Device, count: int) -> list[Plant]:
+    """`count` plants that a calibration cannot tell apart; none where no calibration says how well the device is known.
+
+    What was fitted varies as the calibration has left it, the rest of surface and actuators within the device's spread.
+    """
+    if device.uncertainty is None:
+        return []
+    scenarios, free = sample_scenarios(device, count, SEED), free_surface(device)
+    return [free.plant(scenarios.device_of(i)) for i in range(1, count + 1)]
+
+
+def _case(cases: FingerCases, number: int) -> FingerCases:
+    return FingerCases(cases.position_m[number : number + 1], cases.impedance[number : number + 1])
 
 
 def _percentiles(level_db: Array) -> Percentiles:

@@ -28,36 +28,29 @@ _FOLLOWED_S = 4 * LONGEST_RISE_S  # the scan starts at most this late, so that i
 
 @dataclass(frozen=True)
 class RiseModel:
-    """Damped modes of the bar in several cases.
+    """Damped modes of the bar under its fingers.
 
-    pole (case, state); shape (case, place, state): what a place sees of each state; spring, damper (case, state,
-    actuator): what a base displacement and its rate put in. How an actuator's own transfer function rises is left out:
-    a tone moves its base as in the steady state from the start.
+    pole (state,); shape (place, state): what a place sees of each state; spring, damper (state, actuator): what a base
+    displacement and its rate put in. How an actuator's own transfer function rises is left out: a tone moves its base
+    as in the steady state from the start.
     """
 
     actuators: tuple[Actuator, ...]
-
     pole: Complex
     shape: Complex
     spring: Complex
     damper: Complex
 
 
-def compute_rise_model(basis: Basis, cases: Sequence[Sequence[tuple[complex, Finger]]], place_m: Array) -> RiseModel:
-    """One eigenproblem a case, a case being its fingers (position in metres, finger); place_m (case, place)."""
-    models = [compute_modal_model(basis, fingers) for fingers in cases]
-    modes = len(basis.square_omega)
-    return RiseModel(
-        actuators=basis.plant.device.actuators,
-        pole=np.stack([model.pole for model in models]),
-        shape=np.stack([basis.at(at) @ model.vector[:modes] for model, at in zip(models, place_m, strict=True)]),
-        spring=np.stack([model.spring for model in models]),
-        damper=np.stack([model.damper for model in models]),
-    )
+def compute_rise_model(basis: Basis, fingers: Sequence[tuple[complex, Finger]], place_m: Array) -> RiseModel:
+    """The model under fingers (position in metres, finger), seen at place_m (place,): one eigenproblem."""
+    model = compute_modal_model(basis, fingers)
+    shape = basis.at(place_m) @ model.vector[: len(basis.square_omega)]
+    return RiseModel(basis.plant.device.actuators, model.pole, shape, model.spring, model.damper)
 
 
 def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex) -> Array:
-    """Shape (case, place), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
+    """Shape (place,), seconds: from rest, when each place's envelope stays within WITHIN of its final value.
 
     LONGEST_RISE_S stands for every longer time.
 
@@ -67,15 +60,34 @@ def compute_rise_time(model: RiseModel, frequency_hz: Array, amplitude: Complex)
     """
     tones = np.unique(frequency_hz[amplitude != 0])
     weight = np.where(frequency_hz == tones[:, None], moved_bases(model.actuators, frequency_hz, amplitude), 0)
-    out = np.empty(model.shape.shape[:2])
+    out = np.empty(len(model.shape))
     _fill_rise(2 * np.pi * tones, weight, model.pole, model.shape, model.spring, model.damper, out)
     return out
 
 
+def compute_envelopes(model: RiseModel, frequency_hz: Array, amplitude: Complex, time_s: Array) -> tuple[Array, Array]:
+    """Frequencies (tone,) and envelopes (tone, place, time), m/s^2, of tones started at once at t = 0.
+
+    frequency_hz, amplitude (actuator,). The envelope of a tone is the magnitude of the acceleration under
+    exp(j omega t), as in `compute_rise_time`, which says when it has risen.
+    """
+    tones_hz = np.unique(frequency_hz[amplitude != 0])
+    out = np.empty((len(tones_hz), len(model.shape), len(time_s)))
+    moved = moved_bases(model.actuators, frequency_hz, amplitude)
+    decay = np.exp(model.pole[:, None] * time_s)  # (state, time)
+    for t, omega in enumerate(2 * np.pi * tones_hz):
+        weight = np.where(frequency_hz == tones_hz[t], moved, 0)
+        force = (model.spring + 1j * omega * model.damper) @ weight
+        state = model.shape * (force / (1j * omega - model.pole))
+        steady = -(omega**2) * state.sum(axis=1)[:, None] * np.exp(1j * omega * time_s)
+        out[t] = abs(steady - (state * model.pole**2) @ decay)
+    return tones_hz, out
+
+
 _REAL = types.Array(types.float64, 1, "C", readonly=True)
+_ONE = types.Array(types.complex128, 1, "C", readonly=True)
 _TWO = types.Array(types.complex128, 2, "C", readonly=True)
-_THREE = types.Array(types.complex128, 3, "C", readonly=True)
-_OUT = types.Array(types.float64, 2, "C")
+_OUT = types.Array(types.float64, 1, "C")
 
 
 @njit(cache=True)
@@ -162,36 +174,34 @@ def _scan_back(omega, steady, decaying, pole, final, end_s):  # type: ignore[no-
     return 0.0
 
 
-@njit(types.void(_REAL, _TWO, _TWO, _THREE, _THREE, _THREE, _OUT), cache=True)
+@njit(types.void(_REAL, _TWO, _ONE, _TWO, _TWO, _TWO, _OUT), cache=True)
 def _fill_rise(omega, weight, pole, shape, spring, damper, out):  # type: ignore[no-untyped-def]  # numba
-    """Fill out (case, place): scan back from the time after which the transients cannot matter any more."""
+    """Fill out (place,): scan back from the time after which the transients cannot matter any more."""
     tones, actuators = weight.shape
-    states = pole.shape[1]
-    for k in range(pole.shape[0]):
-        steady = np.empty(tones, dtype=np.complex128)
-        decaying = np.empty((tones, states), dtype=np.complex128)
-        for p in range(shape.shape[1]):
-            # Steady state and transients of each tone, and the final envelope.
-            final = 0.0
-            for t in range(tones):
-                steady[t] = 0j
-                for s in range(states):
-                    force = 0j
-                    for a in range(actuators):
-                        force += (spring[k, s, a] + 1j * omega[t] * damper[k, s, a]) * weight[t, a]
-                    state = shape[k, p, s] * force / (1j * omega[t] - pole[k, s])
-                    steady[t] -= omega[t] ** 2 * state
-                    decaying[t, s] = state * pole[k, s] ** 2
-                final += abs(steady[t])
-            # Bisection for the time at which the bound on the transients falls below WITHIN.
-            low, high = 0.0, _FOLLOWED_S
-            if _left(decaying, pole[k], high) > WITHIN * final:
-                out[k, p] = LONGEST_RISE_S
-                continue
-            while high - low > 1e-3 * high:
-                middle = 0.5 * (low + high)
-                if _left(decaying, pole[k], middle) > WITHIN * final:
-                    low = middle
-                else:
-                    high = middle
-            out[k, p] = min(_scan_back(omega, steady, decaying, pole[k], final, high), LONGEST_RISE_S)
+    steady = np.empty(tones, dtype=np.complex128)
+    decaying = np.empty((tones, len(pole)), dtype=np.complex128)
+    for p in range(len(shape)):
+        # Steady state and transients of each tone, and the final envelope.
+        final = 0.0
+        for t in range(tones):
+            steady[t] = 0j
+            for s in range(len(pole)):
+                force = 0j
+                for a in range(actuators):
+                    force += (spring[s, a] + 1j * omega[t] * damper[s, a]) * weight[t, a]
+                state = shape[p, s] * force / (1j * omega[t] - pole[s])
+                steady[t] -= omega[t] ** 2 * state
+                decaying[t, s] = state * pole[s] ** 2
+            final += abs(steady[t])
+        # Bisection for the time at which the bound on the transients falls below WITHIN.
+        low, high = 0.0, _FOLLOWED_S
+        if _left(decaying, pole, high) > WITHIN * final:
+            out[p] = LONGEST_RISE_S
+            continue
+        while high - low > 1e-3 * high:
+            middle = 0.5 * (low + high)
+            if _left(decaying, pole, middle) > WITHIN * final:
+                low = middle
+            else:
+                high = middle
+        out[p] = min(_scan_back(omega, steady, decaying, pole, final, high), LONGEST_RISE_S)

@@ -13,8 +13,7 @@ from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
 from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
-from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
-from precompute.sampling.fingers import SAMPLES
+from precompute.predict.at_positions import SAMPLES, PlacementFigures, SteadyDesigner
 from tactable.explain import words
 
 PERCENTILES = ("5 %", "50 %", "95 %")

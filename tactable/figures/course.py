@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from base.arrays import Array
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.predict.envelope import compute_envelopes
-from precompute.predict.rise_time import compute_rise_model
+from precompute.predict.rise_time import compute_envelopes, compute_rise_model
 from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
 from tactable.figures.picture_file import Picture
 from tactable.figures.played_drive import PlayedDrive
@@ -67,12 +66,12 @@ def plot_course(played: PlayedDrive) -> Picture:
 def compute_rising(played: PlayedDrive) -> Rising:
     """Levels of tones of different frequencies add as powers."""
     position_m = np.array(played.placement.position_m)
-    model = compute_rise_model(compute_basis(assemble(played.device)), [played.cases[0]], position_m[None])
+    model = compute_rise_model(compute_basis(assemble(played.device)), played.figures.loads[0], position_m)
     time_s = np.arange(_STEP_S, max(_SHORTEST_S, _LONGER * played.figures.t90_s), _STEP_S)
     hz, amplitude = np.array(played.drive.frequencies_hz), played.drive.complex_amplitudes
     tones_hz, envelope = compute_envelopes(model, hz, amplitude, time_s)
     threshold_m_per_s2 = played.device.threshold.peak_m_per_s2(tones_hz)
-    power = ((envelope[:, 0] / threshold_m_per_s2[:, None, None]) ** 2).sum(axis=0)
+    power = ((envelope / threshold_m_per_s2[:, None, None]) ** 2).sum(axis=0)
     level_db: Array = 10 * np.log10(np.maximum(power, _TINY))
     felt, quiet = played.placement.felt, played.placement.quiet
     contrast_db = level_db[felt].min(axis=0) - level_db[quiet].max(axis=0) if quiet else None

@@ -1,20 +1,15 @@
 """A steady drive that is solved for fingers, and what they feel of it, as pictures take them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from engine.device import Device, Finger
+from engine.device import Device
 from engine.steady import SteadyDrive
-from engine.steady.cases import axes_of, cases_at, sample_deviations
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
 from precompute.model.steady import compute_steady_state
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
-from precompute.sampling.fingers import SAMPLES
-
-Load = Sequence[tuple[complex, Finger]]  # position in metres and finger, for each finger
 
 
 @dataclass(frozen=True)
@@ -32,8 +27,7 @@ class PlayedFinger:
 class PlayedDrive:
     """A steady drive with the fingers that it is for.
 
-    cases: the standard fingers, then the sampled ones. worst_contrast_db: over the sampled
-    fingers, None where nothing is quiet.
+    worst_contrast_db: over the sampled fingers, None where nothing is quiet.
     """
 
     device: Device
@@ -43,7 +37,6 @@ class PlayedDrive:
     worst_contrast_db: float | None
     localized_factor: float
     fingers: tuple[PlayedFinger, ...]
-    cases: tuple[Load, ...]
 
     @property
     def drive(self) -> SteadyDrive:
@@ -55,7 +48,7 @@ def solved_drive(designer: SteadyDesigner, placement: Placement, level_db: float
     """The drive that a run solves for these positions, its sampled fingers within a millimetre of them."""
     device = designer.plant.device
     figures = designer.solve(placement.position_m, placement.is_felt, level_db)
-    drive, position_m = figures.drive, np.array(placement.position_m)
+    drive = figures.drive
     threshold_m_per_s2 = float(device.threshold.peak_m_per_s2(np.array([drive.frequency_hz]))[0])
     ends_db = np.stack([figures.sampled_level_db.min(axis=0), figures.sampled_level_db.max(axis=0)], axis=1)
     loaded = assemble(device).with_fingers(placement.position_m, device.finger)
@@ -63,9 +56,6 @@ def solved_drive(designer: SteadyDesigner, placement: Placement, level_db: float
     felt_zones = [zone for zone, state in enumerate(placement.zone_states(device)) if state is ZoneState.FELT]
     weakest = figures.sampled_level_db[:, placement.felt].min(axis=1)
     strongest = figures.sampled_level_db[:, placement.quiet].max(axis=1, initial=-np.inf)
-    corner_m = device.surface.corner_m
-    deviations = sample_deviations(len(position_m), SAMPLES, axes_of(corner_m))
-    cases = cases_at(position_m, deviations, device.finger, corner_m)
     return PlayedDrive(
         device=device,
         placement=placement,
@@ -78,12 +68,5 @@ def solved_drive(designer: SteadyDesigner, placement: Placement, level_db: float
             for at_m, is_felt, level, (low, high) in zip(
                 placement.position_m, placement.is_felt, figures.level_db.tolist(), ends_db.tolist(), strict=True
             )
-        ),
-        cases=tuple(
-            [
-                (at_m, Finger(mass_kg=mass, damping_n_s_per_m=damping, stiffness_n_per_m=stiffness, spread=1.0))
-                for at_m, (stiffness, damping, mass) in zip(here_m, impedance, strict=True)
-            ]
-            for here_m, impedance in zip(cases.position_m.tolist(), cases.impedance.tolist(), strict=True)
         ),
     )

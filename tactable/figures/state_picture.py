@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from base.arrays import Array, Field, Points
-from engine.device import Device
+from engine.device import Device, Finger
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, placement_text, zone_lists
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
-from tactable.figures.played_drive import Load, PlayedDrive, PlayedFinger
+from tactable.figures.played_drive import PlayedDrive, PlayedFinger
 
 _MAP_POINTS = 1500  # 6 mm apart on a tablet
 _LOWEST_DB = -20.0  # where the map of a plate begins
@@ -59,11 +59,11 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     if not style.is_plate(device):
         position_m = np.union1d(position_m, played.placement.position_m)
 
-    def along(load: Load) -> Array:
+    def along(load: list[tuple[complex, Finger]]) -> Array:
         loaded = plant.with_fingers(*zip(*load, strict=True))
         return peak_along(loaded, frequency_hz, played.drive.complex_amplitudes, position_m)
 
-    each = np.array([along(load) for load in played.cases])
+    each = np.array([along(load) for load in played.figures.loads])
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
 
 
@@ -101,7 +101,7 @@ def _level_text(finger: PlayedFinger) -> str:
 def _draw_envelope(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
     style.draw_zone_names(axes, played.device)
     place_mm = 1e3 * envelope.position_m
-    label = f"least to greatest of {len(played.cases) - 1} other touches"
+    label = f"least to greatest of {len(played.figures.loads) - 1} other touches"
     axes.fill_between(place_mm, envelope.least, envelope.greatest, color=style.BLUE, alpha=0.15, lw=0, label=label)
     axes.plot(place_mm, envelope.standard, color=style.BLUE, lw=1.8, label="with standard fingers")
     style.draw_actuators(axes, played.device)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from engine.steady.given_drive import CASES, compute_levels
-from precompute.sampling.fingers import SAMPLES
+from precompute.predict.at_positions import SAMPLES
 from tests.engine.steady.solvers import DEVICES, designer_of
 
 POSITIONS_M, ROLES = (0.035, 0.12, 0.15), (True, False, False)

@@ -16,11 +16,10 @@ from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
-from precompute.sampling.fingers import SAMPLES
-from precompute.sampling.surfaces import sample_surfaces
+from precompute.predict.at_positions import SAMPLES, compute_powers, sample_bars
 from tests.precompute.devices import shipped, tablet
 from tests.precompute.measured import NAN, read_bar
-from tests.precompute.sampled import sample_fingers
+from tests.precompute.sampled import sample_cases
 
 TRUTH = {"plate.youngs_modulus": 73.1e9, "actuator.stiffness": 18.2e3, "actuator.full_scale": 3.7e-6}
 TRUTH |= {"plate.mass_damping": 2.0, "plate.stiffness_damping": 6e-5}
@@ -39,9 +38,8 @@ def test_values_are_found_within_their_intervals_and_the_device_file_says_them()
     new = calibrated_device(found)
     assert new.surface.poissons_ratio == pytest.approx(found.device.surface.poissons_ratio, rel=1e-9)  # type: ignore[union-attr]
     assert new.uncertainty is not None and new.uncertainty.fitted[-1].name == "plate.poissons_ratio"
-    surfaces = sample_surfaces(new, sample_fingers(new))
-    assert surfaces is not None
-    powers = surfaces.powers((0, 4), np.full(4, 150.0), np.array([1.0, 0.5j, 0.0, 0.0]))
+    drive, cases = (np.full(4, 150.0), np.array([1.0, 0.5j, 0.0, 0.0])), sample_cases(new, (0, 4))
+    powers = np.array([compute_powers(plate, cases, *drive)[0] for plate in sample_bars(new, SAMPLES)])
     assert powers.shape == (SAMPLES, 2) and (powers.std(axis=0) > 0).all()
     step = plan_after(found, Accuracy(), 1).summary()["readings"][0]
     assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0

@@ -82,8 +82,7 @@ def test_rise_times_are_of_the_bases_as_they_move() -> None:
     basis, fingers = compute_basis(assemble(BARE)), [(0.05, BARE.finger)]
     hz, amplitude = np.array([150.0, 150.0]), np.array([1.0, -0.4 + 0.2j])
     models = [
-        compute_rise_model(replace(basis, plant=assemble(device)), [fingers], PLACES_M[None, :1])
-        for device in (BARE, DEVICE)
+        compute_rise_model(replace(basis, plant=assemble(device)), fingers, PLACES_M[:1]) for device in (BARE, DEVICE)
     ]
     undone = amplitude / moved_bases(DEVICE.actuators, hz, np.ones(2, dtype=np.complex128))
     assert compute_rise_time(models[1], hz, undone) == pytest.approx(compute_rise_time(models[0], hz, amplitude))

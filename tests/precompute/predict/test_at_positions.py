@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.predict.at_positions import PlacementFigures
-from precompute.sampling.fingers import SAMPLES
+from precompute.predict.at_positions import SAMPLES, PlacementFigures
 from tests.engine.steady.solvers import DEVICES, designer_of
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.sampled import threshold

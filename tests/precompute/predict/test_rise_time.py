@@ -9,8 +9,7 @@ from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
-from precompute.predict.envelope import compute_envelopes
-from precompute.predict.rise_time import WITHIN, compute_rise_model, compute_rise_time
+from precompute.predict.rise_time import WITHIN, compute_envelopes, compute_rise_model, compute_rise_time
 from tests.precompute.devices import other_bars, shipped
 from tests.quick import first_quick
 
@@ -42,12 +41,12 @@ def test_no_excursion_between_two_looks_is_missed(device: Device, top_hz: float)
     """Random drives of one and two tones, against their envelopes every 50 us."""
     random = np.random.default_rng(round(top_hz))
     places_m = random.uniform(0.0, device.bar.length_m, 4)
-    model = compute_rise_model(basis_of(device), [[(at, device.finger) for at in places_m[:2]]], places_m[None])
+    model = compute_rise_model(basis_of(device), [(at, device.finger) for at in places_m[:2]], places_m)
     time_s, count = np.append(STEP_S * np.arange(round(1.0 / STEP_S)), 1e3), len(device.actuators)
     for tones in (1, 2) * 4:
         hz = np.resize(random.uniform(60.0, top_hz, tones), count)
         amplitude = random.normal(size=count) + 1j * random.normal(size=count)
-        course = compute_envelopes(model, hz, amplitude, time_s)[1].sum(axis=0)[0]
-        found = compute_rise_time(model, hz, amplitude)[0]
+        course = compute_envelopes(model, hz, amplitude, time_s)[1].sum(axis=0)
+        found = compute_rise_time(model, hz, amplitude)
         followed = found < 0.9
         assert_between(found[followed], course[followed, :-1], course[followed, -1])
