@@ -1,4 +1,4 @@
-/* A quarter of a sine, made by `python -m firmware_link.codegen.sine_table`, not to be edited. */
+/* A quarter of a sine, made by `python -m tests.firmware_link.codegen.sine_table`, not to be edited. */
 #ifndef TACTABLE_SINE_TABLE_H
 #define TACTABLE_SINE_TABLE_H
 

@@ -1,5 +1,5 @@
 /* The wire in C: made from firmware_link/protocol/messages.py by
- * `python -m firmware_link.codegen.c_header`, not to be edited.
+ * `python -m tests.firmware_link.codegen.c_header`, not to be edited.
  *
  * A reader returns false for a value whose meaning is unknown, and leaves blocks of bytes where they are in the body;
  * a writer returns the end of what it wrote.

@@ -4,8 +4,8 @@ from types import ModuleType
 
 import pytest
 
-from firmware_link.codegen import c_header, sine_table
 from firmware_link.protocol.messages import MESSAGES
+from tests.firmware_link.codegen import c_header, sine_table
 from tests.firmware_link.codegen.vectors import FOLDER, example_messages, vector_files
 
 

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import firmware_link
-from firmware_link.codegen.protocol_table import protocol_table
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
 from firmware_link.protocol.link_errors import MessageError
@@ -29,6 +28,7 @@ from firmware_link.protocol.messages import (
     has_exact_length,
     seed_of,
 )
+from tests.firmware_link.codegen.protocol_table import protocol_table
 from tests.firmware_link.codegen.vectors import example_basis, example_plays
 from tests.firmware_link.strategies import BITS, RESOLUTION_HZ, channel_drives, messages, sequences, unhurried
 

@@ -1,6 +1,6 @@
 """C header of the firmware, generated from the messages: values, layouts, and functions that read and write bodies.
 
-`python -m firmware_link.codegen.c_header` rewrites `firmware/core/tactable_protocol.h`; a test compares the two.
+`python -m tests.firmware_link.codegen.c_header` rewrites `firmware/core/tactable_protocol.h`; a test compares the two.
 """
 
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 from firmware_link.protocol import framing, messages
 from firmware_link.protocol.layout import Layout, Sender, Word
 
-HEADER = Path(__file__).parents[1] / "firmware" / "core" / "tactable_protocol.h"
+HEADER = Path(__file__).parents[3] / "firmware_link" / "firmware" / "core" / "tactable_protocol.h"
 
 _ENUMS: tuple[type[Enum], ...] = tuple(
     value
@@ -28,7 +28,7 @@ _CONSTANTS = {
 }
 _BEGINNING = """\
 /* The wire in C: made from firmware_link/protocol/messages.py by
- * `python -m firmware_link.codegen.c_header`, not to be edited.
+ * `python -m tests.firmware_link.codegen.c_header`, not to be edited.
  *
  * A reader returns false for a value whose meaning is unknown, and leaves blocks of bytes where they are in the body;
  * a writer returns the end of what it wrote.

@@ -1,18 +1,18 @@
 """Quarter-wave sine table of the firmware, generated as a C header.
 
-`python -m firmware_link.codegen.sine_table` rewrites `firmware/core/sine_table.h`; a test compares the two.
+`python -m tests.firmware_link.codegen.sine_table` rewrites `firmware/core/sine_table.h`; a test compares the two.
 """
 
 import math
 from pathlib import Path
 
-HEADER = Path(__file__).parents[1] / "firmware" / "core" / "sine_table.h"
+HEADER = Path(__file__).parents[3] / "firmware_link" / "firmware" / "core" / "sine_table.h"
 INTERVALS = 256
 # Full amplitude, 65535/65536 of the firmware's fixed-point one, then gives 32767 of 16-bit output, never 32768.
 FULL_SCALE = 2**30 * 32_767 / 32_767.5
 
 _BEGINNING = """\
-/* A quarter of a sine, made by `python -m firmware_link.codegen.sine_table`, not to be edited. */
+/* A quarter of a sine, made by `python -m tests.firmware_link.codegen.sine_table`, not to be edited. */
 #ifndef TACTABLE_SINE_TABLE_H
 #define TACTABLE_SINE_TABLE_H
 

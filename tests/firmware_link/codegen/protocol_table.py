@@ -1,11 +1,14 @@
-"""Table of messages in PROTOCOL.md: `python -m firmware_link.codegen.protocol_table` rewrites it; a test compares."""
+"""Table of messages in PROTOCOL.md.
+
+`python -m tests.firmware_link.codegen.protocol_table` rewrites it; a test compares.
+"""
 
 from pathlib import Path
 
 from firmware_link.protocol.layout import Layout
 from firmware_link.protocol.messages import MESSAGES
 
-DOCUMENT = Path(__file__).parents[1] / "PROTOCOL.md"
+DOCUMENT = Path(__file__).parents[3] / "firmware_link" / "PROTOCOL.md"
 BEGINNING, END = "<!-- made by protocol_table() -->\n", "<!-- end -->"
 
 

@@ -1,1 +1,0 @@
-"""Generators of the C headers and of the table of messages in PROTOCOL.md from the Python definitions."""
