@@ -64,15 +64,12 @@ class Device:
     sweep: Sweep
     levels_db: tuple[float, ...]
     """Sensation levels that best rows are made for, rising; rows for full scale are always made too."""
-    threshold: Threshold
-    """The detection threshold that every level is above."""
+    threshold: Threshold  # the detection threshold that every level is above
     limits: Limits
     inferred: tuple[str, ...]
     """Keys whose values are estimates, such as "bar.width": marked in the file, or absent and assumed."""
-    uncertainty: Uncertainty | None
-    """Uncertainty of the fitted values; None: the device was not calibrated."""
-    text: str
-    """The text of the description."""
+    uncertainty: Uncertainty | None  # uncertainty of the fitted values; None: the device was not calibrated
+    text: str  # the text of the description
 
     @classmethod
     def read(cls, path: Path | str) -> "Device":

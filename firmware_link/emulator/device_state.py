@@ -70,11 +70,9 @@ class Device:
     now_us: int = 0
     state: DeviceState = DeviceState.IDLE
     counters: DeviceCounters = field(default_factory=DeviceCounters)
-    status_due_us: int | None = None
-    """When the next status is to be sent; None until the first greeting."""
+    status_due_us: int | None = None  # when the next status is to be sent; None until the first greeting
     driving_since_us: int = 0
-    longest_drive_us: int | None = None
-    """How long a drive may last; None where there is no limit."""
+    longest_drive_us: int | None = None  # how long a drive may last; None where there is no limit
 
     @property
     def is_armed(self) -> bool:

@@ -67,8 +67,7 @@ def path_of(name: str) -> str:
 class SerialPort(DescriptorPort):
     """An open port: reads and writes what is possible at once; any failure is a LinkLostError, as after an unplug."""
 
-    notes: tuple[str, ...] = ()
-    """What a user should know of the port, one sentence each."""
+    notes: tuple[str, ...] = ()  # what a user should know of the port, one sentence each
 
     def __init__(self, name: str, bit_rate_hz: int = BIT_RATE_HZ) -> None:
         self.path = path_of(name)

@@ -60,10 +60,8 @@ class Summary:
     outcomes: tuple[Outcome, ...]
     columns: tuple[Column, ...]
     outliers: tuple[Outlier, ...]
-    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
-    """Of the units that were measured, by name."""
-    lot: Mapping[str, LotValue] = field(default_factory=dict)
-    """The fitted values that the lot tells, by name."""
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)  # of the units that were measured, by name
+    lot: Mapping[str, LotValue] = field(default_factory=dict)  # the fitted values that the lot tells, by name
 
     @property
     def counts(self) -> dict[str, int]:

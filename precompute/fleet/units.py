@@ -15,8 +15,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.calibration.misfit import Loss
 from precompute.clicks import DEFAULT_OPTIONS
 
-NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
-"""Names of units, which are also the names of their folders."""
+NAME = re.compile(r"[\w+-][\w.+-]{0,63}")  # names of units, which are also the names of their folders
 
 
 class FleetError(TactableError, ValueError):
@@ -83,14 +82,12 @@ class Outcome:
     seconds: float = 0.0
     error: str | None = None
     fingerprint: str = ""
-    table_crc32: int | None = None
-    """CRC-32 of the table file; None where no table was built."""
+    table_crc32: int | None = None  # CRC-32 of the table file; None where no table was built
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
     report: Mapping[str, Any] = field(default_factory=dict)
     """What a verdict needs of the report of its calibration; empty where the unit was not measured."""
-    is_kept: bool = False
-    """Whether the outcome of an earlier run was kept."""
+    is_kept: bool = False  # whether the outcome of an earlier run was kept
 
     def as_json(self) -> str:
         """JSON text of everything except `is_kept`."""

@@ -24,12 +24,9 @@ from precompute.calibration.calibration_report import phase_text
 from precompute.calibration.doubts import doubts_of, speaks_against_the_device
 from precompute.fleet.units import FleetError, Outcome
 
-LIMITS = "limits.toml"
-"""File of the stated limits, in the folder of the units or beside their manifest."""
-FEWEST = 8
-"""A unit is compared with its lot if at least this many units tell the value."""
-_SPREADS = 5.0
-"""Robust standard deviations from the median of the lot beyond which a value is off."""
+LIMITS = "limits.toml"  # file of the stated limits, in the folder of the units or beside their manifest
+FEWEST = 8  # a unit is compared with its lot if at least this many units tell the value
+_SPREADS = 5.0  # robust standard deviations from the median of the lot beyond which a value is off
 _LEAST_SPREAD = 0.01  # of the median; estimate of how closely bars are made and measured
 _WRONG_FACTOR = 1.1  # or 5.5 degrees; smaller errors change a fit little, and noise makes some among hundreds
 _NORMAL_MAD = 1.4826  # standard deviation of normal noise over its median absolute deviation

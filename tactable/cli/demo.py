@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from tactable.rig.accelerometer import SensedSurface
     from tactable.rig.emulate import Emulated
 
-_BEFORE_OTHERS = -10
-"""Niceness of an emulated bar, which must keep up with the clock."""
+_BEFORE_OTHERS = -10  # niceness of an emulated bar, which must keep up with the clock
 
 
 def demo(

@@ -12,16 +12,12 @@ from tactable.page.judged_commands import Command
 from tactable.page.live_bar import RATE_HZ, LiveBar
 from tactable.page.page_messages import Drive, encode_motion, encode_sound
 
-CLICK_MOTION_S = 0.09
-"""Length of the slowed moment of a click: the click, and the ringing after it."""
+CLICK_MOTION_S = 0.09  # length of the slowed moment of a click: the click, and the ringing after it
 STEADY_MOTION_S = 0.04  # two periods of 60 Hz, twelve of 300 Hz
-CAPTURE_AFTER_S = 0.4
-"""A command can be seen slowed and heard this long after it; a steady one is captured repeatedly."""
+CAPTURE_AFTER_S = 0.4  # a command can be seen slowed and heard this long after it; a steady one is captured repeatedly
 HEARD_S = 0.4  # long enough for a pitch; of the past that is kept (KEPT_S)
-LOUDER_DB = 12.0
-"""Distance of the wanted level from full scale in a sound."""
-LOUDEST_LEVEL_DB = 40.0
-"""The wanted level that is assumed for a command at full scale."""
+LOUDER_DB = 12.0  # distance of the wanted level from full scale in a sound
+LOUDEST_LEVEL_DB = 40.0  # the wanted level that is assumed for a command at full scale
 _MOTION_RATE_HZ = 3000  # ten moments in a period of 300 Hz
 _FULL_SCALE = 32_767  # the greatest int16
 

@@ -16,8 +16,7 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from tactable.shipped import named_effects, shipped_names
 
 DRAG_STEP_M = 0.01  # as tables/effects/slider.toml
-_FINEST_M, _FARTHEST_M = 1e-5, 100.0
-"""Smaller moves of an actuator are ignored."""
+_FINEST_M, _FARTHEST_M = 1e-5, 100.0  # smaller moves of an actuator are ignored
 HOLD_NS = 500_000_000  # the long press of iOS
 _NOTHING = Effect("nothing", (Segment(None, None),))
 
@@ -29,12 +28,9 @@ class ChoiceError(TactableError, ValueError):
 class Source(StrEnum):
     """The kind of drive that plays."""
 
-    CLICK = "click"
-    """The click for the fingers."""
-    STEADY = "steady"
-    """The steady drive for the fingers, as long as one touches that is to feel."""
-    ZONES = "zones"
-    """The row of the sweep for the zones of the fingers, likewise: the published method."""
+    CLICK = "click"  # the click for the fingers
+    STEADY = "steady"  # the steady drive for the fingers, as long as one touches that is to feel
+    ZONES = "zones"  # the row of the sweep for the zones of the fingers, likewise: the published method
 
 
 class Rules(StrEnum):
@@ -44,8 +40,7 @@ class Rules(StrEnum):
     HOLD = "hold"
     DRAG = "drag"
     LIFT = "lift"
-    FILE = "file"
-    """Taken from a rule file, which then decides about levels, clicks and quiet zones."""
+    FILE = "file"  # taken from a rule file, which then decides about levels, clicks and quiet zones
 
 
 @dataclass(frozen=True)
@@ -61,8 +56,7 @@ class Choice:
     rules: Rules = Rules.TOUCH
     level_db: float = DEFAULT_LEVEL_DB
     quiet_zones: tuple[str, ...] = ()
-    is_loaded: bool = True
-    """Whether the fingers load the simulated bar."""
+    is_loaded: bool = True  # whether the fingers load the simulated bar
     is_other: bool = False
     """Whether the simulated bar is another one than the table's, with other fingers, beside where they seem to be."""
     actuators_m: tuple[complex, ...] = ()

@@ -92,13 +92,10 @@ class DemoBackend(PageBackend):
         programs: ProgramsAt | None = None,
         say: Callable[[str], None] = print,
     ) -> None:
-        self.restarts = 0
-        """Number of restarts of processes that ended by themselves."""
+        self.restarts = 0  # number of restarts of processes that ended by themselves
         self._choice, self._offers = choice, offers
-        self._described = device
-        """The device as its file has it."""
-        self._device = moved(device, choice)
-        """The device that is to play: its actuators may have been moved."""
+        self._described = device  # the device as its file has it
+        self._device = moved(device, choice)  # the device that is to play: its actuators may have been moved
         self._cache, self._work = cache, work
         self._programs, self._say = programs, say
         self._builder = Builder(self._changed)
@@ -106,22 +103,16 @@ class DemoBackend(PageBackend):
         self._firmware: FirmwareProcess | None = None
         self._engine: EngineProcess | None = None
         self._reader: RingReader | None = None
-        self.view: View | None = None
-        """The view of the browsers; None until the engine runs."""
-        self._plays: tuple[Choice, bool] | None = None
-        """The choice that plays, and whether kernels are compiled for it."""
-        self._compared: dict[str, Any] | None = None
-        """What a table that was built here is beside the shipped one."""
+        self.view: View | None = None  # the view of the browsers; None until the engine runs
+        self._plays: tuple[Choice, bool] | None = None  # the choice that plays, and whether kernels are compiled for it
+        self._compared: dict[str, Any] | None = None  # what a table that was built here is beside the shipped one
         self._table: Table | None = None
-        self._is_outdated = False
-        """Whether older code made the shipped table that plays."""
-        self._is_between = False
-        """Whether one run ends and the next begins."""
+        self._is_outdated = False  # whether older code made the shipped table that plays
+        self._is_between = False  # whether one run ends and the next begins
         self._other: OtherBar | None = None
         self._others = 0
         """How often another bar was switched on: the seed of the bar that plays, so that each one is new."""
-        self._shown_solved = 0
-        """How many solved clicks the browsers have heard of."""
+        self._shown_solved = 0  # how many solved clicks the browsers have heard of
         self._boot: tuple[int, int] = (0, 0)
         self._rings = 0
         self._status, self._trouble = "starting", ""

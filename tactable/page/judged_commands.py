@@ -17,8 +17,7 @@ from tactable.page.page_messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises
 from tactable.rig.solved_click import SolvedClick
 
-RINGING_S = 0.06
-"""Time after its end in which a click rings down by some 20 dB."""
+RINGING_S = 0.06  # time after its end in which a click rings down by some 20 dB
 
 
 @dataclass
@@ -38,17 +37,13 @@ class Command:
     promised_db: Sequence[float | None]
     played: ClickEntry | Sequence[ChannelDrive] | None
     """The click, or the drive of each actuator; None: a click that is not known."""
-    length_s: float
-    """Length of a click; infinite for a steady drive."""
+    length_s: float  # length of a click; infinite for a steady drive
     ended_us: float
-    sequence: int | None
-    """Sequence number of its frame."""
-    is_stalled: bool = False
-    """Whether a part of its time was left out, the machine having stalled."""
+    sequence: int | None  # sequence number of its frame
+    is_stalled: bool = False  # whether a part of its time was left out, the machine having stalled
     spread_db: Array | None = None
     """Shape (2, finger): what sampled bars give, 5th and 95th percentile; None: not computed."""
-    is_mixed: bool = False
-    """Whether one of its quiet fingers still felt a click or a drive of its own when it began."""
+    is_mixed: bool = False  # whether one of its quiet fingers still felt a click or a drive of its own when it began
 
     def role(self, finger: int) -> Role:
         """Role of a finger in the placement of the command."""
@@ -70,8 +65,7 @@ class CommandReader:
 
     def __init__(self, table: Table, frequency_resolution_hz: float, *, halvings: int = 0) -> None:
         self._table, self._resolution_hz = table, frequency_resolution_hz
-        self.solved = list[Placement]()
-        """The placements whose clicks the table does not hold and that were played."""
+        self.solved = list[Placement]()  # the placements whose clicks the table does not hold and that were played
         self._promises, self._count, self._halvings = Promises(table), 0, halvings
         self._promises.prepare()
         self._click_length_s = max((click.length_s for click in table.clicks[:1]), default=DEFAULT_CLICK_NS / 1e9)

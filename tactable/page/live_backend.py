@@ -19,8 +19,7 @@ from tactable.page.view import View, device_json
 from tactable.rig.promises import SampledPromises
 from tactable.run.table_watch import LOOK_S
 
-BEHIND_NS = 30_000_000
-"""Age of the picture; ring records are written after their command."""
+BEHIND_NS = 30_000_000  # age of the picture; ring records are written after their command
 _NS_PER_US = 1000
 
 

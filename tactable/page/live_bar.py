@@ -25,20 +25,15 @@ from tactable.page.page_messages import LOWEST_DB
 from tactable.rig.first_table import modes_of
 from tactable.rig.other_bar import OtherBar
 
-RATE_HZ = 12_000
-"""40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude."""
+RATE_HZ = 12_000  # 40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude
 MOST_POINTS, MOST_MOVING = 1500, 420
 """Points of a field of levels, and of a field that is shown slowed: 6 and 12 mm apart on a tablet."""
-_WHOLE = 400
-"""Of a field of more points, every n-th sample is looked at. Under fingers all are."""
-KEPT_S = 1.0
-"""Length of the past that can be seen slowed, and heard."""
-POWER_S = 0.1
-"""Averaging time of the level of a steady drive."""
+_WHOLE = 400  # of a field of more points, every n-th sample is looked at. Under fingers all are.
+KEPT_S = 1.0  # length of the past that can be seen slowed, and heard
+POWER_S = 0.1  # averaging time of the level of a steady drive
 LONGEST_STEP_S = KEPT_S
 """After a longer stall the missed time is left out: the past that is kept must hold a whole step."""
-STILL_M = 2e-4
-"""A smaller move of a finger leaves the plant unchanged."""
+STILL_M = 2e-4  # a smaller move of a finger leaves the plant unchanged
 MOVED_US = 50_000
 """Shortest time between two updates of the modes under a moving finger: to compute those of a plate takes as long."""
 _SMOOTH = 160

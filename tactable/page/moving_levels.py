@@ -17,16 +17,11 @@ class BarLevels:
     def __init__(self, bar: LiveBar) -> None:
         self.bar = bar
         self._nothing_db: Array = np.full(bar.field.count, LOWEST_DB)
-        self.along_db = self._nothing_db
-        """Shape (point,): the present levels in the field."""
-        self.counted_db = self._nothing_db
-        """Shape (point,): the levels that count for the last command."""
-        self.present_db = dict[int, float]()
-        """The present level, by contact."""
-        self.felt_db = dict[int, float]()
-        """The greatest level since the last command, by contact."""
-        self.simulated_db = dict[int, float]()
-        """The level that counts, by finger of the last command's placement."""
+        self.along_db = self._nothing_db  # shape (point,): the present levels in the field
+        self.counted_db = self._nothing_db  # shape (point,): the levels that count for the last command
+        self.present_db = dict[int, float]()  # the present level, by contact
+        self.felt_db = dict[int, float]()  # the greatest level since the last command, by contact
+        self.simulated_db = dict[int, float]()  # the level that counts, by finger of the last command's placement
         self.is_moving = False
 
     def begin_command(self) -> None:

@@ -31,8 +31,7 @@ from tactable.shipped import cache_folder
 _ELSEWHERE = ("192.0.2.1", "2001:db8::1")
 """Addresses that RFC 5737 and RFC 3849 reserve for documents: a route to them is the way out of this machine."""
 _IP = re.compile(r"[0-9.]+|.*:.*")
-_QUIET = 2
-"""Light modules around a QR code."""
+_QUIET = 2  # light modules around a QR code
 _TOKEN = r"[A-Za-z0-9_-]{32,}"
 Say = Callable[[str], None]
 

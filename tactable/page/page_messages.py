@@ -40,8 +40,7 @@ MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
 MOST_BYTES = 2 + MOST_DEVICE_BYTES
 """Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
-LOWEST_DB = -60.0
-"""The lowest level that is sent."""
+LOWEST_DB = -60.0  # the lowest level that is sent
 NO_ZONE = 255
 NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
 
@@ -94,8 +93,7 @@ class PageMessageError(ValueError):
 class Role(IntEnum):
     """Role of a finger in a command."""
 
-    NONE = 0
-    """The finger came after the command, or lies where no finger was when it was made."""
+    NONE = 0  # the finger came after the command, or lies where no finger was when it was made
     QUIET = 1
     FELT = 2
 
@@ -114,8 +112,7 @@ class FingerPicture:
 
     number: int
     zone: int | None
-    role: Role
-    """Its role in the last command."""
+    role: Role  # its role in the last command
     position_m: complex
     level_db: float
     felt_db: float
@@ -176,29 +173,21 @@ class Picture:
     """
 
     time_s: float
-    counters: tuple[int, int, int, int, int, int]
-    """The fields of engine.loop.ring.RingCounters."""
-    command: int
-    """Number of the last command; 0 before the first."""
-    age_s: float
-    """Age of the last command."""
-    wanted_db: float
-    """Level of the last command; infinite: full scale."""
+    counters: tuple[int, int, int, int, int, int]  # the fields of engine.loop.ring.RingCounters
+    command: int  # number of the last command; 0 before the first
+    age_s: float  # age of the last command
+    wanted_db: float  # level of the last command; infinite: full scale
     last_ns: tuple[int, int, int, int, int]
     """Latency of the last command that a report caused, from each stage (command_latency.Stage) to the next."""
-    median_ns: tuple[int, int, int, int, int]
-    """Median of the same over the last `latencies` commands."""
+    median_ns: tuple[int, int, int, int, int]  # median of the same over the last `latencies` commands
     latencies: int
     drive: Drive
-    is_loaded: bool
-    """The fingers are in the plant."""
-    is_playing: bool
-    """The command still drives."""
+    is_loaded: bool  # the fingers are in the plant
+    is_playing: bool  # the command still drives
     is_late: bool
     """The machine stalled during the command, or the firmware never had it in time: what it did is not judged."""
     fingers: tuple[FingerPicture, ...]
-    made: tuple[MadePicture, ...]
-    """The fingers that the last command was made for."""
+    made: tuple[MadePicture, ...]  # the fingers that the last command was made for
     channels: tuple[ChannelPicture, ...]
     levels_db: Array
     """Shape (point,), evenly from edge to edge, row by row: the present level there, dB above threshold."""
@@ -207,10 +196,8 @@ class Picture:
 
     The page draws its curve or map from it. A browser that missed pictures would miss the peak of a click otherwise.
     """
-    rows: int = 1
-    """Rows of levels across the surface."""
-    paper: PaperPicture | None = None
-    """The second surface, where there is one."""
+    rows: int = 1  # rows of levels across the surface
+    paper: PaperPicture | None = None  # the second surface, where there is one
     is_mixed: bool = False
     """A quiet finger still felt a click of its own when this one began: their levels are no comparison."""
 

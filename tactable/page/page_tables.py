@@ -31,10 +31,8 @@ class Builder:
     """Builds one table at a time in a child process; calls `on_change` whenever its state changed."""
 
     def __init__(self, on_change: Callable[[], None]) -> None:
-        self.now: Building | None = None
-        """The build under way, or why no table is built."""
-        self.has_compiled = False
-        """Whether a build has compiled the kernels, so that other processes load them at once."""
+        self.now: Building | None = None  # the build under way, or why no table is built
+        self.has_compiled = False  # whether a build has compiled the kernels, so that other processes load them at once
         self._on_change = on_change
         self._order: BuildOrder | None = None
         self._built = set[BuildOrder]()

@@ -17,8 +17,7 @@ from tactable.page.judged_commands import Command
 from tactable.page.live_bar import LiveBar
 from tactable.page.moving_levels import BarLevels
 
-STEP_US = 30_000
-"""The second bar takes every second step of the first, which halves what it costs."""
+STEP_US = 30_000  # the second bar takes every second step of the first, which halves what it costs
 
 
 class PaperBar:

@@ -32,12 +32,10 @@ class Pointers:
     """
 
     def __init__(self) -> None:
-        self.refused = 0
-        """Count of events that no engine took, and of pointers beyond the tenth."""
+        self.refused = 0  # count of events that no engine took, and of pointers beyond the tenth
         self._feed: PointerFeed | None = None
         self._fingers: dict[tuple[int, int], _Finger] = {}  # by browser and pointer
-        self._next_ns = 0
-        """When the next finger that waits may come down."""
+        self._next_ns = 0  # when the next finger that waits may come down
         self._frame = list[PointerEvent]()  # fingers that came down and are not handed over yet
 
     def feed(self, feed: PointerFeed | None) -> None:

@@ -27,10 +27,8 @@ from tactable.rig.other_bar import OtherBar
 from tactable.rig.promises import SampledPromises
 
 LATENCIES = 64  # of the newest commands, whose median is shown
-LOST_S = 0.3
-"""A click that the firmware has not taken so long after it was written was refused as late."""
-JUDGED_S = 0.3
-"""Age of a command from which on the page says what was felt."""
+LOST_S = 0.3  # a click that the firmware has not taken so long after it was written was refused as late
+JUDGED_S = 0.3  # age of a command from which on the page says what was felt
 _STAGES = len(Stage) - 1
 _NO_COUNTERS = RingCounters(0, 0, 0, 0, 0, 0)
 Stages = tuple[int, int, int, int, int]
@@ -71,8 +69,7 @@ class View:
     ) -> None:
         self.table, self.ours, self.paper = table, BarLevels(bar), paper
         self.zero_ns = 0
-        self.spreads: SampledPromises | None = None
-        """What sampled bars give, where it is known."""
+        self.spreads: SampledPromises | None = None  # what sampled bars give, where it is known
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
         self._edges = zone_finder(table.device)
         self._touches: tuple[Touch, ...] = ()

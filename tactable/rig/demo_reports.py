@@ -19,8 +19,7 @@ from engine.touch import Placement
 from tactable.rig.promises import Promise
 from tactable.rig.simulated_surface import SimulatedClick, SimulatedDrive
 
-AGREEMENT = 0.02
-"""The fraction by which promise and simulation may differ."""
+AGREEMENT = 0.02  # the fraction by which promise and simulation may differ
 STILLEST_DB = -20.0
 """Fingers that are to feel less are compared with this: the wire's steps of 0.01 Hz change such a rest by up to 3 %."""
 

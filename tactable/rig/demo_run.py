@@ -36,10 +36,8 @@ from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.rig.simulated_surface import ENVELOPE_S, Felt, SimulatedSurface
 
-MOST_DRIVES = 40
-"""Most steady drives of a run whose promise is compared with the simulation."""
-LONGEST_REPLAY_S = 12.0
-"""A longer recording is replayed faster, so that the demo ends within a minute."""
+MOST_DRIVES = 40  # most steady drives of a run whose promise is compared with the simulation
+LONGEST_REPLAY_S = 12.0  # a longer recording is replayed faster, so that the demo ends within a minute
 
 
 @dataclass(frozen=True)
@@ -51,18 +49,12 @@ class DemoReport:
     recording: Recording
     speed: float
     run: LiveRun
-    drives: tuple[DriveReport, ...]
-    """Steady drives that were compared, at most MOST_DRIVES evenly over the run."""
-    clicks: tuple[ClickReport, ...]
-    """What was rendered by a click."""
-    drives_applied: int
-    """Number of different steady drives that the firmware applied."""
-    missed: tuple[Wanted, ...]
-    """Commands that were sent in time and never applied by the firmware."""
-    not_rendered: tuple[Wanted, ...]
-    """What ended before a stalled machine brought it to the firmware."""
-    felt: Felt | None
-    """What the fingers felt; None where no state changed."""
+    drives: tuple[DriveReport, ...]  # steady drives that were compared, at most MOST_DRIVES evenly over the run
+    clicks: tuple[ClickReport, ...]  # what was rendered by a click
+    drives_applied: int  # number of different steady drives that the firmware applied
+    missed: tuple[Wanted, ...]  # commands that were sent in time and never applied by the firmware
+    not_rendered: tuple[Wanted, ...]  # what ended before a stalled machine brought it to the firmware
+    felt: Felt | None  # what the fingers felt; None where no state changed
 
     @property
     def agrees(self) -> bool:

@@ -31,8 +31,7 @@ from precompute.sampling.steady_modes import steady_modes
 if TYPE_CHECKING:
     from precompute.clicks import ClickOptions
 
-IS_FIRST = "is_first"
-"""Attribute of a table of modes alone."""
+IS_FIRST = "is_first"  # attribute of a table of modes alone
 MODES, MOST_MODES = 24, 60
 """Modes of the page's moving bar, up to 9 kHz: more of them change its levels by less than 0.05 dB. Those of a plate:
 3 kHz on a tablet, and more of them change the levels under fingers by less than 0.01 dB."""

@@ -20,8 +20,7 @@ class OtherBar:
     """One bar of those that `seed` numbers, and the fingers on it, of which each contact has its own."""
 
     def __init__(self, device: Device, seed: int) -> None:
-        self.nominal, self._seed = device, seed
-        """The device of the table."""
+        self.nominal, self._seed = device, seed  # nominal: the device of the table
         self._touching = dict[int, tuple[complex, Finger]]()
 
     @cached_property

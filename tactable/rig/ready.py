@@ -34,8 +34,7 @@ from precompute.sampling.steady_modes import steady_modes
 from tactable.rig.first_table import modes_of
 from tactable.shipped import built_paths, ready_folder
 
-GROUPS = ("best_rows", "clicks")
-"""Groups of a shipped table."""
+GROUPS = ("best_rows", "clicks")  # groups of a shipped table
 
 
 def cached_table(device: Device, folder: Path) -> Path:

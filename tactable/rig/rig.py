@@ -54,11 +54,9 @@ class LiveRun:
     """Record of one run: the loop's trace and counters, where the fingers were, and the log of the firmware."""
 
     trace: tuple[CommandRecord, ...]
-    moments: tuple["Moment", ...]
-    """Every touch frame and every change, in the order of their times."""
+    moments: tuple["Moment", ...]  # every touch frame and every change, in the order of their times
     counters: LoopCounters
-    frames_sent: int
-    """SET and PLAY frames, renewals of the lease included."""
+    frames_sent: int  # SET and PLAY frames, renewals of the lease included
     latency: LatencyRecorder
     log: EmulatorLog
 
@@ -150,8 +148,7 @@ class Wanted(NamedTuple):
 
     placement: Placement
     level_db: float
-    is_click: bool
-    """A click that nobody solves is answered by a steady drive; then this is False."""
+    is_click: bool  # a click that nobody solves is answered by a steady drive; then this is False
 
 
 def wanted_of(change: CommandRecord) -> Wanted | None:

@@ -17,8 +17,7 @@ from precompute.model.modal import Basis, compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.rig.rig import LiveRun, Moment
 
-POINTS = 22
-"""The most points that a held drive is shown at; the paper measured as many places along its bar."""
+POINTS = 22  # the most points that a held drive is shown at; the paper measured as many places along its bar
 SAMPLES_PER_CYCLE = 80
 """Samples in a period of the highest frequency: straight lines between them cost 5e-4 of the amplitude."""
 ENVELOPE_S = 0.01  # a third of a click

@@ -35,8 +35,7 @@ STEADY = (
 """What steady drives at any positions take."""
 SWEEP = ("precompute.model.band_solver", "precompute.model.gram", "precompute.sweep.sweep_kernels")
 """What the rows of a sweep take, which zones play."""
-BUILDS = ("precompute.predict.rise_time",)
-"""What builds take beside that."""
+BUILDS = ("precompute.predict.rise_time",)  # what builds take beside that
 _FIRST_CLICK = "the first click"
 _ALL = (_FIRST_CLICK, *STEADY, *SWEEP, *BUILDS)
 _HEAD_START_S = 3.0
@@ -49,8 +48,7 @@ class BuildOrder:
 
     device: str
     path: Path
-    first: Path
-    """Where the table with the first click is put; where the page has another table, it is not made."""
+    first: Path  # where the table with the first click is put; where the page has another table, it is not made
 
 
 def build(order: BuildOrder, parent: Parent) -> None:

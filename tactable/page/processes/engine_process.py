@@ -39,10 +39,8 @@ class Order:
     port: str
     choice: Choice
     rule_file: Path | None
-    has_kernels: bool
-    """Whether the kernels of steady drives are compiled: without them drives are solved in NumPy."""
-    is_first: bool
-    """Whether the table is the first of a device: its clicks, if any, are solved as they are asked for."""
+    has_kernels: bool  # whether the kernels of steady drives are compiled: without them drives are solved in NumPy
+    is_first: bool  # whether the table is the first of a device: its clicks, if any, are solved as they are asked for
 
 
 @dataclass(frozen=True)
