@@ -4,21 +4,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link import BIT_RATE_HZ
+from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis
-from firmware_link.protocol.messages import (
-    Acceleration,
-    Arm,
-    Fault,
-    Features,
-    Hello,
-    Log,
-    Result,
-    Status,
-    encode_amplitude,
-)
 
 BOARD_EMULATED, BOARD_SOUND_CARD = 0, 6  # numbers of the boards that are no boards, in HELLO
-_NO_FEATURES = Features(0)
+_NO_FEATURES = messages.Features(0)
 
 
 class LinkState(Enum):
@@ -61,11 +51,11 @@ class LinkConfiguration:
             raise ValueError(f"{given} amplitude limits for {self.number_of_actuators} actuators")
         self.arm_for(0, self.number_of_actuators, self.lease_ms)
 
-    def arm_for(self, boot_id: int, number_of_actuators: int, lease_ms: int) -> Arm:
+    def arm_for(self, boot_id: int, number_of_actuators: int, lease_ms: int) -> messages.Arm:
         """The ARM for a device; its actuators beyond the configured ones may not move. Raises MessageError."""
         limits = self.amplitude_limits or (1.0,) * self.number_of_actuators
-        words = [*map(encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
-        return Arm(boot_id, self.slew_limit_per_s, lease_ms, self.longest_drive_s, tuple(words))
+        words = [*map(messages.encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
+        return messages.Arm(boot_id, self.slew_limit_per_s, lease_ms, self.longest_drive_s, tuple(words))
 
 
 @dataclass(frozen=True)
@@ -81,13 +71,13 @@ class Capabilities:
     synthesis_rate_hz: int
     boot_id: int
     board: int
-    features: Features = _NO_FEATURES
+    features: messages.Features = _NO_FEATURES
     longest_waveform_ms: int = 0
     basis_capacity_bytes: int = 0
     held_basis_hash: int = 0
 
     @classmethod
-    def from_hello(cls, hello: Hello) -> "Capabilities":
+    def from_hello(cls, hello: messages.Hello) -> "Capabilities":
         """The capabilities of a greeting."""
         resolution_hz = hello.frequency_resolution_uhz * 1e-6
         return cls(
@@ -128,7 +118,7 @@ class BasisReplaced:
 class BasisRefused:
     """The device keeps the basis that it had."""
 
-    result: Result
+    result: messages.Result
 
 
 @dataclass(frozen=True)
@@ -152,13 +142,13 @@ class Stopped:
 Event = (
     Greeted
     | Armed
-    | Status
-    | Fault
-    | Log
+    | messages.Status
+    | messages.Fault
+    | messages.Log
     | BasisReplaced
     | BasisRefused
     | AccelerometerDescribed
-    | Acceleration
+    | messages.Acceleration
     | Stopped
 )
 """A Fault, or a Status that is not armed, ends a session that is READY: the device latched, or was rebooted."""

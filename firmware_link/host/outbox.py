@@ -25,16 +25,10 @@ Invariants:
 from firmware_link.host.clock import DeviceClock
 from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
+from firmware_link.protocol import messages
 from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.framing import FrameEncoder, encode_frame
 from firmware_link.protocol.link_errors import LinkError
-from firmware_link.protocol.messages import (
-    CLOCK_REFERENCE_SPAN,
-    CLOCK_REFERENCE_US,
-    KeepAlive,
-    encode_play_body,
-    encode_set_body,
-)
 from firmware_link.protocol.player import Player
 
 NS_PER_US = 1_000
@@ -123,9 +117,9 @@ class Outbox:
         self.drive_sequence = sequence = self._encoder.next_sequence()
         if isinstance(command, bytes):
             reference, lease_ms = self._clock_reference(now_ns), self.lease.duration_ms
-            body = encode_set_body(reference, lease_ms, command, sequence, writes_phase=self._writes_phase)
+            body = messages.encode_set_body(reference, lease_ms, command, sequence, writes_phase=self._writes_phase)
         else:
-            body = encode_play_body(self._clock_reference(now_ns), command.play, sequence)
+            body = messages.encode_play_body(self._clock_reference(now_ns), command.play, sequence)
         return encode_frame(body)
 
     def free_from_ns(self, now_ns: int) -> tuple[int, int]:
@@ -136,7 +130,7 @@ class Outbox:
         return free_ns, max(free_ns, self._player.room_us(now_ns // NS_PER_US) * NS_PER_US)
 
     def _clock_reference(self, now_ns: int) -> int:
-        return self._clock.device_time_us(now_ns) // CLOCK_REFERENCE_US % CLOCK_REFERENCE_SPAN
+        return self._clock.device_time_us(now_ns) // messages.CLOCK_REFERENCE_US % messages.CLOCK_REFERENCE_SPAN
 
     def _next_command(self, now_ns: int) -> bytes | EncodedClick | None:
         """Take the command that waits, if it may go out now, and let it sound."""
@@ -162,12 +156,14 @@ class Outbox:
                 self._counters.kept_alive += 1
                 self.lease.renewal_due_ns = min(now_ns + SILENT_RENEWAL_NS, self._click_end_ns)
                 assert self.drive_sequence is not None  # a click sounds only after its PLAY
-                return self._encoder.encode(KeepAlive(reference, self.drive_sequence))
+                return self._encoder.encode(messages.KeepAlive(reference, self.drive_sequence))
             sounding = self.silent_drive
         self._counters.renewed += 1
         self._start_drive(sounding, now_ns)
         sequence, lease_ms = self._encoder.next_sequence(), self.lease.duration_ms
-        return encode_frame(encode_set_body(reference, lease_ms, sounding, sequence, writes_phase=self._writes_phase))
+        return encode_frame(
+            messages.encode_set_body(reference, lease_ms, sounding, sequence, writes_phase=self._writes_phase)
+        )
 
     def _start_drive(self, drive: bytes, now_ns: int) -> None:
         if self._player.end_us is not None:

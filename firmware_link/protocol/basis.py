@@ -31,18 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Array, Integers
+from firmware_link.protocol import messages
 from firmware_link.protocol.link_errors import MessageError
-from firmware_link.protocol.messages import (
-    BASIS_CHUNK_SIZE,
-    FULL_SCALE_WORD,
-    MAXIMUM_FRACTION_BITS,
-    MAXIMUM_WEIGHTS,
-    BasisBegin,
-    BasisChunk,
-    BasisCommit,
-    encode_amplitude,
-    encode_play,
-)
 
 US_PER_S = 1_000_000
 SAMPLE_FULL_SCALE = 32_767  # the greatest int16, for either sign
@@ -131,21 +121,21 @@ def encode_click(
 ) -> EncodedClick:
     """The click of these weights; raises MessageError where they do not fit the set."""
     functions = len(basis.sets[basis_set].actuators)
-    if len(weights) != functions or not 1 <= fraction_bits <= MAXIMUM_FRACTION_BITS:
+    if len(weights) != functions or not 1 <= fraction_bits <= messages.MAXIMUM_FRACTION_BITS:
         raise MessageError(
             f"{len(weights)} weights with {fraction_bits} fraction bits for set {basis_set} of a basis; expected "
-            f"{functions} weights, and 1 to {MAXIMUM_FRACTION_BITS} bits"
+            f"{functions} weights, and 1 to {messages.MAXIMUM_FRACTION_BITS} bits"
         )
-    word = encode_amplitude(amplitude)
+    word = messages.encode_amplitude(amplitude)
     return EncodedClick(
-        encode_play(basis_set, fraction_bits, word, weights), basis.length_us(basis_set), word, basis.hash
+        messages.encode_play(basis_set, fraction_bits, word, weights), basis.length_us(basis_set), word, basis.hash
     )
 
 
 def quantise_weights(weights: Array) -> tuple[NDArray[np.int16], int]:
     """Weights as words and their fraction bits: as many as the greatest weight leaves room for."""
     greatest = float(np.abs(weights).max())
-    for fraction_bits in range(MAXIMUM_FRACTION_BITS, 0, -1):
+    for fraction_bits in range(messages.MAXIMUM_FRACTION_BITS, 0, -1):
         if round(greatest * 2**fraction_bits) <= _WEIGHT_MAXIMUM:
             return np.rint(weights * 2**fraction_bits).astype(np.int16), fraction_bits
     raise MessageError(f"a weight of a click is {greatest:g}; expected at most {_WEIGHT_MAXIMUM / 2:g}")
@@ -173,7 +163,7 @@ def sample_limits(amplitude_limits: Sequence[int], frequency_maximum_uhz: int, s
 
 def amplitude_steps(amplitude: float) -> int:
     """The bound of samples that an amplitude limit, in fractions of full scale, sets."""
-    return _steps_of(encode_amplitude(amplitude))
+    return _steps_of(messages.encode_amplitude(amplitude))
 
 
 def clamp_samples(sums: Integers, limits: SampleLimits) -> Samples:
@@ -228,25 +218,27 @@ def hash_of_basis(data: bytes) -> int:
     return zlib.crc32(data) or _HASH_INSTEAD_OF_0
 
 
-def transfer_messages(data: bytes) -> Iterator[BasisBegin | BasisChunk | BasisCommit]:
+def transfer_messages(data: bytes) -> Iterator[messages.BasisBegin | messages.BasisChunk | messages.BasisCommit]:
     """Messages that transfer a basis, in order; each must be acknowledged before the next."""
     basis_hash = hash_of_basis(data)
-    yield BasisBegin(basis_hash, len(data))
-    for offset in range(0, len(data), BASIS_CHUNK_SIZE):
-        yield BasisChunk(offset, data[offset : offset + BASIS_CHUNK_SIZE].ljust(BASIS_CHUNK_SIZE, b"\0"))
-    yield BasisCommit(basis_hash)
+    yield messages.BasisBegin(basis_hash, len(data))
+    for offset in range(0, len(data), messages.BASIS_CHUNK_SIZE):
+        yield messages.BasisChunk(
+            offset, data[offset : offset + messages.BASIS_CHUNK_SIZE].ljust(messages.BASIS_CHUNK_SIZE, b"\0")
+        )
+    yield messages.BasisCommit(basis_hash)
 
 
 def _steps_of(amplitude_limit: int) -> int:
-    return amplitude_limit * SAMPLE_FULL_SCALE // FULL_SCALE_WORD
+    return amplitude_limit * SAMPLE_FULL_SCALE // messages.FULL_SCALE_WORD
 
 
 def _check_set(index: int, basis_set: BasisSet) -> None:
     functions, samples = basis_set.functions.shape
-    if not 1 <= functions <= MAXIMUM_WEIGHTS:
+    if not 1 <= functions <= messages.MAXIMUM_WEIGHTS:
         raise MessageError(
-            f"set {index} of a basis has {functions} functions, a PLAY carries 1 to {MAXIMUM_WEIGHTS}: take shorter "
-            "clicks, or tones that are less crowded"
+            f"set {index} of a basis has {functions} functions, a PLAY carries 1 to {messages.MAXIMUM_WEIGHTS}: take "
+            "shorter clicks, or tones that are less crowded"
         )
     if not SHORTEST_WAVEFORM <= samples <= _LONGEST_WAVEFORM:
         raise MessageError(f"set {index} has {samples} samples; expected {SHORTEST_WAVEFORM} to {_LONGEST_WAVEFORM}")

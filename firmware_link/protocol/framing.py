@@ -6,14 +6,8 @@ from enum import Enum
 
 from cobs import cobs
 
+from firmware_link.protocol import messages
 from firmware_link.protocol.layout import Message
-from firmware_link.protocol.messages import (
-    MAXIMUM_ACTUATORS,
-    encode_body,
-    has_exact_length,
-    longest_body_length,
-    seed_of,
-)
 
 DELIMITER = b"\0"
 EMERGENCY_STOP_RUN = 8
@@ -43,7 +37,7 @@ class FramingCounters:
 
 def encode_frame(body: bytes) -> bytes:
     """Frame of a body of a known message type."""
-    seed = seed_of(body[0])
+    seed = messages.seed_of(body[0])
     if seed is None:
         raise KeyError(f"message type {body[0]:#04x}")
     stuffed: bytes = cobs.encode(body + zlib.crc32(body, seed).to_bytes(_CHECKSUM_SIZE, "little"))
@@ -52,7 +46,7 @@ def encode_frame(body: bytes) -> bytes:
 
 def encode_message(message: Message, sequence: int) -> bytes:
     """Frame of a message; raises MessageError for a value that does not fit."""
-    return encode_frame(encode_body(message, sequence))
+    return encode_frame(messages.encode_body(message, sequence))
 
 
 class FrameEncoder:
@@ -73,7 +67,7 @@ class FrameEncoder:
 
 def longest_stuffed_length(number_of_actuators: int) -> int:
     """Bytes of the longest frame without its delimiter: COBS adds one byte, and one for each 254."""
-    plain = longest_body_length(number_of_actuators) + _CHECKSUM_SIZE
+    plain = messages.longest_body_length(number_of_actuators) + _CHECKSUM_SIZE
     return plain + 1 + plain // 254
 
 
@@ -83,7 +77,7 @@ class FrameDecoder:
     A device gives its number of actuators; a host needs none, since what it receives does not depend on it.
     """
 
-    def __init__(self, number_of_actuators: int = MAXIMUM_ACTUATORS) -> None:
+    def __init__(self, number_of_actuators: int = messages.MAXIMUM_ACTUATORS) -> None:
         self.counters = FramingCounters()
         self._number_of_actuators = number_of_actuators
         self._capacity = longest_stuffed_length(number_of_actuators)
@@ -131,11 +125,11 @@ class FrameDecoder:
         if len(body) < _SHORTEST_BODY:
             self.counters.length += 1
             return None
-        seed = seed_of(body[0])
+        seed = messages.seed_of(body[0])
         if seed is None or zlib.crc32(body, seed) != int.from_bytes(checksum, "little"):
             self.counters.crc += 1
             return None
-        if not has_exact_length(body, self._number_of_actuators):
+        if not messages.has_exact_length(body, self._number_of_actuators):
             self.counters.length += 1
             return None
         self.counters.ok += 1

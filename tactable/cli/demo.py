@@ -10,20 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from base.files import remove_all_partials
+from tactable.cli import options
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, remark, say, show, shown_progress
-from tactable.cli.options import (
-    DEVICE_HELP,
-    AsJson,
-    ControlOsc,
-    ControlPort,
-    ControlSocket,
-    DrivesOf,
-    OptionError,
-    RulesPath,
-    need_switch,
-    read_drives_of,
-    read_rules,
-)
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_device_file
 
 if TYPE_CHECKING:
@@ -37,15 +25,15 @@ _BEFORE_OTHERS = -10  # niceness of an emulated bar, which must keep up with the
 
 def demo(
     context: typer.Context,
-    device_name: Annotated[str, typer.Argument(metavar="DEVICE", help=DEVICE_HELP)] = "reference-a",
+    device_name: Annotated[str, typer.Argument(metavar="DEVICE", help=options.DEVICE_HELP)] = "reference-a",
     recording_path: Annotated[
         Path | None, typer.Option("--recording", help="Touches in hid-recorder format; default: the shipped ones.")
     ] = None,
     table_path: Annotated[
         Path | None, typer.Option("--table", help="The table, built if it is missing; default: in a cache.")
     ] = None,
-    rules_path: RulesPath = None,
-    drives: DrivesOf = None,
+    rules_path: options.RulesPath = None,
+    drives: options.DrivesOf = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="The report's picture; default: tactable-demo.png.")
     ] = None,
@@ -57,10 +45,10 @@ def demo(
     ] = None,
     page_port: Annotated[int, typer.Option("--page-port", min=0, max=65_535, help="The page's port; 0: any.")] = 0,
     control: Annotated[bool, typer.Option("--control", help="Let programs decide who feels what on the page.")] = False,
-    control_socket: ControlSocket = None,
-    control_port: ControlPort = None,
-    control_osc: ControlOsc = None,
-    as_json: AsJson = False,
+    control_socket: options.ControlSocket = None,
+    control_port: options.ControlPort = None,
+    control_osc: options.ControlOsc = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show the whole chain, SIMULATED: as a page to touch, or as a report.
 
@@ -69,7 +57,7 @@ def demo(
     """
     from tactable.rig.ready import take_built
 
-    need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
+    options.need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
     device, device_file = find_device(device_name), find_device_file(device_name)
     remove_all_partials(cache_folder())
     if device_file == Path(device_name) and (built := take_built(device, device_file, cache_folder())):
@@ -111,12 +99,14 @@ def _show_page(
 
     rules_path, drives = rules
     if drives is not None and rules_path is not None:
-        raise OptionError("--drives: the page plays the rule file as it is; write its key `drives` in place of it")
+        raise options.OptionError(
+            "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
+        )
     programs = None
     if control is not None:
         socket, port, osc = control
         programs = ProgramsAt(str((socket or default_socket()).absolute()), port, osc)
-    first = None if drives is None else read_drives_of(drives)
+    first = None if drives is None else options.read_drives_of(drives)
     show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
 
 
@@ -141,9 +131,11 @@ def report_demo(
 
     outputs_of([figure])
     if table_path is not None and table_path.exists() and not table_path.is_file():
-        raise OptionError(f"--table {table_path}: is not a plain file; name a table, or one that is to be built")
+        raise options.OptionError(
+            f"--table {table_path}: is not a plain file; name a table, or one that is to be built"
+        )
     recording = read_recording(recording_path or DEMO_RECORDING)
-    effects = read_rules(rules[0], device, rules[1])
+    effects = options.read_rules(rules[0], device, rules[1])
     cached = cached_table(device, cache_folder())
     shipped, shipped_s = open_shipped(device, cached), _processor_s()
     with shown_progress(as_json) as progress:
@@ -187,7 +179,7 @@ def emulate(
             "--sensor", metavar="SPEC", help="Accelerometer of the board, as at=35mm,mass=2g; on a plate at=35x60mm."
         ),
     ] = "",
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Emulate the firmware on a serial port, SIMULATED.
 
@@ -239,9 +231,9 @@ def _sensed_bar(device: "Device | None", text: str, core: Path | None, seed: int
     from tactable.rig.accelerometer import EmulatedAccelerometer, SensedSurface
 
     if device is None:
-        raise OptionError("--sensor: an accelerometer lies on a surface; give it by --device")
+        raise options.OptionError("--sensor: an accelerometer lies on a surface; give it by --device")
     if core is not None:
-        raise OptionError("--sensor: only the firmware's Python twin has a simulated surface; leave --core out")
+        raise options.OptionError("--sensor: only the firmware's Python twin has a simulated surface; leave --core out")
     return SensedSurface(device, EmulatedAccelerometer.parse(text), seed)
 
 

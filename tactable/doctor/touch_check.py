@@ -5,20 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digitizer
+from engine.touch.sources import hid_discovery
 from engine.touch.sources.evdev import EvdevModule, load_evdev
-from engine.touch.sources.hid_discovery import (
-    RULE_FILE,
-    HidDigitizer,
-    HidSystem,
-    find_digitizers,
-    find_event_node,
-    load_hid_system,
-    parse_number,
-    refusal,
-    select_digitizer,
-    udev_rule,
-    undecodable,
-)
 from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
 from tactable.audio.interfaces import Interface, find_interfaces
@@ -30,22 +18,24 @@ from tactable.doctor.ports import SystemFiles, check_ports, port_rules
 class Machine:
     """Access to the machine's digitizers, ports, files and sound cards, which tests replace."""
 
-    hid: Callable[[], HidSystem] = load_hid_system
+    hid: Callable[[], hid_discovery.HidSystem] = hid_discovery.load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
     ports: Callable[[], Sequence[PortDescription]] = find_ports
     files: SystemFiles = field(default_factory=SystemFiles)
     cards: Callable[[], Sequence[Interface]] = find_interfaces
 
 
-def open_found(system: HidSystem, device: HidDigitizer) -> tuple[Digitizer | None, str | None]:
+def open_found(
+    system: hid_discovery.HidSystem, device: hid_discovery.HidDigitizer
+) -> tuple[Digitizer | None, str | None]:
     """The digitizer of a found device, from its descriptor, and why it cannot be used; None where it can."""
     try:
         descriptor = read_descriptor(system, device)
         digitizer = open_digitizer(descriptor, device.vendor_id, device.product_id, device.report_id)
     except (DescriptorError, DigitizerError) as error:
-        return None, str(undecodable(system, device, error))
+        return None, str(hid_discovery.undecodable(system, device, error))
     if not os.access(device.path, os.R_OK):
-        return digitizer, str(refusal(device, PermissionError()))
+        return digitizer, str(hid_discovery.refusal(device, PermissionError()))
     return digitizer, None
 
 
@@ -53,7 +43,7 @@ def examine(machine: Machine) -> list[Check]:
     """Every check, in the order of the chain from touch to wire."""
     try:
         system = machine.hid()
-        found = find_digitizers(system)
+        found = hid_discovery.find_digitizers(system)
     except DigitizerError as error:
         checks = [Check("hidapi", str(error), "run `pip install -U hidapi`")]
     else:
@@ -61,7 +51,7 @@ def examine(machine: Machine) -> list[Check]:
     return [*checks, *check_ports(machine.ports(), machine.files)]
 
 
-def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[Check]:
+def _check_digitizers(system: hid_discovery.HidSystem, found: Sequence[hid_discovery.HidDigitizer]) -> list[Check]:
     if not found:
         return [Check("digitizer", "none found", "plug one in; without one, `tactable demo` needs no hardware")]
     checks = []
@@ -73,14 +63,14 @@ def _check_digitizers(system: HidSystem, found: Sequence[HidDigitizer]) -> list[
         elif not os.access(device.path, os.R_OK):
             checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
         else:
-            node = find_event_node(system, device) or "another digitizer, or a page's pointer events"
+            node = hid_discovery.find_event_node(system, device) or "another digitizer, or a page's pointer events"
             checks.append(Check(what, problem, f"use {node}"))
     return checks
 
 
-def _rule_remedy(device: HidDigitizer) -> str:
+def _rule_remedy(device: hid_discovery.HidDigitizer) -> str:
     return (
-        f"run `tactable doctor --emit-udev {device.number} | sudo tee -a {RULE_FILE}` and "
+        f"run `tactable doctor --emit-udev {device.number} | sudo tee -a {hid_discovery.RULE_FILE}` and "
         "`sudo udevadm control --reload`, then plug the device in again"
     )
 
@@ -90,9 +80,9 @@ def rules_text(machine: Machine, name: str | None) -> str:
 
     A vendor:product need not be present. Raises `DigitizerError` where there is no such device.
     """
-    number = None if name is None else parse_number(name)
+    number = None if name is None else hid_discovery.parse_number(name)
     if number is not None:
-        rules = {udev_rule(*number): name or ""}
+        rules = {hid_discovery.udev_rule(*number): name or ""}
     else:
         ports = [port for port in machine.ports() if name in (None, port.path, port.stable_id)]
         rules = {rule: port.description for port in ports for rule in port_rules(port)}
@@ -100,7 +90,7 @@ def rules_text(machine: Machine, name: str | None) -> str:
             rules = _digitizer_rules(machine, name) | rules
     if not rules:
         raise DigitizerError("no digitizer and no USB serial port found to write a rule for: plug one in")
-    lines = [f"# tactable: put into {RULE_FILE}; the name must sort before 73-seat-late.rules"]
+    lines = [f"# tactable: put into {hid_discovery.RULE_FILE}; the name must sort before 73-seat-late.rules"]
     lines.append('# Without a seat (a kiosk, a service) write MODE="0660", GROUP="input" in place of TAG+="uaccess".')
     for rule, device_name in rules.items():
         lines += [f"# {device_name}", rule]
@@ -108,6 +98,6 @@ def rules_text(machine: Machine, name: str | None) -> str:
 
 
 def _digitizer_rules(machine: Machine, name: str | None) -> dict[str, str]:
-    found = find_digitizers(machine.hid())
-    chosen = found if name is None else (select_digitizer(name, found),)
-    return {udev_rule(device.vendor_id, device.product_id): device.name for device in chosen}
+    found = hid_discovery.find_digitizers(machine.hid())
+    chosen = found if name is None else (hid_discovery.select_digitizer(name, found),)
+    return {hid_discovery.udev_rule(device.vendor_id, device.product_id): device.name for device in chosen}
