@@ -9,12 +9,13 @@ lines left out at a time. ESTIMATE.
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from base.arrays import Array, Complex
-from base.points import parts_of
+from base.arrays import Array, Complex, Points
+from base.points import parts_of, point_text
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 
@@ -36,8 +37,8 @@ def pick_modes(measurements: Measurements, source: str) -> Array:
     One actuator moves in each row, or a force of 1 N; the scale of a response does not matter. Raises MeasurementError.
     """
     lines = _split(measurements, source)
-    top = 2 * np.pi * max(float(hz.max()) for hz, _ in lines)
-    channels = [(_mirrored(2j * np.pi / top * hz.astype(np.complex128)), _mirrored(value)) for hz, value in lines]
+    top = 2 * np.pi * max(float(line.frequency_hz.max()) for line in lines)
+    channels = [line.channel(top) for line in lines]
     with threadpool_limits(1, "blas"):
         poles = _search(channels, min(float(abs(s).min()) for s, _ in channels))
         parts = [_relocate([_without(k, *channel) for channel in channels], poles) for k in range(_FOLDS)]
@@ -55,8 +56,48 @@ def pick_modes(measurements: Measurements, source: str) -> Array:
     return np.array(modes)
 
 
-def write_modes(modes: Array, measurements: Measurements, source: str) -> str:
-    """CSV text of modes that were picked from the measurements, as `read_modes` reads it."""
+class Residues(NamedTuple):
+    """Residues (mode, response) of responses with common modes.
+
+    drive, position_m (response,): index of the actuator, or place of the force, and place of the sensor. With one force
+    they are deflections at the sensor, with one sensor those at the force; the scale of each mode is its own.
+    """
+
+    drive: Points
+    position_m: Points
+    value: Complex
+
+
+def residues_of(measurements: Measurements, modes: Array, source: str) -> Residues:
+    """Residues of the modes (mode, 2 or more) that `pick_modes` found, by linear least squares."""
+    lines = _split(measurements, source)
+    top = 2 * np.pi * max(float(line.frequency_hz.max()) for line in lines)
+    size, damping = 2 * np.pi / top * modes[:, 0], modes[:, 1]
+    upper = size * (1j * np.sqrt(1 - damping**2) - damping)
+    poles = np.concatenate([upper, upper.conj()])
+    found = []
+    for line in lines:
+        terms, _, response = _weighted(*line.channel(top), poles)
+        found.append(np.linalg.lstsq(terms, response, rcond=None)[0][: len(upper)])
+    drive, position_m = (np.array([line[k] for line in lines]) for k in (0, 1))
+    return Residues(drive, position_m, np.array(found).T)
+
+
+def shapes_text(place_m: Points, shape: Complex) -> tuple[str, list[str]]:
+    """Heading and rows of the columns `shape at` of a file of modes; shape (mode, place) becomes real, at most 1."""
+    greatest = np.take_along_axis(shape, abs(shape).argmax(axis=1)[:, None], axis=1)
+    real = (shape / greatest).real
+    heading = "".join(f",shape at {point_text(at_m, 6)}" for at_m in place_m)
+    return heading, ["".join(f",{value:.6g}" for value in row) for row in real]
+
+
+def write_modes(
+    modes: Array, measurements: Measurements, source: str, shapes: tuple[Points, Complex] | None = None
+) -> str:
+    """CSV text of modes that were picked from the measurements, as `read_modes` reads it.
+
+    shapes: places (place,) and deflections (mode, place) there, where they are known.
+    """
     simulated = f"{SIMULATED}, " if measurements.is_simulated else ""
     comment = f"# {simulated}picked from {Path(source).name}; errors are ESTIMATES"
     header = "frequency (Hz),damping ratio (%),frequency error (Hz),damping ratio error (%)"
@@ -64,11 +105,26 @@ def write_modes(modes: Array, measurements: Measurements, source: str) -> str:
     header += "".join([",sensor mass (g),sensor position (mm)", ",sensor position across (mm)"][: len(place_m)])
     where = 1e3 * np.array([measurements.sensor_mass_kg[0], *place_m])
     rows = [",".join(f"{value:.8g}" for value in (*row, *where)) for row in modes * [1, 100, 1, 100]]
-    return "\n".join([comment, header, *rows, ""])
+    heading, columns = ("", [""] * len(rows)) if shapes is None else shapes_text(*shapes)
+    rows = [row + more for row, more in zip(rows, columns, strict=True)]
+    return "\n".join([comment, header + heading, *rows, ""])
 
 
-def _split(measurements: Measurements, source: str) -> list[tuple[Array, Complex]]:
-    """Frequencies and responses to each actuator, or force, at each place."""
+class _Line(NamedTuple):
+    """A response (frequency,) to one actuator, by its index, or to a force, by its place, at one place."""
+
+    drive: complex
+    position_m: complex
+    frequency_hz: Array
+    value: Complex
+
+    def channel(self, top: float) -> Channel:
+        """The response over s in units of `top`, rad/s, of both signs."""
+        return _mirrored(2j * np.pi / top * self.frequency_hz.astype(np.complex128)), _mirrored(self.value)
+
+
+def _split(measurements: Measurements, source: str) -> list[_Line]:
+    """The response to each actuator, or force, at each place."""
     moving = ~np.isnan(measurements.frequency_hz)
     if measurements.kind is not Kind.RESPONSE or (moving.sum(axis=1) > 1).any():
         raise MeasurementError(f"{source}: modes are picked from complex responses, one actuator moving in each")
@@ -81,9 +137,10 @@ def _split(measurements: Measurements, source: str) -> list[tuple[Array, Complex
     force_m, hz = measurements.force_m, measurements.frequency_hz[rows, which]
     value = measurements.acceleration / (1.0 if force_m is not None else measurements.amplitude[rows, which])
     drive = which if force_m is None else force_m
-    _, of_row = np.unique(np.column_stack([drive, measurements.position_m]), axis=0, return_inverse=True)
-    found = [(hz[chosen], value[chosen]) for n in range(of_row.max() + 1) for chosen in [of_row.ravel() == n]]
-    fewest = min(len(np.unique(each)) for each, _ in found)
+    of, of_row = np.unique(np.column_stack([drive, measurements.position_m]), axis=0, return_inverse=True)
+    rows_of = [of_row.ravel() == n for n in range(len(of))]
+    found = [_Line(of[n, 0], of[n, 1], hz[rows], value[rows]) for n, rows in enumerate(rows_of)]
+    fewest = min(len(np.unique(line.frequency_hz)) for line in found)
     if fewest < _FEWEST_LINES:
         raise MeasurementError(f"{source}: a place has {fewest} frequencies; modes need {_FEWEST_LINES} or more")
     return found
