@@ -18,7 +18,16 @@ _MOST_CHANNELS = 64  # TACTABLE_ACTUATORS of the core that board.py compiles
 _LEAST_RATE_HZ, _GREATEST_RATE_HZ = 8_000, 192_000  # what sound cards have; a click to 300 Hz needs 3 kHz
 _LEAST_BLOCK_S, _GREATEST_BLOCK_S = 0.001, 0.02  # docs/audio.md; a command waits for a block: half a lease at most
 _OUTPUT_KEYS = ("full_scale", "most", "channels", "rate", "block")
-_INPUT_KEYS = ("acceleration", "scale", "loopback", "loopback_scale", "rate")
+_OF_TAPS = {"force": "N", "reference": "m/s^2"}  # units of further channels: a hammer's load cell, a fixed sensor
+_INPUT_KEYS = (
+    "acceleration",
+    "scale",
+    "loopback",
+    "loopback_scale",
+    "rate",
+    *_OF_TAPS,
+    *(f"{key}_scale" for key in _OF_TAPS),
+)
 
 
 class AudioError(LinkError):
@@ -51,7 +60,8 @@ class AudioInput:
 
     acceleration: channel of the sensor, scale_m_per_s2: what a sample of 1 is there. loopbacks: the channels on which
     the outputs of the board come back, one that has them all through equal resistors or one for each actuator;
-    loopback_scale: what fraction of full scale a sample of 1 is there.
+    loopback_scale: what fraction of full scale a sample of 1 is there. further: name, channel and scale in SI of the
+    load cell of a hammer ("force"), and of an accelerometer that stays in place ("reference").
     """
 
     name: str
@@ -60,6 +70,7 @@ class AudioInput:
     loopbacks: tuple[int, ...] = ()
     loopback_scale: float = 1.0
     rate_hz: int = 48_000
+    further: tuple[tuple[str, int, float], ...] = ()
 
     @property
     def is_simulated(self) -> bool:
@@ -114,11 +125,26 @@ def parse_input(text: str, actuators: Sequence[str]) -> AudioInput:
             f"{text}: loopback={words['loopback']}: expected one channel that has all outputs, or one for each of "
             f"{', '.join(actuators)}"
         )
-    if acceleration in loopbacks:
-        raise AudioError(f"{text}: channel {acceleration + 1} is both acceleration and loopback; use two channels")
+    further = tuple(_further(text, words, name, unit) for name, unit in _OF_TAPS.items() if name in words)
+    used = [acceleration, *loopbacks, *(channel for _, channel, _ in further)]
+    if twice := [channel for channel in used if used.count(channel) > 1]:
+        what = "both acceleration and loopback" if not further else "named twice"
+        raise AudioError(f"{text}: channel {twice[0] + 1} is {what}; use two channels")
     scale = _quantity(text, "scale", words["scale"], "m/s^2")
     loopback_scale = _quantity(text, "loopback_scale", words.get("loopback_scale", "100 %"), "")
-    return AudioInput(name, acceleration, scale, loopbacks, loopback_scale, _rate(text, words))
+    return AudioInput(name, acceleration, scale, loopbacks, loopback_scale, _rate(text, words), further)
+
+
+def _further(text: str, words: Mapping[str, str], name: str, unit: str) -> tuple[str, int, float]:
+    key = f"{name}_scale"
+    if key not in words:
+        raise AudioError(
+            f"{text}: {key} is missing; declare what a sample of 1 stands for there, such as {key}=50 {unit}"
+        )
+    (channel, *others) = _channels(text, words, name, "")
+    if others:
+        raise AudioError(f"{text}: {name}={words[name]}: expected one channel")
+    return name, channel, _quantity(text, key, words[key], unit)
 
 
 def _split(text: str, keys: Sequence[str]) -> tuple[str, Mapping[str, str]]:

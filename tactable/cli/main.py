@@ -72,7 +72,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Measure": {
             "plan-measurements": Entry("calibrate:plan_measurements", "Propose the readings that tell most."),
             "simulate-measurements": Entry("calibrate:simulate_measurements", "Write measurements, SIMULATED."),
-            "measure": Entry("measure", "Drive a bar or plate and record its responses, for calibrate and build."),
+            "measure": Entry(
+                "measure", "Drive or tap a bar or plate and record its responses, for calibrate and build."
+            ),
             "calibrate": Entry(
                 "calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."
             ),

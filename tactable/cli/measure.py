@@ -47,10 +47,11 @@ Seed = Annotated[int, Option(min=0, help="Seed of the simulated sensor.")]
 
 
 def measure(
+    context: typer.Context,
     device_name: options.DeviceArgument,
     output: Annotated[list[Path], Option("-o", "--output", help="Complex responses: .csv or .uff. Repeat for more.")],
-    port_name: PortName,
     sensor_path: SensorPath,
+    port_name: PortName = "",
     peaks: Annotated[Path | None, Option("--peaks", help="Also write the magnitudes, as peaks: .csv.")] = None,
     transfer: Annotated[
         Path | None,
@@ -70,9 +71,20 @@ def measure(
     change: options.Change = None,
     seed: Seed = 0,
     bit_rate_hz: options.BitRate = BIT_RATE_HZ,
+    hammer: Annotated[
+        bool,
+        Option(
+            "--hammer",
+            help="Tap the surface in place of driving it: channels acceleration, force (docs/calibration.md).",
+        ),
+    ] = False,
+    sensor_at: Annotated[str, Option(help="With --hammer: place of what stays, the sensor or the reference.")] = "10 %",
+    taps: Annotated[int, Option(min=1, max=100, help="With --hammer: taps at each place.")] = 3,
+    pause: Annotated[str, Option(help="With --hammer: time for each tap, until the surface is still.")] = "4 s",
+    modes: Annotated[Path | None, Option(help="With --hammer: also write the modes with their shapes: .csv.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Drive a bar or plate and record its responses, for calibrate and build.
+    """Drive or tap a bar or plate and record its responses, for calibrate and build.
 
     At each place each actuator plays one frequency after the other, or glides through all of them (--method sweep),
     first at --least and louder only where noise or hum demands it. The samples are kept in the folder OUTPUT.raw, and
@@ -89,6 +101,21 @@ def measure(
     from tactable.measure.walk import Methods, RawFolder, even_walk, measure_walk, named_method, planned_walk
 
     device, mass_kg = find_device(device_name), options.read_option("--sensor-mass", sensor_mass, "kg")
+    options.need_switch(context, "--hammer", hammer, "sensor_at", "taps", "pause", "modes")
+    if hammer:
+        from tactable.cli.hammer import tap_surface
+
+        if len(output) > 1 or port_name or peaks or transfer:
+            raise options.OptionError(
+                "--hammer drives nothing and writes one -o FILE; leave --port and other files out"
+            )
+        where = {"places": places, "sensor_at": sensor_at, "taps": taps, "pause": pause}
+        named = ApparatusOptions(sensor_path, sensor_path, 1.0, bit_rate_hz, mass_kg)
+        bench = with_simulation(device, named, flaws, change, seed)
+        tap_surface(device, output[0], modes, bench, where, read_grid(frequencies), as_json)
+        return
+    if not port_name:
+        raise options.OptionError("--port is missing: give the board's port or `simulated`, or tap with --hammer")
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
     if transfer is not None:

@@ -30,8 +30,13 @@ class Taker:
     def __init__(self, source: AudioInput, actuators: list[str], pipe: int) -> None:
         self.form = form_of(source, actuators)
         repeats = len(actuators) if len(source.loopbacks) == 1 else 1
-        self._columns = [source.acceleration, *repeats * source.loopbacks]
-        scales = [source.scale_m_per_s2, *[source.loopback_scale] * (len(self._columns) - 1)]
+        loopbacks = repeats * source.loopbacks
+        self._columns = [source.acceleration, *loopbacks, *(channel for _, channel, _ in source.further)]
+        scales = [
+            source.scale_m_per_s2,
+            *[source.loopback_scale] * len(loopbacks),
+            *(each[2] for each in source.further),
+        ]
         self._scales = np.array(scales, np.float32)
         self._pipe, self._pace = pipe, CardPace(source.rate_hz)
         self._longest = round(_LONGEST_LOSS_S * source.rate_hz)
@@ -66,15 +71,16 @@ class Taker:
 def form_of(source: AudioInput, actuators: list[str]) -> SensorForm:
     """The form of the samples of a card; a loopback that has all outputs is that of every actuator."""
     loopbacks = tuple(LOOPBACK + name for name in actuators) if source.loopbacks else ()
-    clips_at = (source.scale_m_per_s2, *[source.loopback_scale] * len(loopbacks))
-    return SensorForm(source.rate_hz, (ACCELERATION, *loopbacks), clips_at, source.is_simulated)
+    clips_at = (source.scale_m_per_s2, *[source.loopback_scale] * len(loopbacks), *(each[2] for each in source.further))
+    channels = (ACCELERATION, *loopbacks, *(name for name, _, _ in source.further))
+    return SensorForm(source.rate_hz, channels, clips_at, source.is_simulated)
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
     """Read the card until the parent asks for the end; the first line says that it runs."""
     source = parse_input(arguments["sensor"], arguments["actuators"])
     taker = Taker(source, arguments["actuators"], arguments["pipe"])
-    channels = max(source.acceleration, *source.loopbacks, 0) + 1
+    channels = max(source.acceleration, *source.loopbacks, *(channel for _, channel, _ in source.further), 0) + 1
     block = round(_BLOCK_S * source.rate_hz)
     stream = PortAudioStream(
         source.name, channels, source.rate_hz, block, taker.take_block, is_input=True, is_exact=False

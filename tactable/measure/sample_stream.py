@@ -22,7 +22,7 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Device
 from engine.device.toml_table import TomlTable
-from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, UNITS, Block, SensorError, SensorForm
 
 _VERSION = 1
 _MOST = 1e30
@@ -94,7 +94,7 @@ def write_header(form: SensorForm) -> bytes:
     """The line that declares samples in the units of the form."""
     channels: list[dict[str, Any]] = []
     for name, clips_at in zip(form.channels, form.clips_at, strict=True):
-        channel: dict[str, Any] = {"name": name, "scale": "1 m/s^2" if name == ACCELERATION else "100 %"}
+        channel: dict[str, Any] = {"name": name, "scale": f"1 {UNITS[name]}" if name in UNITS else "100 %"}
         channels.append(channel | ({"clips_at": clips_at} if math.isfinite(clips_at) else {}))
     header = {
         "tactable_samples": _VERSION,
@@ -127,11 +127,11 @@ def read_header(line: bytes, device: Device, source: str) -> tuple[SensorForm, A
     if not isinstance(channels, list) or not channels:
         raise header.error("channels", channels, "expected a list of objects, each with name and scale")
     names, scales, clips_at = [], [], []
-    known = (ACCELERATION, *(LOOPBACK + actuator.name for actuator in device.actuators))
+    known = (*UNITS, *(LOOPBACK + actuator.name for actuator in device.actuators))
     for number, each in enumerate(channels):
         channel = _Declaration(source, f"channels[{number}]", each)
         name = channel.word("name", tuple(each for each in known if each not in names))
-        scale = channel.quantity("scale", "m/s^2" if name == ACCELERATION else "", exclusive=True)
+        scale = channel.quantity("scale", UNITS.get(name, ""), exclusive=True)
         greatest = channel.take_value("clips_at", math.inf)
         channel.refuse_rest()
         if type(greatest) not in (int, float) or not (0 < greatest <= _MOST or greatest == math.inf):

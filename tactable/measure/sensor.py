@@ -14,6 +14,9 @@ from base.errors import TactableError
 
 ACCELERATION = "acceleration"
 LOOPBACK = "loopback "
+FORCE, REFERENCE = "force", "reference"
+UNITS = {ACCELERATION: "m/s^2", FORCE: "N", REFERENCE: "m/s^2"}
+"""Units by channel; a loopback has none."""
 
 
 class SensorError(TactableError, ValueError):
@@ -25,7 +28,8 @@ class SensorForm:
     """Form of the samples of a sensor: rate, channels and their ends.
 
     channels: "acceleration" in m/s^2, and "loopback NAME" in fractions of full scale for an actuator NAME whose drive
-    is recorded. clips_at (channel,): the greatest value that each can have, infinite where that is not known.
+    is recorded; of taps "force" in N, and "reference" in m/s^2, of an accelerometer that stays in place. clips_at
+    (channel,): the greatest value that each can have, infinite where that is not known.
     """
 
     sample_rate_hz: float

@@ -85,7 +85,7 @@ _WORDS = {
 assert {name for name, _ in _WORDS.values()} <= {field.name for field in fields(ConverterFlaws)}
 
 
-class _Converter:
+class Converter:
     """The samples that a converter with its flaws makes of the acceleration of a sensor and of what drives the bar."""
 
     def __init__(self, flaws: ConverterFlaws, form: SensorForm, has_sum: bool, random: np.random.Generator) -> None:
@@ -145,7 +145,7 @@ class SimulatedBench(VirtualLine):
         loopbacks = tuple(LOOPBACK + a.name for a in true.actuators) if has_loopback else ()
         clips_at = (flaws.clips_at_m_per_s2, *(math.inf for _ in loopbacks))
         self.form = SensorForm(sample_rate_hz, (ACCELERATION, *loopbacks), clips_at, is_simulated=True)
-        self._converter = _Converter(flaws, self.form, has_sum, np.random.default_rng(seed))
+        self._converter = Converter(flaws, self.form, has_sum, np.random.default_rng(seed))
         self._gravity_m_per_s2 = flaws.has_gravity * GRAVITY_M_PER_S2
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)

@@ -63,7 +63,7 @@ def fit_sweep(
     def gated(signal: Array, start: int, hz: Array) -> Complex:
         """Spectrum (frequency,) of the gate that begins at a sample of the circular signal; time 0 is its `before`."""
         part = window * np.take(signal, np.arange(start, start + length), mode="wrap")
-        return _transform(part, hz / sample_rate_hz) * np.exp(2j * np.pi * hz / sample_rate_hz * before)
+        return transform_at(part, hz / sample_rate_hz) * np.exp(2j * np.pi * hz / sample_rate_hz * before)
 
     beside_hz = frequency_hz[:, None] + np.array(_NEIGHBOURS) * sample_rate_hz / length
     own, driven = gated(h, -before, frequency_hz), gated(spike, -before, frequency_hz)
@@ -78,7 +78,7 @@ def fit_sweep(
     )
 
 
-def _transform(signal: Array, turns: Array) -> Complex:
+def transform_at(signal: Array, turns: Array) -> Complex:
     """Fourier transform (frequency,) of samples at frequencies in turns a sample, by blocks of samples.
 
     exp(-j w (a B + b)) is a product, so that a table of the blocks and one within them are enough.

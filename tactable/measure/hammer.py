@@ -1,0 +1,223 @@
+"""A surface tapped with a hammer, at one place after the other: to responses per newton, or to modes and shapes.
+
+With a force channel the sensor stays and the hammer roves; the file has responses per newton, which `calibrate` fits
+and `build --responses --force-of-actuators` takes. Without one it has modes. Shapes need a second accelerometer that
+stays ("reference") while the first one roves, since the strength of a tap is not known; the taps may be anywhere.
+"""
+
+import select
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from base.arrays import Array, Complex, Points
+from base.points import point_text
+from engine.device import Device
+from precompute.measurements.columns import split_places
+from precompute.measurements.pick import pick_modes, residues_of, write_modes
+from precompute.measurements.types import Kind, Measurements, nearest_actuator
+from tactable.audio.names import AudioInput, is_audio, parse_input
+from tactable.measure.audio_process import form_of
+from tactable.measure.audio_sensor import AudioSensor
+from tactable.measure.recorder import PATIENCE_NS
+from tactable.measure.sample_stream import SampleStream
+from tactable.measure.sensor import ACCELERATION, FORCE, REFERENCE, Sensor, SensorError, SensorForm
+from tactable.measure.tap_bench import TapBench
+from tactable.measure.taps import Tap, decay_of, find_taps, response_of
+
+_ROUNDS = 3  # in which a place may give its taps
+_PICKED_LINES = 480  # of a decay: enough for two dozen modes, and a fit of seconds
+Record = Callable[[complex], tuple[list[Tap], bool]]
+"""The next taps of a place, and whether more can be had there."""
+
+
+@dataclass(frozen=True)
+class HammerOptions:
+    """places_m: of what roves. fixed_m: of what stays, the sensor beside a force channel, else the reference."""
+
+    places_m: tuple[complex, ...]
+    fixed_m: complex
+    taps: int
+    pause_s: float
+    sensor_mass_kg: float
+
+
+@dataclass(frozen=True)
+class Tapped:
+    """The good taps of each place, and the form of their samples."""
+
+    options: HammerOptions
+    form: SensorForm
+    taps: tuple[tuple[Tap, ...], ...]
+
+    def responses(self, device: Device, frequency_hz: Array) -> tuple[Measurements, Array]:
+        """Responses per newton at every place of the hammer, and their standard errors (row,). Raises SensorError."""
+        found = [response_of(taps, self.form, frequency_hz) for taps in self.taps]
+        force_m, count = np.repeat(self.options.places_m, len(frequency_hz)), len(found)
+        value, error = (np.concatenate([each[part] for each in found]) for part in (0, 1))
+        place_m = np.full(len(value), self.options.fixed_m)
+        return self._rows(device, np.tile(frequency_hz, count), place_m, force_m, value), error
+
+    def modes(self, device: Device, frequency_hz: Array, source: str) -> str:
+        """CSV text of the modes, with shapes where they are known. Raises MeasurementError without a mode."""
+        hz = np.linspace(frequency_hz[0], frequency_hz[-1], _PICKED_LINES)
+        if FORCE in self.form.channels:
+            read, _ = self.responses(device, hz)
+            picked = pick_modes(read, source)
+            found = residues_of(read, picked, source)
+            return write_modes(picked, read, source, _along(found.drive, found.value))
+        has_reference = REFERENCE in self.form.channels
+        channels = (ACCELERATION, REFERENCE) if has_reference else (ACCELERATION,)
+        numbered = [
+            (place_m, tap) for place_m, taps in zip(self.options.places_m, self.taps, strict=True) for tap in taps
+        ]
+        # A tap has no known strength: each counts as a force at a place of its own, and each channel as a sensor.
+        value = [decay_of(tap, self.form, channel, hz) for _, tap in numbered for channel in channels]
+        tag = np.repeat(np.arange(len(value)), len(hz)) * device.surface.length_m / len(value)
+        fixed_m = np.full(len(tag), self.options.fixed_m)
+        read = self._rows(device, np.tile(hz, len(value)), fixed_m, tag + 0 * fixed_m, np.concatenate(value))
+        picked = pick_modes(read, source)
+        if not has_reference:
+            return write_modes(picked, read, source)
+        moved = residues_of(read, picked, source).value.reshape(len(picked), -1, 2)
+        return write_modes(
+            picked, read, source, _along(np.array([m for m, _ in numbered]), moved[..., 0] / moved[..., 1])
+        )
+
+    def _rows(self, device: Device, hz: Array, position_m: Points, force_m: Points, value: Complex) -> Measurements:
+        driven = nearest_actuator(device, force_m)[:, None] == np.arange(len(device.actuators))
+        return Measurements(
+            kind=Kind.RESPONSE,
+            position_m=position_m,
+            frequency_hz=np.where(driven, hz[:, None], np.nan),
+            amplitude=driven.astype(np.complex128),
+            sensor_mass_kg=np.full(len(hz), self.options.sensor_mass_kg),
+            finger_m=np.full(len(hz), np.nan),
+            acceleration=value,
+            is_simulated=self.form.is_simulated,
+            force_m=force_m,
+        )
+
+
+def _along(place_m: Points, value: Complex) -> tuple[Points, Complex]:
+    """Places in order, and at each the mean of the deflections (mode, tap)."""
+    places_m: Any = np.unique(place_m)
+    shape: Complex = np.array([value[:, place_m == at_m].mean(axis=1) for at_m in places_m], np.complex128).T
+    return places_m, shape
+
+
+def tap_places(
+    form: SensorForm, options: HammerOptions, record: Record, tell: Callable[[complex, Sequence[Tap]], None]
+) -> Tapped:
+    """Take the taps of every place, those that are spoiled told and left out. Raises SensorError where none is good."""
+    kept = []
+    for place_m in options.places_m:
+        good = list[Tap]()
+        for _ in range(_ROUNDS):
+            taps, has_more = record(place_m)
+            tell(place_m, taps)
+            good += [tap for tap in taps if not tap.faults]
+            if len(good) >= options.taps or not has_more:
+                break
+        if not good:
+            raise SensorError(f"no good tap at {point_text(place_m)}: {taps[0].text}")
+        kept.append(tuple(good))
+    return Tapped(options, form, tuple(kept))
+
+
+@contextmanager
+def open_taps(
+    device: Device, sensor: str, options: HammerOptions, bench: Callable[[], TapBench], ask: Callable[[str], None]
+) -> Iterator[tuple[SensorForm, Record]]:
+    """The form of the samples and what takes the taps of a place: simulated, of a recording, or of a converter."""
+    if sensor == "simulated":
+        made = bench()
+        times_s = [0.2 + k * options.pause_s for k in range(options.taps)]
+        seconds = options.taps * options.pause_s + 0.2
+        yield made.form, lambda at_m: (find_taps(made.record(at_m, times_s, seconds), made.form), False)
+    elif (recorded := _read_recording(sensor, device)) is not None:
+        form, values = recorded
+        left = find_taps(values, form)
+        wanted = options.taps * len(options.places_m)
+        if len(left) != wanted:
+            times = ", ".join(f"{tap.time_s:.2f}" for tap in left[:40])
+            raise SensorError(
+                f"{sensor}: has {len(left)} taps, at {times} s; expected {wanted}: {options.taps} at each of "
+                f"{len(options.places_m)} places. Give --taps and --places that fit, or cut the recording"
+            )
+        yield form, lambda _: ([left.pop(0) for _ in range(options.taps)], False)
+    else:
+        live: Sensor = AudioSensor(sensor, device) if is_audio(sensor) else SampleStream(Path(sensor), device)
+        roves = "hammer" if FORCE in live.form.channels or REFERENCE not in live.form.channels else "sensor"
+        seconds = options.taps * options.pause_s
+
+        def record(at_m: complex) -> tuple[list[Tap], bool]:
+            ask(f"{roves} to {point_text(at_m, 1, 'f')}, then Enter, and {options.taps} taps within {seconds:g} s")
+            return find_taps(_listen(live, seconds), live.form), True
+
+        with closing(live):
+            yield live.form, record
+
+
+def _listen(sensor: Sensor, seconds: float) -> Array:
+    """The samples (sample, channel) of the next seconds. Raises SensorError where the converter stops."""
+    while sensor.read() is not None:
+        pass
+    blocks, wanted = [np.empty((0, len(sensor.form.channels)))], round(seconds * sensor.form.sample_rate_hz)
+    while sum(map(len, blocks)) < wanted:
+        select.select([sensor.fileno()], [], [], PATIENCE_NS / 1e9)
+        block = sensor.read()
+        if block is None:
+            raise SensorError(f"no samples for {PATIENCE_NS / 1e9:g} s: start the converter and its program")
+        blocks.append(block.values)
+    return np.concatenate(blocks)[:wanted]
+
+
+def _read_recording(sensor: str, device: Device) -> tuple[SensorForm, Array] | None:
+    """Form and samples (sample, channel) of a recording: a WAV file, or a file of samples. None for a converter."""
+    if is_audio(sensor):
+        source = parse_input(sensor, [actuator.name for actuator in device.actuators])
+        return _read_wav(source) if source.name.lower().endswith(".wav") else None
+    if not Path(sensor).is_file():
+        return None
+    with closing(SampleStream(Path(sensor), device)) as stream:
+        block = stream.read()
+        if block is None:
+            raise SensorError(f"{sensor}: has no samples")
+        return stream.form, block.values
+
+
+def _read_wav(source: AudioInput) -> tuple[SensorForm, Array]:
+    from scipy.io import wavfile
+
+    form, columns = form_of(source, []), [source.acceleration, *(channel for _, channel, _ in source.further)]
+    try:
+        rate_hz, samples = wavfile.read(source.name)
+    except (OSError, ValueError) as error:
+        raise SensorError(
+            f"{source.name}: cannot be read as a WAV file: {error}; export it as 16 or 32 bit PCM"
+        ) from None
+    values = samples.reshape(len(samples), -1).astype(np.float64)
+    if np.issubdtype(samples.dtype, np.signedinteger):
+        values /= np.iinfo(samples.dtype).max
+    if (most := max(columns)) >= (count := values.shape[1]):
+        raise SensorError(f"{source.name}: has {count} channels, and the text names channel {most + 1}; correct it")
+    return replace(form, sample_rate_hz=float(rate_hz)), values[:, columns] * form.clips_at  # a sample of 1 is the end
+
+
+def responses_text(found: Measurements, device: Device, comment: str) -> str:
+    """CSV text of responses per newton, as `read_measurements` reads it."""
+    assert found.force_m is not None
+    places = split_places(device, "position", found.position_m) | split_places(device, "force position", found.force_m)
+    value, units = (
+        found.acceleration,
+        "frequency (Hz),sensor mass (g),accelerance real (m/s^2/N),accelerance imaginary (m/s^2/N)",
+    )
+    titles = ",".join([*(f"{name} (mm)" for name in places), units])
+    hz, mass_g = np.nanmax(found.frequency_hz, axis=1), 1e3 * found.sensor_mass_kg
+    rows = np.column_stack([*(1e3 * each for each in places.values()), hz, mass_g, value.real, value.imag])
+    return "\n".join([f"# {comment}", titles, *(",".join(f"{cell:.9g}" for cell in row) for row in rows), ""])
