@@ -41,6 +41,7 @@ region = ["45 x 20 mm", ["60 %", "50 mm"]]
 """
 TOGETHER = (
     *("damping", "stiffness", "impedance"),  # of the finger: another key may make up for each
+    *("measured_hz", "force_n", "forces_n", "forces_db"),
     *("after", "every", "count", "rows", "columns", "zone", "zones", "region"),
 )
 RULES = """

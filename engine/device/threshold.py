@@ -8,7 +8,7 @@ always peak acceleration.
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +23,7 @@ from engine.device.toml_table import TomlTable, read_text
 DEFAULT = "oh-choi-2019"  # the curve of a device whose file names none
 _MOST_POINTS = 1000
 _LOWEST_HZ, _HIGHEST_HZ = 1e-3, 1e5  # the credible frequencies of toml_table.py
+_FORCES_N = 1e-3, 1e3  # of fingers; slips of units lie beyond
 _MOST_DB = 300.0  # a factor of 1e15 in either direction: a slip, whatever the curve is relative to
 
 
@@ -32,7 +33,8 @@ class Threshold:
 
     frequency_hz (point,): rising. level_db (point,): dB re `reference`, in m/s^2 or m. measured_hz: which of the points
     were measured, the others being interpolated; None: the source does not say. people_db: by how much people differ;
-    0: the source does not say.
+    0: the source does not say. force_n: the pressing force that the levels hold for; None: the source does not say.
+    by_force: forces in N, rising, each with its levels in dB at measured_hz. is_force_known: else it is assumed.
     """
 
     name: str
@@ -47,6 +49,26 @@ class Threshold:
     level_db: tuple[float, ...]
     measured_hz: tuple[float, ...] | None
     people_db: float
+    force_n: float | None = None
+    by_force: tuple[tuple[float, tuple[float, ...]], ...] = ()
+    is_force_known: bool = False
+
+    def at_force(self, force_n: float) -> "Threshold":
+        """The curve of a finger that presses with another force. Raises DeviceError for a curve without forces.
+
+        Its points move as the measured ones do: on straight lines in dB over the logarithm of the force, between
+        measured frequencies over that of frequency; beyond either end the last value is held.
+        """
+        if self.force_n is None or not self.by_force:
+            raise DeviceError(f"threshold {self.name}: says nothing of forces; take {DEFAULT}, or leave the force out")
+        forces, levels = (
+            np.log([force for force, _ in self.by_force]),
+            np.array([level for _, level in self.by_force]).T,
+        )
+        moved = [np.interp(np.log([force_n, self.force_n]), forces, each) for each in levels]
+        shift = np.interp(np.log(self.frequency_hz), np.log(self.measured_hz or ()), [new - old for new, old in moved])
+        level_db = tuple((np.array(self.level_db) + shift).tolist())
+        return replace(self, level_db=level_db, force_n=force_n, by_force=(), is_force_known=True)
 
     def peak_m_per_s2(self, frequency_hz: Array) -> Array:
         """Peak acceleration at the threshold, for each frequency."""
@@ -72,8 +94,9 @@ class Threshold:
 
     @property
     def above(self) -> str:
-        """What a level is, to follow "dB": above which threshold."""
-        return f"above threshold {self.name}"
+        """What a level is, to follow "dB": above which threshold, and of what force."""
+        force = "" if self.force_n is None else f" at {self.force_n:g} N{'' if self.is_force_known else ' (assumed)'}"
+        return f"above threshold {self.name}{force}"
 
     @property
     def note(self) -> str:
@@ -151,9 +174,38 @@ def _curve_of(part: TomlTable) -> Threshold:
         level_db=level_db,
         measured_hz=measured_hz,
         people_db=float(people_db),
+        **_read_forces(part, len(measured_hz or ())),
     )
     part.refuse_rest()
     return curve
+
+
+def _read_forces(part: TomlTable, measured: int) -> dict[str, Any]:
+    """The keys force_n, forces_n and forces_db, of which a curve may have the first alone."""
+    part.known += (keys := ["force_n", "forces_n", "forces_db"])
+    if not any(key in part.left for key in keys):
+        return {}
+    force_n = part.take_value("force_n")
+    if not _is_number(force_n, *_FORCES_N):
+        raise part.error("force_n", force_n, f"expected a number from {_FORCES_N[0]:g} to {_FORCES_N[1]:g}")
+    if "forces_n" not in part.left and "forces_db" not in part.left:
+        return {"force_n": float(force_n)}
+    forces_n, rows = _numbers(part, "forces_n", *_FORCES_N), part.take_value("forces_db")
+    fits = isinstance(rows, list) and len(rows) == len(forces_n) and measured
+    if (
+        any(later <= former for former, later in itertools.pairwise(forces_n))
+        or not fits
+        or not all(
+            isinstance(row, list)
+            and len(row) == measured
+            and all(_is_number(each, -_MOST_DB, _MOST_DB) for each in row)
+            for row in rows
+        )
+    ):
+        raise part.error(
+            "forces_db", rows, "expected a row for each of the rising forces_n, a level in it for each of measured_hz"
+        )
+    return {"force_n": float(force_n), "by_force": tuple(zip(forces_n, map(tuple, rows), strict=True))}
 
 
 def _numbers(part: TomlTable, key: str, least: float, most: float, fewest: int = 2) -> tuple[float, ...]:

@@ -30,32 +30,36 @@ def explain(
     quiet: options.QuietFingers = "",
     level: options.Level = f"{DEFAULT_LEVEL_DB:g}",
     threshold: options.ThresholdCurve = None,
+    force: options.PressingForce = None,
     alternatives: Annotated[bool, Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, Option("--click", help="Explain the click, not the steady drive.")] = False,
+    summation: Annotated[
+        str, Option(help="With --click: levels of the fingers by peaks (none), or corrected: zwislocki-1960.")
+    ] = "none",
     drives: options.DrivesOf = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Explain what is played for some fingers, and why others lost.
 
     It says what is played, what every finger feels, and how that varies over sampled bars and fingers. A zone's name
-    means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person of
-    that curve; clicks and rows need a table that is built for it.
+    means its middle. --drives zones: the row of the sweep. With --threshold, or --force, a steady drive is solved for a
+    person of that curve, who presses so; clicks and rows need a table that is built for it.
     """
     level_db = options.read_level(level)
     by_zones = drives is not None and options.read_drives_of(drives) is Drives.ZONES
-    if threshold is not None and (click or by_zones):
+    if (threshold or force) and (click or by_zones):
         raise options.OptionError(
-            f"--threshold {threshold}: rows and clicks are made for the curve of their table; leave --click and "
-            f"--drives out, or build a table with `tactable build DEVICE --threshold {threshold}`"
+            "--threshold or --force: rows and clicks are made for the curve of their table; leave --click and "
+            "--drives out, or build a table with `tactable build DEVICE --threshold CURVE`"
         )
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         placement = options.read_placement(table.device, felt, quiet)
         if click:
-            _explain_click(table, placement, level_db, alternatives, as_json)
+            _explain_click(table, placement, level_db, alternatives, summation, as_json)
         elif by_zones:
             _explain_row(table, placement, level_db, as_json)
         else:
-            device = options.with_threshold(table.device, threshold)
+            device = options.with_threshold(table.device, threshold, force)
             _explain_drive(table, device, placement, level_db, as_json)
 
 
@@ -66,12 +70,16 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
     show(best_row_json(explained), as_json, lambda out, _: print_best_row(out, explained))
 
 
-def _explain_click(table: Table, placement: Placement, level_db: float, alternatives: bool, as_json: bool) -> None:
+def _explain_click(
+    table: Table, placement: Placement, level_db: float, alternatives: bool, summation: str, as_json: bool
+) -> None:
     from tactable.explain.click_source import ClickSource
     from tactable.explain.explained_click import click_json, explain_click, print_click
+    from tactable.explain.summation import Summation
 
+    source = ClickSource(table, summation=options.read_choice("--summation", summation, Summation))
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
-        explained = explain_click(ClickSource(table), placement, level_db, rivals=alternatives)
+        explained = explain_click(source, placement, level_db, rivals=alternatives)
     show(click_json(table, explained), as_json, lambda out, _: print_click(out, table, explained))
 
 

@@ -33,6 +33,10 @@ ThresholdCurve = Annotated[
     str | None,
     Option("--threshold", metavar="CURVE", help="Threshold curve in place of the device's: shipped, or a TOML file."),
 ]
+PressingForce = Annotated[
+    str | None,
+    Option("--force", help="Force with which the fingers press, such as 5 N; default: the curve's, assumed."),
+]
 PictureOutputs = Annotated[
     list[Path] | None,
     Option("-o", "--output", help="The picture, .png, .svg or .pdf; its data, .csv; or once for each of them."),
@@ -147,11 +151,15 @@ def read_drives_of(text: str | None) -> "Drives":
     return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
 
 
-def with_threshold(device: "Device", curve: str | None) -> "Device":
-    """The device with the curve of the option --threshold; None: its own. Raises DeviceError."""
-    if curve is None:
+def with_threshold(device: "Device", curve: str | None, force: str | None = None) -> "Device":
+    """The device with the curve of --threshold, at --force; None: its own. Raises DeviceError, OptionError."""
+    if curve is not None:
+        device = device.with_threshold(Path(curve) if curve.endswith(".toml") else curve)
+    if force is None:
         return device
-    return device.with_threshold(Path(curve) if curve.endswith(".toml") else curve)
+    if not (force_n := read_option("--force", force, "N")):
+        raise OptionError(f"--force {force!r}: expected more than 0 N")
+    return replace(device, threshold=device.threshold.at_force(force_n))
 
 
 def read_pitch(text: str | None) -> float | None:

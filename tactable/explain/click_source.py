@@ -17,19 +17,24 @@ from engine.table.click_entry import ClickFinger
 from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
+from precompute.clicks.click_basis import EVALUATION_RATE_HZ
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
 from precompute.clicks.of_table import read_click_options
+from tactable.explain.summation import Summation, summed_db
 
 if TYPE_CHECKING:  # its kernels are compiled when it is imported
     from engine.steady.steady_solver import SteadySolver
 
 
 class ClickSource:
-    """Clicks of a table's device, for fingers that lie within `tolerance_m` of the positions that are asked for."""
+    """Clicks of a table's device, for fingers that lie within `tolerance_m` of the positions that are asked for.
 
-    def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M) -> None:
-        self.table = table
+    summation: how levels of clicks under fingers follow from their courses.
+    """
+
+    def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M, summation: Summation = Summation.NONE) -> None:
+        self.table, self.summation = table, summation
         self.options = replace(read_click_options(table), tolerance_m=tolerance_m)  # of the clicks that are solved now
 
     @cached_property
@@ -70,8 +75,10 @@ class ClickSource:
         return self._nominal.under(click, placement.position_m)
 
     def levels_of_click(self, click: ClickEntry, placement: Placement) -> Array:
-        """Peak level of a click, dB above threshold, (plant, finger): the nominal plant, then those of the judge."""
+        """Level of a click, dB above threshold, (plant, finger): the nominal plant, then those of the judge."""
         judged = self.solver.plants_of(placement.position_m).judged
+        if self.summation is Summation.ZWISLOCKI:
+            return summed_db(judged.play(click.waveform.T).astype(np.float64), EVALUATION_RATE_HZ)
         return decibels(judged.peaks(click.waveform.T, range(len(placement.position_m))))
 
     def levels_of_drive(self, placement: Placement, hz: Array, amplitude: Complex) -> Array:

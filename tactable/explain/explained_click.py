@@ -23,6 +23,7 @@ from precompute.clicks import Click, ClickOptions
 from precompute.clicks.baselines import BASELINES
 from tactable.explain import words
 from tactable.explain.click_source import ClickSource
+from tactable.explain.summation import SAID, Summation
 
 _TIE_DB = 0.05  # half of the last digit that is shown
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
@@ -49,7 +50,8 @@ class Tabulated:
 class Explained:
     """A click as it is played, at full strength and at softer levels, with the alternatives that lost.
 
-    finger_db (finger, 4): peak level under each finger, nominal, then 5th, 50th and 95th percentile over fresh plants.
+    finger_db (finger, 4): level under each finger, nominal, then 5th, 50th and 95th percentile over fresh plants, by
+    the peak, or as `summation` says.
     tabulated: None where the table has no click for these fingers.
     """
 
@@ -60,6 +62,7 @@ class Explained:
     tabulated: Tabulated | None
     options: ClickOptions
     rivals: tuple[Rival, ...]
+    summation: Summation
 
     @property
     def placement(self) -> Placement:
@@ -80,6 +83,7 @@ def explain_click(source: ClickSource, placement: Placement, level_db: float, *,
         tabulated=None if own is None else Tabulated(own, _levels_under(source, placement, own)),
         options=source.options,
         rivals=tuple(solve_rivals(source, strongest)) if rivals else (),
+        summation=source.summation,
     )
 
 
@@ -105,10 +109,7 @@ def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) 
     return np.column_stack([peak_db[0], *np.percentile(peak_db[1:], (5, 50, 95), axis=0)])
 
 
-_DURATION_NOTE = (
-    "levels compare a peak with the threshold of lasting vibration: temporal summation is not corrected, so a click"
-    " may need more than 0 dB; 30 ms is the border of one pulse and vibration (docs/theory.md, Time and clicks)"
-)
+_BORDER = "30 ms is the border of one pulse and vibration (docs/theory.md, Time and clicks)"
 _OWN = (
     *("wanted_level_db", "achieved", "amplitude", "length_s", "sample_rate_hz", "level_db", "peak_s"),
     *("residual_from_s", "residual_db"),
@@ -129,6 +130,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             **{key: getattr(click, key) for key in _OWN},
             "waveform": click.waveform.T,
             "threshold": device.threshold.title,
+            "temporal_summation": explained.summation.value,
             "felt_db": _spread_json(click.felt),
             "quiet_db": _spread_json(click.quiet),
             "exceeds_s": click.exceeds_at_s(),
@@ -183,7 +185,7 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     words.print_lines(out, f"{head}, solved for these positions, {wanted}")
     words.print_lines(out, *_prediction_lines(explained, device.threshold.above))
     out.print(_finger_grid(table, explained))
-    words.print_lines(out, _DURATION_NOTE, _table_words(table, explained))
+    words.print_lines(out, f"{SAID[explained.summation]}; {_BORDER}", _table_words(table, explained))
     if explained.softer:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:

@@ -78,6 +78,46 @@ def test_a_file_of_ones_own_becomes_part_of_the_description(tmp_path: Path) -> N
     assert again.with_values({"threshold": DEFAULT}).fingerprint == find_device("reference-a").fingerprint
 
 
+FORCES_DB = {0.2: (111.3, 103.8), 2.0: (113.0, 102.2), 4.9: (111.1, 99.7), 7.8: (109.6, 97.6), 10.8: (109.5, 98.6)}
+
+
+def test_at_another_force_the_curve_moves_by_what_was_measured_and_else_not_at_all() -> None:
+    base = np.array(level_db(OWN, 40.0, 250.0))
+    for force_n, measured in FORCES_DB.items():
+        pressed = OWN.at_force(force_n)
+        assert np.array(level_db(pressed, 40.0, 250.0)) - base == pytest.approx(np.subtract(measured, FORCES_DB[2.0]))
+        assert pressed.above == f"above threshold oh-choi-2019 at {force_n:g} N"
+    same = OWN.at_force(2.0)
+    assert same.level_db == OWN.level_db and OWN.above == "above threshold oh-choi-2019 at 2 N (assumed)"
+    assert same.values == OWN.values  # so that no table becomes stale
+    between = np.sqrt(2.0 * 4.9)
+    assert level_db(OWN.at_force(between), 250.0)[0] - base[1] == pytest.approx((99.7 - 102.2) / 2)
+    middle = level_db(OWN.at_force(7.8), 100.0)[0] - level_db(OWN, 100.0)[0]
+    assert middle == pytest.approx(np.interp(np.log(100), np.log([40, 250]), [-3.4, -4.6]))
+    assert OWN.at_force(50.0).level_db == OWN.at_force(10.8).level_db
+    with pytest.raises(DeviceError, match="android: says nothing of forces; take oh-choi-2019"):
+        ANDROID.at_force(5.0)
+    assert ANDROID.above == "above threshold android"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "text"),
+    [
+        ("force_n = 2.0", "force_n = 0", "force_n: 0: expected a number from 0.001"),
+        ("force_n = 2.0", "", "force_n"),
+        ("[0.2, 2.0, 4.9,", "[2.0, 0.2, 4.9,", "forces_db: .* expected a row for each of the rising forces_n"),
+        ("[113.0, 102.2]", "[113.0]", "forces_db: .* a level in it for each of measured_hz"),
+        ("measured_hz = [40.0, 250.0]", "", "forces_db: "),
+    ],
+)
+def test_wrong_forces_are_refused_by_name(tmp_path: Path, before: str, after: str, text: str) -> None:
+    curve = (CURVES / f"{DEFAULT}.toml").read_text(encoding="utf-8")
+    assert before in curve
+    (tmp_path / "wrong.toml").write_text(curve.replace(before, after), encoding="utf-8")
+    with pytest.raises(DeviceError, match=text):
+        read_threshold_file(tmp_path / "wrong.toml")
+
+
 @pytest.mark.parametrize(
     ("before", "after", "text"),
     [

@@ -97,6 +97,18 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, tol
     assert "dB above threshold android" in shown and "Oh and Choi" not in shown
 
 
+def test_a_harder_finger_and_temporal_summation_are_asked_for_and_said(told: Any, page: Any) -> None:
+    words = (*WORDS, "--level", "6")
+    assert "at 2 N (assumed)" in page(*words) and "at 8 N," in page(*words, "--force", "8 N")
+    soft, hard = (told(*words, "--force", force)["drive"]["amplitudes"] for force in ("2 N", "8 N"))
+    assert max(hard) != pytest.approx(max(soft), rel=0.05)
+    peaks, summed = (told(*WORDS, "--click", "--summation", name) for name in ("none", "zwislocki-1960"))
+    assert (peaks["temporal_summation"], summed["temporal_summation"]) == ("none", "zwislocki-1960")
+    for one, other in zip(peaks["fingers"], summed["fingers"], strict=True):
+        assert 6 < one["level_db"]["50 %"] - other["level_db"]["50 %"] < 20
+    assert peaks["felt_db"] == summed["felt_db"]  # what is promised stays that of peaks
+
+
 @pytest.mark.parametrize("kind", [(), ("--click",), ("--click", "--level", "full", "--no-alternatives")])
 def test_the_page_names_positions_roles_and_the_threshold_curve(page: Any, kind: tuple[str, ...]) -> None:
     shown = page(*WORDS, *kind)
