@@ -183,28 +183,24 @@ def _curve_of(part: TomlTable) -> Threshold:
 def _read_forces(part: TomlTable, measured: int) -> dict[str, Any]:
     """The keys force_n, forces_n and forces_db, of which a curve may have the first alone."""
     part.known += (keys := ["force_n", "forces_n", "forces_db"])
-    if not any(key in part.left for key in keys):
+    given = [key for key in keys if key in part.left]
+    if not given:
         return {}
     force_n = part.take_value("force_n")
     if not _is_number(force_n, *_FORCES_N):
         raise part.error("force_n", force_n, f"expected a number from {_FORCES_N[0]:g} to {_FORCES_N[1]:g}")
-    if "forces_n" not in part.left and "forces_db" not in part.left:
+    if given == ["force_n"]:
         return {"force_n": float(force_n)}
     forces_n, rows = _numbers(part, "forces_n", *_FORCES_N), part.take_value("forces_db")
-    fits = isinstance(rows, list) and len(rows) == len(forces_n) and measured
+    is_table = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+    is_full = is_table and [len(row) for row in rows] == [measured or -1] * len(forces_n)
     if (
-        any(later <= former for former, later in itertools.pairwise(forces_n))
-        or not fits
-        or not all(
-            isinstance(row, list)
-            and len(row) == measured
-            and all(_is_number(each, -_MOST_DB, _MOST_DB) for each in row)
-            for row in rows
-        )
+        list(forces_n) != sorted(set(forces_n))
+        or not is_full
+        or not all(_is_number(each, -_MOST_DB, _MOST_DB) for row in rows for each in row)
     ):
-        raise part.error(
-            "forces_db", rows, "expected a row for each of the rising forces_n, a level in it for each of measured_hz"
-        )
+        expected = "expected a row for each of the rising forces_n, a level in it for each of measured_hz"
+        raise part.error("forces_db", rows, expected)
     return {"force_n": float(force_n), "by_force": tuple(zip(forces_n, map(tuple, rows), strict=True))}
 
 

@@ -83,14 +83,6 @@ def residues_of(measurements: Measurements, modes: Array, source: str) -> Residu
     return Residues(drive, position_m, np.array(found).T)
 
 
-def shapes_text(place_m: Points, shape: Complex) -> tuple[str, list[str]]:
-    """Heading and rows of the columns `shape at` of a file of modes; shape (mode, place) becomes real, at most 1."""
-    greatest = np.take_along_axis(shape, abs(shape).argmax(axis=1)[:, None], axis=1)
-    real = (shape / greatest).real
-    heading = "".join(f",shape at {point_text(at_m, 6)}" for at_m in place_m)
-    return heading, ["".join(f",{value:.6g}" for value in row) for row in real]
-
-
 def write_modes(
     modes: Array, measurements: Measurements, source: str, shapes: tuple[Points, Complex] | None = None
 ) -> str:
@@ -105,9 +97,11 @@ def write_modes(
     header += "".join([",sensor mass (g),sensor position (mm)", ",sensor position across (mm)"][: len(place_m)])
     where = 1e3 * np.array([measurements.sensor_mass_kg[0], *place_m])
     rows = [",".join(f"{value:.8g}" for value in (*row, *where)) for row in modes * [1, 100, 1, 100]]
-    heading, columns = ("", [""] * len(rows)) if shapes is None else shapes_text(*shapes)
-    rows = [row + more for row, more in zip(rows, columns, strict=True)]
-    return "\n".join([comment, header + heading, *rows, ""])
+    if shapes is not None:
+        real = [(row / row[abs(row).argmax()]).real.tolist() for row in shapes[1]]  # each mode has a scale of its own
+        header += "".join(f",shape at {point_text(at_m)}" for at_m in shapes[0])
+        rows = [row + "".join(f",{value:.6g}" for value in own) for row, own in zip(rows, real, strict=True)]
+    return "\n".join([comment, header, *rows, ""])
 
 
 class _Line(NamedTuple):

@@ -13,7 +13,8 @@ from engine.device.quantity import QuantityError, read_point_on
 from precompute.measurements.parameters import with_changes
 from precompute.measurements.simulate import even_places
 from tactable.cli import options
-from tactable.cli.console import note, remark, say, show
+from tactable.cli.console import note, say, show
+from tactable.cli.measure import ask
 from tactable.measure.apparatus import ApparatusOptions
 from tactable.measure.hammer import HammerOptions, open_taps, responses_text, tap_places
 from tactable.measure.sensor import FORCE, REFERENCE
@@ -44,19 +45,15 @@ def tap_surface(
     )
     chosen = HammerOptions(tuple(places_m), fixed_m, where["taps"], pause_s, bench.sensor_mass_kg)
 
-    def made() -> TapBench:
-        true = with_changes(device, bench.changes)
-        return TapBench(true, bench.flaws, bench.seed, fixed_m, bench.sensor_mass_kg)
-
-    def ask(text: str) -> None:
-        remark(text)
-        input()
-
     def tell(at_m: complex, taps: Sequence[Tap]) -> None:
         for tap in taps:
             if tap.faults:
                 note(f"{point_text(at_m, 1, 'f')}: {tap.text}")
 
+    made = None
+    if bench.is_simulated:
+        true = with_changes(device, bench.changes)
+        made = TapBench(true, bench.flaws, bench.seed, fixed_m, bench.sensor_mass_kg)
     with open_taps(device, bench.sensor, chosen, made, ask) as (form, record):
         if modes is not None and FORCE not in form.channels:
             raise options.OptionError(f"--modes {modes}: without a force channel {output} has the modes; leave it out")

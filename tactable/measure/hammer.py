@@ -72,11 +72,8 @@ class Tapped:
             return write_modes(picked, read, source, _along(found.drive, found.value))
         has_reference = REFERENCE in self.form.channels
         channels = (ACCELERATION, REFERENCE) if has_reference else (ACCELERATION,)
-        numbered = [
-            (place_m, tap) for place_m, taps in zip(self.options.places_m, self.taps, strict=True) for tap in taps
-        ]
-        # A tap has no known strength: each counts as a force at a place of its own, and each channel as a sensor.
-        value = [decay_of(tap, self.form, channel, hz) for _, tap in numbered for channel in channels]
+        # A tap has no known strength: each counts as a force at a place of its own, and so does each channel.
+        value = [decay_of(tap, self.form, channel, hz) for taps in self.taps for tap in taps for channel in channels]
         tag = np.repeat(np.arange(len(value)), len(hz)) * device.surface.length_m / len(value)
         fixed_m = np.full(len(tag), self.options.fixed_m)
         read = self._rows(device, np.tile(hz, len(value)), fixed_m, tag + 0 * fixed_m, np.concatenate(value))
@@ -84,9 +81,8 @@ class Tapped:
         if not has_reference:
             return write_modes(picked, read, source)
         moved = residues_of(read, picked, source).value.reshape(len(picked), -1, 2)
-        return write_modes(
-            picked, read, source, _along(np.array([m for m, _ in numbered]), moved[..., 0] / moved[..., 1])
-        )
+        place_m = np.repeat(self.options.places_m, [len(taps) for taps in self.taps])
+        return write_modes(picked, read, source, _along(place_m, moved[..., 0] / moved[..., 1]))
 
     def _rows(self, device: Device, hz: Array, position_m: Points, force_m: Points, value: Complex) -> Measurements:
         driven = nearest_actuator(device, force_m)[:, None] == np.arange(len(device.actuators))
@@ -124,21 +120,21 @@ def tap_places(
             if len(good) >= options.taps or not has_more:
                 break
         if not good:
-            raise SensorError(f"no good tap at {point_text(place_m)}: {taps[0].text}")
+            why = taps[0].text if taps else "none stands out of the noise: tap harder, or check channels and scales"
+            raise SensorError(f"no good tap at {point_text(place_m)}: {why}")
         kept.append(tuple(good))
     return Tapped(options, form, tuple(kept))
 
 
 @contextmanager
 def open_taps(
-    device: Device, sensor: str, options: HammerOptions, bench: Callable[[], TapBench], ask: Callable[[str], None]
+    device: Device, sensor: str, options: HammerOptions, bench: TapBench | None, ask: Callable[[str], None]
 ) -> Iterator[tuple[SensorForm, Record]]:
     """The form of the samples and what takes the taps of a place: simulated, of a recording, or of a converter."""
-    if sensor == "simulated":
-        made = bench()
+    if bench is not None:
         times_s = [0.2 + k * options.pause_s for k in range(options.taps)]
         seconds = options.taps * options.pause_s + 0.2
-        yield made.form, lambda at_m: (find_taps(made.record(at_m, times_s, seconds), made.form), False)
+        yield bench.form, lambda at_m: (find_taps(bench.record(at_m, times_s, seconds), bench.form), False)
     elif (recorded := _read_recording(sensor, device)) is not None:
         form, values = recorded
         left = find_taps(values, form)
@@ -157,7 +153,7 @@ def open_taps(
 
         def record(at_m: complex) -> tuple[list[Tap], bool]:
             ask(f"{roves} to {point_text(at_m, 1, 'f')}, then Enter, and {options.taps} taps within {seconds:g} s")
-            return find_taps(_listen(live, seconds), live.form), True
+            return find_taps(_listen(live, seconds), live.form, least=0), True
 
         with closing(live):
             yield live.form, record
@@ -169,11 +165,10 @@ def _listen(sensor: Sensor, seconds: float) -> Array:
         pass
     blocks, wanted = [np.empty((0, len(sensor.form.channels)))], round(seconds * sensor.form.sample_rate_hz)
     while sum(map(len, blocks)) < wanted:
-        select.select([sensor.fileno()], [], [], PATIENCE_NS / 1e9)
-        block = sensor.read()
-        if block is None:
+        if not select.select([sensor.fileno()], [], [], PATIENCE_NS / 1e9)[0]:
             raise SensorError(f"no samples for {PATIENCE_NS / 1e9:g} s: start the converter and its program")
-        blocks.append(block.values)
+        if (block := sensor.read()) is not None:
+            blocks.append(block.values)
     return np.concatenate(blocks)[:wanted]
 
 
@@ -198,9 +193,7 @@ def _read_wav(source: AudioInput) -> tuple[SensorForm, Array]:
     try:
         rate_hz, samples = wavfile.read(source.name)
     except (OSError, ValueError) as error:
-        raise SensorError(
-            f"{source.name}: cannot be read as a WAV file: {error}; export it as 16 or 32 bit PCM"
-        ) from None
+        raise SensorError(f"{source.name}: is no WAV file: {error}; export it as 16 or 32 bit PCM") from None
     values = samples.reshape(len(samples), -1).astype(np.float64)
     if np.issubdtype(samples.dtype, np.signedinteger):
         values /= np.iinfo(samples.dtype).max
@@ -213,11 +206,8 @@ def responses_text(found: Measurements, device: Device, comment: str) -> str:
     """CSV text of responses per newton, as `read_measurements` reads it."""
     assert found.force_m is not None
     places = split_places(device, "position", found.position_m) | split_places(device, "force position", found.force_m)
-    value, units = (
-        found.acceleration,
-        "frequency (Hz),sensor mass (g),accelerance real (m/s^2/N),accelerance imaginary (m/s^2/N)",
-    )
-    titles = ",".join([*(f"{name} (mm)" for name in places), units])
+    value, parts = found.acceleration, (f"accelerance {part} (m/s^2/N)" for part in ("real", "imaginary"))
+    titles = ",".join([*(f"{name} (mm)" for name in places), "frequency (Hz)", "sensor mass (g)", *parts])
     hz, mass_g = np.nanmax(found.frequency_hz, axis=1), 1e3 * found.sensor_mass_kg
     rows = np.column_stack([*(1e3 * each for each in places.values()), hz, mass_g, value.real, value.imag])
     return "\n".join([f"# {comment}", titles, *(",".join(f"{cell:.9g}" for cell in row) for row in rows), ""])

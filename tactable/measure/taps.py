@@ -66,8 +66,8 @@ class Tap:
         return f"tap at {self.time_s:.2f} s: {named}{wait}"
 
 
-def find_taps(recorded: Array, form: SensorForm) -> list[Tap]:
-    """The taps of a recording (sample, channel), each with its faults. Raises SensorError where there is none."""
+def find_taps(recorded: Array, form: SensorForm, least: int = 1) -> list[Tap]:
+    """The taps of a recording (sample, channel), each with its faults. Raises SensorError for fewer than `least`."""
     values = recorded - np.nanmedian(recorded, axis=0)
     rate_hz, before = form.sample_rate_hz, round(BEFORE_S * form.sample_rate_hz)
     starts, contacts = list[int](), list[int]()
@@ -77,7 +77,7 @@ def find_taps(recorded: Array, form: SensorForm) -> list[Tap]:
         else:
             starts.append(contact)
             contacts.append(1)
-    if not starts:
+    if len(starts) < least:
         raise SensorError("no tap stands out of the noise: tap harder, or check the channels and their scales")
     ends = [*(start - before for start in starts[1:]), len(values)]
     floor = _floor(np.nan_to_num(values[:, form.acceleration]), rate_hz)
