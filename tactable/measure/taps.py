@@ -68,6 +68,9 @@ class Tap:
 
 def find_taps(recorded: Array, form: SensorForm, least: int = 1) -> list[Tap]:
     """The taps of a recording (sample, channel), each with its faults. Raises SensorError for fewer than `least`."""
+    recorded = np.where(np.isfinite(recorded), recorded, np.nan)
+    if np.isnan(recorded).all(axis=0).any():
+        raise SensorError("a channel has no sample: check its connection, and the recording")
     values = recorded - np.nanmedian(recorded, axis=0)
     rate_hz, before = form.sample_rate_hz, round(BEFORE_S * form.sample_rate_hz)
     starts, contacts = list[int](), list[int]()

@@ -111,6 +111,9 @@ def test_clipping_lost_samples_and_a_cut_decay_are_named_with_what_to_do() -> No
 
 
 def test_silence_and_a_soft_tip_are_refused() -> None:
+    for dead in (np.full((2400, 2), np.nan), np.full((2400, 2), np.inf), np.zeros((0, 2))):
+        with pytest.raises(SensorError, match="a channel has no sample: check its connection"):
+            find_taps(dead, bench().form)
     with pytest.raises(SensorError, match="no tap stands out of the noise: tap harder"):
         find_taps(bench().record(TAPPED_M, (), 2.0)[:, :1], ALONE)
     taps = find_taps(bench().record(TAPPED_M, TIMES_S, 7.2), bench().form)
