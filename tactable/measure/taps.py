@@ -83,19 +83,25 @@ def find_taps(recorded: Array, form: SensorForm, least: int = 1) -> list[Tap]:
     if len(starts) < least:
         raise SensorError("no tap stands out of the noise: tap harder, or check the channels and their scales")
     ends = [*(start - before for start in starts[1:]), len(values)]
-    floor = _floor(np.nan_to_num(values[:, form.acceleration]), rate_hz)
+    tenth = min(round(0.1 * rate_hz), len(values))  # of a second: longer than a period of hum
+    calm = values[: len(values) // tenth * tenth, form.acceleration].reshape(-1, tenth)
+    noise = float(np.nanmin(np.nanstd(np.nan_to_num(calm), axis=1)))  # of the calmest stretch, with hum
     taps = []
     for start, end, count in zip(starts, ends, contacts, strict=True):
-        part = values[max(0, start - before) : end]
-        left, needed_s = _decay(np.nan_to_num(part[:, form.acceleration]), rate_hz, floor)
+        own = slice(max(0, start - before), end)
+        part = np.nan_to_num(values[own])
+        size, declared = abs(part), abs(recorded[own]) >= 0.98 * np.array(form.clips_at)
+        at_end = (size == size.max(axis=0)) & (size > 0)
+        stays = np.logical_and.reduce([at_end[k : len(at_end) - _FLAT + k] for k in range(_FLAT)])
+        left, needed_s = _decay(part[:, form.acceleration], rate_hz, noise)
         causes = {
-            TapFault.LOST: bool(np.isnan(part).any()),
-            TapFault.CLIPPED: _is_clipped(recorded[max(0, start - before) : end], form),
+            TapFault.LOST: bool(np.isnan(values[own]).any()),
+            TapFault.CLIPPED: bool(declared.any() or stays.any()),
             TapFault.DOUBLE: count > 1,
             TapFault.SHORT: left > _LEFT,
         }
         faults = tuple(fault for fault, is_there in causes.items() if is_there)
-        taps.append(Tap(start / rate_hz, np.nan_to_num(part), faults, needed_s))
+        taps.append(Tap(start / rate_hz, part, faults, needed_s))
     return taps
 
 
@@ -151,21 +157,14 @@ def _contacts(values: Array, form: SensorForm) -> list[int]:
     return [int(k) * size for k in rising[np.diff(rising, prepend=-_ONE_CONTACT) >= _ONE_CONTACT]]
 
 
-def _floor(acceleration: Array, rate_hz: float) -> float:
-    """Root mean square of the calmest stretch of a tenth of a second: noise and hum."""
-    size = max(1, round(0.1 * rate_hz))
-    stretches = acceleration[: len(acceleration) // size * size].reshape(-1, size)
-    return float(stretches.std(axis=1).min()) if len(stretches) else 0.0
-
-
-def _decay(acceleration: Array, rate_hz: float, floor: float) -> tuple[float, float]:
+def _decay(acceleration: Array, rate_hz: float, noise: float) -> tuple[float, float]:
     """What is left at the end of a decay, of its beginning, and the seconds after which less than _LEFT would be."""
     ringing = acceleration[round((BEFORE_S + CONTACT_S) * rate_hz) :]
     tenth = len(ringing) // 10
     if tenth < 2:
         return 1.0, math.inf
     first, last = (math.sqrt(float((part**2).mean())) for part in (ringing[:tenth], ringing[-tenth:]))
-    left = math.sqrt(max(last**2 - (1.5 * floor) ** 2, 0.0)) / max(first, 1e-300)
+    left = math.sqrt(max(last**2 - (1.5 * noise) ** 2, 0.0)) / max(first, 1e-300)
     seconds = len(ringing) / rate_hz
     return left, seconds * math.log(_LEFT) / math.log(min(max(left, 1e-9), 0.99))
 
@@ -176,17 +175,3 @@ def _ended(decay: Array) -> Array:
     out = decay.copy()
     out[len(out) - fall :] *= 0.5 + 0.5 * np.cos(np.pi * np.arange(1, fall + 1) / fall)
     return out
-
-
-def _is_clipped(values: Array, form: SensorForm) -> bool:
-    """Whether a channel reaches its declared end, or stays at its extreme for samples."""
-    if (np.nanmax(abs(values), axis=0) >= 0.98 * np.array(form.clips_at)).any():
-        return True
-    for channel in values.T:
-        known = channel[np.isfinite(channel)]
-        size = abs(known - np.median(known)).max(initial=0.0) if len(known) else 0.0
-        for extreme in (known.max(initial=-np.inf), known.min(initial=np.inf)):
-            is_far = size > 0 and abs(extreme - np.median(known)) > size / 2  # rest is no end
-            if is_far and np.convolve(channel == extreme, np.ones(_FLAT)).max() >= _FLAT:
-                return True
-    return False

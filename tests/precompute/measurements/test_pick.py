@@ -1,11 +1,8 @@
-"""The picked modes of simulated bars are those of the model, and those of public measured bars the known ones."""
-
-from pathlib import Path
+"""The picked modes of simulated bars are those of the model."""
 
 import numpy as np
 import pytest
 
-from base.arrays import Complex
 from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.pick import pick_modes, write_modes
 from precompute.measurements.simulate import Flaws
@@ -15,7 +12,6 @@ from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, PAIRS_HZ, read_bar
 
 DEVICE = shipped("reference-d")
-PUBLIC = Path(__file__).parents[4] / "shared" / "measured"
 
 
 def responses(noise: float, hz: range = range(60, 301, 2), points: int = 3) -> Measurements:
@@ -46,16 +42,3 @@ def test_what_has_no_common_modes_is_refused_by_name() -> None:
     ):
         with pytest.raises(MeasurementError, match=part):
             pick_modes(wrong, "r.nc")
-
-
-@pytest.mark.skipif(not PUBLIC.is_dir(), reason="the public measured bars are not beside the checkout")
-def test_a_public_measured_bar_has_the_modes_that_are_known_of_it() -> None:
-    value: Complex = np.array([complex(line) for line in (PUBLIC / "pyuff_beam_1.txt").read_text().split()])[20:]
-    n, hz = len(value), np.arange(20.0, 20 + len(value))
-    none = np.zeros(n)
-    one = Measurements(
-        Kind.RESPONSE, none, hz[:, None], (0j * hz[:, None]).astype(np.complex128), none, none + NAN, value, False, none
-    )
-    picked = pick_modes(one, "beam")
-    np.testing.assert_allclose(picked[:, 0], [51.52, 142.18, 278.67, 460.39, 687.17, 958.53], rtol=2e-4)
-    assert (2 * picked[:, 1] < 1.5e-3).all()
