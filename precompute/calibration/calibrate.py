@@ -114,7 +114,7 @@ def calibrate(
 ) -> Calibration:
     """Fit `parameters` (names as in the device file; default: `default_names`) of `device` to `measurements`.
 
-    Responses per newton tell no full scale, so by default it is not fitted to them. `bounds` are SI. Raises
+    Full scales that the rows do not tell (responses per newton, an actuator that stood still) are not fitted by default. `bounds` are SI. Raises
     ParameterError for names and bounds, MeasurementError where the rows determine nothing.
 
     >>> device = Device.read("reference-a.toml")
@@ -131,8 +131,10 @@ def calibrate(
 
 
 def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
-    """The names without those of the usual parameters that the measurements do not tell: full scales, per newton."""
-    untold = [] if measurements.force_m is None else [n for n in default_names(device) if n.endswith("full_scale")]
+    """The names without full scales that the measurements do not tell: per newton, or of an actuator that stood still."""
+    moved = measurements.amplitude.any(axis=0) & (measurements.force_m is None)
+    untold = {f"actuator[{i}].full_scale" for i in range(1, len(device.actuators) + 1) if not moved[i - 1]}
+    untold |= set() if moved.any() else {"actuator.full_scale"}
     return tuple(name for name in names if name not in untold) or tuple(names)
 
 

@@ -129,12 +129,15 @@ class Parameter:
 
 
 def default_names(device: Device) -> tuple[str, ...]:
-    """The first fit of one's own surface: the paper's parameters and Young's modulus.
+    """The first fit of one's own surface: the paper's parameters, each actuator's own full scale, Young's modulus.
 
     An alloy's modulus is known to some per cent, and 1 % of it moves every mode by 0.5 %. With the density it
-    stands for the thickness too, since the motion depends on E h^3 and rho h alone.
+    stands for the thickness too, since the motion depends on E h^3 and rho h alone. Actuators of one make differ by
+    some per cent; a full scale that they share would leave that to the misfit, and a good surface would be doubted.
     """
-    return (*paper_names(device), f"{device.surface.kind}.youngs_modulus")
+    own = tuple(f"actuator[{i}].full_scale" for i in range(1, len(device.actuators) + 1))
+    others = [name for name in paper_names(device) if not name.endswith(".full_scale")]
+    return (*others, *own, f"{device.surface.kind}.youngs_modulus")
 
 
 def paper_names(device: Device) -> tuple[str, ...]:

@@ -117,7 +117,7 @@ READ = read_bar(DEVICE, {})
     [
         (["bar.densty"], READ, ParameterError, "did you mean bar.density?"),
         (["finger.mass", "bar.density"], READ, MeasurementError, "finger.mass: changes none of these readings"),
-        (None, READ.part(np.arange(6)), MeasurementError, "6 readings cannot fit 7 parameters"),
+        (None, READ.part(np.arange(6)), MeasurementError, "6 readings cannot fit 8 parameters"),
         (None, READ.part(np.tile(np.arange(6), 9)), MeasurementError, "54 readings, 6 without repetitions, "),
         (None, READ.part(np.tile(np.arange(66), 200)), MeasurementError, "13200 readings; expected at most 10000"),
     ],

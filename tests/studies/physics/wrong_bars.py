@@ -31,6 +31,8 @@ from tests.studies.options import read_options
 KINDS = ("nothing", "thickness", "length", "place", "material", "sensor", "bolt")
 NOISE = 0.02
 _RIGHT_IN_LOT = 18
+_OWN = 0.03
+"""Relative standard deviation of an actuator's full scale beside that of its lot."""
 _MATERIALS = (("200 GPa", "7850 kg/m^3"), ("3.2 GPa", "1190 kg/m^3"), ("2.3 GPa", "1200 kg/m^3"))
 """Steel, acrylic and polycarbonate, where the file says aluminium."""
 
@@ -45,9 +47,9 @@ def truth_of(device: Device, kind: str, seed: int) -> tuple[Device, float, dict[
     }
     for number, each in enumerate(device.actuators, 1):
         values[f"actuator[{number}].stiffness"] = f"{each.stiffness_n_per_m * random.uniform(0.85, 1.2)} N/m"
-    full_scale = random.uniform(0.8, 1.25)
+    full_scale, own = random.uniform(0.8, 1.25), np.random.default_rng((seed, 1)).normal(1, _OWN, len(device.actuators))
     for number, each in enumerate(device.actuators, 1):
-        values[f"actuator[{number}].full_scale"] = f"{each.full_scale_m * full_scale} m"
+        values[f"actuator[{number}].full_scale"] = f"{each.full_scale_m * full_scale * own[number - 1]} m"
     sign, sensor_mass_kg, wrong = random.choice([-1, 1]), SENSOR_MASS_KG, dict[str, str | float]()
     if kind == "thickness":
         wrong = {"bar.thickness": f"{bar.thickness_m * (1 + sign * random.uniform(0.07, 0.3))} m"}
