@@ -163,9 +163,11 @@ function listen() {
 }
 
 function frame(now_ms) {
-  tell();
-  bar?.draw(now_ms);
-  if (wire.picture.hasPaper) second?.draw(now_ms);
+  if (!bar || bar.isDue(now_ms)) { // The sentence and the labels are of one picture.
+    tell();
+    bar?.draw(now_ms);
+    if (wire.picture.hasPaper) second?.draw(now_ms);
+  }
   if (scene && !isDrawn) {
     isDrawn = true;
     performance.mark("first-drawing");

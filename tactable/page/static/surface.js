@@ -125,9 +125,11 @@ export class SurfaceView {
     this._motionStart_ms = performance.now();
   }
 
+  // Whether the pause between two drawings is over.
+  isDue(now_ms) { return now_ms >= this._last_ms + this._pause_ms; }
+
   // Draw one frame, unless nothing has changed.
   draw(now_ms) {
-    if (now_ms < this._last_ms + this._pause_ms) return;
     const passed_s = Math.min((now_ms - this._last_ms) / 1000, 0.1);
     this._last_ms = now_ms;
     if (!this._device || !this._width) return;
