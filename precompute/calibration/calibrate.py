@@ -114,8 +114,9 @@ def calibrate(
 ) -> Calibration:
     """Fit `parameters` (names as in the device file; default: `default_names`) of `device` to `measurements`.
 
-    Full scales that the rows do not tell (responses per newton, an actuator that stood still) are not fitted by default. `bounds` are SI. Raises
-    ParameterError for names and bounds, MeasurementError where the rows determine nothing.
+    Full scales that the rows do not tell (responses per newton, an actuator that stood still) are not fitted by
+    default. `bounds` are SI. Raises ParameterError for names and bounds, MeasurementError where the rows determine
+    nothing.
 
     >>> device = Device.read("reference-a.toml")
     >>> found = calibrate(device, read_measurements("measured.csv", device))
@@ -131,7 +132,7 @@ def calibrate(
 
 
 def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
-    """The names without full scales that the measurements do not tell: per newton, or of an actuator that stood still."""
+    """The names without full scales that the rows do not tell: per newton, or of an actuator that stood still."""
     moved = measurements.amplitude.any(axis=0) & (measurements.force_m is None)
     untold = {f"actuator[{i}].full_scale" for i in range(1, len(device.actuators) + 1) if not moved[i - 1]}
     untold |= set() if moved.any() else {"actuator.full_scale"}

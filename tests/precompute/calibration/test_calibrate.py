@@ -10,7 +10,7 @@ import pyuff
 from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.misfit import Loss
 from precompute.measurements.measurement_file import read_measurements
-from precompute.measurements.parameters import ParameterError, paper_names, with_changes
+from precompute.measurements.parameters import ParameterError, default_names, paper_names, with_changes
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
@@ -39,6 +39,19 @@ def test_without_noise_the_papers_six_and_others_are_found_to_1e_6(truth: dict[s
     errors = relative_errors(found, truth)
     assert max(errors.values()) < 1e-6, errors
     assert all(estimate.known is Known.WELL for estimate in found.estimates)
+
+
+def test_each_actuator_has_its_own_full_scale_unless_it_stood_still() -> None:
+    own = {"actuator[1].full_scale": 0.5e-6, "actuator[2].full_scale": 0.56e-6}
+    read = read_bar(DEVICE, own)
+    errors = relative_errors(
+        calibrate(DEVICE, read, starts=1), own | {name: np.inf for name in default_names(DEVICE) if name not in own}
+    )
+    assert max(errors[name] for name in own) < 1e-6
+    still = replace(read, amplitude=read.amplitude * [1, 0])
+    assert set(default_names(DEVICE)) - set(names_told(DEVICE, still, default_names(DEVICE))) == {
+        "actuator[2].full_scale"
+    }
 
 
 @pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
