@@ -124,18 +124,18 @@ def calibrate(
     >>> left.parameter.name, 20e3 < left.low < left.value < left.high < 21e3, left.known.value
     ('actuator[1].stiffness', True, 'known')
     """
-    names = names_told(device, measurements, default_names(device)) if parameters is None else tuple(parameters)
+    names = names_told(measurements, default_names(device)) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, sensor_mass_of(measurements))
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
         found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
         return _conclude(device, measurements, found)
 
 
-def names_told(device: Device, measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
+def names_told(measurements: Measurements, names: Sequence[str]) -> tuple[str, ...]:
     """The names without full scales that the rows do not tell: per newton, or of an actuator that stood still."""
-    moved = measurements.amplitude.any(axis=0) & (measurements.force_m is None)
-    untold = {f"actuator[{i}].full_scale" for i in range(1, len(device.actuators) + 1) if not moved[i - 1]}
-    untold |= set() if moved.any() else {"actuator.full_scale"}
+    is_told = [measurements.force_m is None and bool(column.any()) for column in measurements.amplitude.T]
+    untold = {f"actuator[{number}].full_scale" for number, told in enumerate(is_told, 1) if not told}
+    untold |= set() if any(is_told) else {"actuator.full_scale"}
     return tuple(name for name in names if name not in untold) or tuple(names)
 
 

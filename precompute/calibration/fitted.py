@@ -97,7 +97,7 @@ def fit_file(
         return Fitted(modal, modal_report(modal), raw, path.suffix.lower(), created)
     with threadpool_limits(1, "blas"):
         measurements = read_measurements(path, device, sensor_mass_kg)
-        names = names_told(device, measurements, names)
+        names = names_told(measurements, names)
         found = calibrate(device, measurements, names, loss, bounds=bounds, starts=starts, seed=seed)
         report = calibration_report(found, fit_pairwise(device, found) if compares else None)
         report["adequacy"] = adequacy_report(device, found, bounds)

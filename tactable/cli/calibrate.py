@@ -280,7 +280,7 @@ def plan_measurements(
             plan = plan_first(device, names, bounds, mass_kg, accuracy, count)
         else:
             measurements = read_measurements(measurements_path, device, mass_kg)
-            told = names_told(device, measurements, names)
+            told = names_told(measurements, names)
             plan = plan_after(fit_device(device, measurements, told, bounds=bounds), accuracy, count)
     show(plan.summary(), as_json, print_plan)
 

@@ -49,9 +49,7 @@ def test_each_actuator_has_its_own_full_scale_unless_it_stood_still() -> None:
     )
     assert max(errors[name] for name in own) < 1e-6
     still = replace(read, amplitude=read.amplitude * [1, 0])
-    assert set(default_names(DEVICE)) - set(names_told(DEVICE, still, default_names(DEVICE))) == {
-        "actuator[2].full_scale"
-    }
+    assert set(default_names(DEVICE)) - set(names_told(still, default_names(DEVICE))) == {"actuator[2].full_scale"}
 
 
 @pytest.mark.parametrize("loss", [Loss.ROBUST, Loss.L1])
@@ -82,7 +80,7 @@ def test_responses_per_newton_give_the_bar_but_no_full_scale(tmp_path: Path) -> 
         found = calibrate(DEVICE, each, starts=1)
         assert max(relative_errors(found, truth).values()) < 1e-3
         assert [a.full_scale_m for a in found.device.actuators] == [a.full_scale_m for a in DEVICE.actuators]
-    assert names_told(DEVICE, read, ["actuator.full_scale"]) == ("actuator.full_scale",)  # asked for, so refused
+    assert names_told(read, ["actuator.full_scale"]) == ("actuator.full_scale",)  # asked for, so refused
     with pytest.raises(MeasurementError, match=r"actuator\.full_scale: changes none of these readings"):
         calibrate(DEVICE, read, ["actuator.full_scale"], starts=1)
 
