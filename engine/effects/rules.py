@@ -12,6 +12,7 @@ from engine.device.toml_table import HIGHEST_LEVEL_DB
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Touch
 
+LOWEST_LEVEL_DB = -20.0  # a change of level may lead below the curve: people differ from it by 8 dB, and more are tried
 FULL_SCALE_DB = math.inf  # the level that stands for as much as full scale gives
 NS_PER_MS = 1_000_000
 
@@ -80,10 +81,10 @@ class Rule:
 
 
 def changed_level(level_db: float | None, change_db: float) -> float | None:
-    """Another level, kept from 0 to HIGHEST_LEVEL_DB; full scale stays, and a pause stays a pause."""
+    """Another level, kept from LOWEST_LEVEL_DB to HIGHEST_LEVEL_DB; full scale stays, and a pause stays a pause."""
     if level_db is None or math.isinf(level_db):
         return level_db
-    return min(max(level_db + change_db, 0.0), HIGHEST_LEVEL_DB)
+    return min(max(level_db + change_db, LOWEST_LEVEL_DB), HIGHEST_LEVEL_DB)
 
 
 @dataclass(frozen=True)

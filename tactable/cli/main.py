@@ -78,6 +78,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "calibrate": Entry(
                 "calibrate", "Fit a device to measured accelerations or modes, measured first if asked to."
             ),
+            "experiment": Entry(
+                "experiment", "Ask a person what is felt, trial by trial, to thresholds with intervals."
+            ),
             "verify": Entry("verify", "Play drives and clicks of a table, and compare a sensor with the promise."),
             "bench": Entry("", "Measure speed on this machine, against floors measured beside it."),
         },

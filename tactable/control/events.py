@@ -14,6 +14,7 @@ from engine.render.board_fit import scales_for
 from engine.render.link_commands import RendererError
 from engine.table import Table
 from engine.touch import Touch
+from firmware_link.protocol.messages import decode_drive
 from tactable.control.promise import Board, promise_of
 
 MATCHED_M = 4e-3  # a finger is the one of a placement if it touches within this distance of it
@@ -78,6 +79,7 @@ class Events:
             "effect": record.effect or None,
             "level_db": None if level_db is None or math.isinf(level_db) else level_db,
             "threshold": self.table.device.threshold.title,
+            "frequencies_hz": self._frequencies_hz(record.drive),
             "is_full_scale": level_db is not None and math.isinf(level_db),
             "sequence": record.drive_sequence,
             "fingers": [],
@@ -89,6 +91,11 @@ class Events:
             for at_m, is_felt in zip(placement.position_m, placement.is_felt, strict=True)
         ]
         return event
+
+    def _frequencies_hz(self, drive: bytes) -> list[float]:
+        """The frequencies of a steady drive, each once; none of a click and of silence."""
+        channels = decode_drive(drive, self.board.frequency_resolution_hz) if drive and self.board else ()
+        return sorted({channel.frequency_hz for channel in channels if channel.amplitude})
 
     def _finger_at(self, at_m: complex) -> int | None:
         near = [(abs(touch.position_m - at_m), touch.contact_id) for touch in self._touches]

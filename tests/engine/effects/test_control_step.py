@@ -230,18 +230,18 @@ def test_the_level_of_the_scene_is_added_to_everything_that_is_played_whoever_as
     assert seen.moments[-1] == (30, "FFFFq", 12.0)
     seen.asks(35, trigger=TriggeredEffect(burst(50.0, 1), 8, contact_id=4, level_change_db=4.0))
     assert seen.moments[-1] == (35, "FFFFF", 46.0)
-    for time_ms, change_db, level_db in ((37, -80.0, 0.0), (38, 80.0, 80.0), (39, 0.0, 20.0)):
+    for time_ms, change_db, level_db in ((37, -80.0, -20.0), (38, 80.0, 80.0), (39, 0.0, 20.0)):
         seen.asks(time_ms, settings=SceneSettings(level_change_db=change_db))
         assert seen.moments[-1] == (time_ms, "FFFFq", level_db)
 
 
 def test_changes_of_a_region_and_of_the_scene_add_up_and_are_bounded_once() -> None:
-    seen = story(replace(region(0, 50, HELD), level_change_db=-30.0))
+    seen = story(replace(region(0, 50, HELD), level_change_db=-50.0))
     seen.at(0, touch(1, 10))
-    assert seen.moments[-1] == (0, "F----", 0.0)
+    assert seen.moments[-1] == (0, "F----", -20.0)
     seen.asks(10, settings=SceneSettings(level_change_db=5.0))
-    assert seen.moments[-1] == (0, "F----", 0.0)  # 20 - 30 + 5, not 0 + 5
-    seen.asks(20, settings=SceneSettings(level_change_db=15.0))
+    assert seen.moments[-1] == (0, "F----", -20.0)  # 20 - 50 + 5, not -20 + 5
+    seen.asks(20, settings=SceneSettings(level_change_db=35.0))
     assert seen.moments[-1] == (20, "F----", 5.0)
 
 

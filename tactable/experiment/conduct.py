@@ -1,0 +1,146 @@
+"""Conducts a session: trial by trial the stage plays, the screen asks, and the answer is written before the next."""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, TypeVar
+
+from tactable.control.client import ClientError
+from tactable.experiment.markers import Mark, no_marks
+from tactable.experiment.session import Role, Session, Trial
+from tactable.experiment.stage import LiveStage
+from tactable.experiment.trial_files import SessionFiles, row_of
+
+_FEEDBACK_S = 1.2
+_MOST_SPOILED = 20  # in a row: then something is wrong that another try does not mend
+Result = TypeVar("Result")
+
+
+class Screen:
+    """What the page shows, and what is answered there; every page that is open shows the same.
+
+    `state` is JSON: its kind, text, choices and progress, and a number, which an answer repeats. It never has a level.
+    """
+
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
+        self.state: dict[str, Any] = {"number": 0, "kind": "wait", "text": "", "choices": [], "done": 0.0, "lit": None}
+        self.stopped = asyncio.Event()
+        self.on_change = on_change
+        self._answer: asyncio.Future[tuple[int, float]] | None = None
+
+    def show(self, kind: str, text: str, choices: tuple[str, ...] = (), **more: Any) -> None:
+        """Show something in place of what was shown."""
+        number = self.state["number"] + 1
+        more = {"lit": None, "intervals": 0, "done": self.state["done"], **more}
+        self.state = {"number": number, "kind": kind, "text": text, "choices": list(choices), **more}
+        self.on_change()
+
+    async def ask(self, kind: str, text: str, choices: tuple[str, ...], **more: Any) -> tuple[int, float]:
+        """Show a question; the index of the choice, and after how many milliseconds by the page's clock."""
+        self._answer = asyncio.get_running_loop().create_future()
+        self.show(kind, text, choices, **more)
+        try:
+            return await self._answer
+        finally:
+            self._answer = None
+
+    def receive(self, message: Mapping[str, Any]) -> None:
+        """Take what a page says. What is no answer to the present question, or comes twice, is passed over."""
+        if message.get("stop") is True:
+            self.stopped.set()
+            return
+        choice, after_ms = message.get("choice"), message.get("after_ms")
+        if self._answer is None or self._answer.done() or message.get("number") != self.state["number"]:
+            return
+        if type(choice) is int and 0 <= choice < len(self.state["choices"]) and type(after_ms) in (int, float):
+            self._answer.set_result((choice, float(after_ms or 0.0)))
+
+
+async def conduct(
+    session: Session, stage: LiveStage, screen: Screen, files: SessionFiles, consent: str, mark: Mark = no_marks
+) -> None:
+    """Ask all trials that are left. Raises ClientError when the run ends or refuses; what was answered is kept."""
+    clock, spoiled, task_shown = asyncio.get_running_loop(), 0, ""
+    started_s = clock.time()
+    screen.state["done"] = session.done / session.total
+    await screen.ask("consent", consent, ("I agree, and begin",))
+    while (trial := session.next_trial()) is not None:
+        if trial.task.name != task_shown:
+            await screen.ask("introduction", introduction(trial), ("Start",))
+            task_shown = trial.task.name
+        mark(f"trial {trial.number + 1} task {trial.task.name} role {trial.role}")
+        onset_s = clock.time() - started_s
+        asked = await _unless_stopped(_one_trial(trial, stage, screen, mark), stage, screen)
+        if asked is None:
+            spoiled += 1
+            if spoiled > _MOST_SPOILED:
+                raise ClientError(
+                    f"{spoiled} trials in a row were not played as asked: see that the fingers rest on their places "
+                    "and that the table is the one that the run plays; then start this command again"
+                )
+            continue
+        spoiled, (columns, answer, after_ms) = 0, asked
+        is_right = session.record(trial, answer)
+        timed = {**columns, "response_ms": round(after_ms, 1), "onset_s": round(onset_s, 3)}
+        files.append(row_of(trial, answer, is_right, timed))
+        mark(f"answer {trial.number + 1} {trial.task.choices[answer]}")
+        screen.state["done"] = session.done / session.total
+        if trial.role is Role.PRACTICE:
+            right = trial.task.choices[trial.side]
+            screen.show("feedback", "Right." if is_right else f"It was: {right}.")
+            await asyncio.sleep(_FEEDBACK_S)
+    screen.show("done", "That was all. Thank you.")
+
+
+def introduction(trial: Trial) -> str:
+    """What the page says before a task."""
+    task, many = trial.task, len(trial.task.position_m) > 1
+    intervals = "Two moments follow each other, marked 1 and 2. " if task.kind.has_intervals else ""
+    question = task.question.format(finger="the finger that is named" if many else "your finger")
+    about = f"{intervals}{question} If you are not sure, guess."
+    practice = f" The first {task.practice} are for practice." if task.practice else ""
+    return f"Rest {'your fingers' if many else 'one finger'} at {task.places_text}. {about}{practice}"
+
+
+async def _one_trial(
+    trial: Trial, stage: LiveStage, screen: Screen, mark: Mark
+) -> tuple[dict[str, Any], int, float] | None:
+    """Play and ask; the columns of what was played, the answer, and its time. None: it was not played as asked."""
+    task = trial.task
+    missing = (
+        f"Rest {'one finger' if len(task.position_m) == 1 else 'your fingers'} at {task.places_text}, and nothing else."
+    )
+    await stage.wait_for_fingers(task, lambda: screen.show("fingers", missing))
+
+    def on_interval(number: int | None) -> None:
+        intervals = 2 if task.kind.has_intervals else 1
+        screen.show("interval", "Feel.", lit=number, intervals=intervals)
+        if number is not None:
+            mark(f"interval {trial.number + 1} {number + 1}")
+
+    try:
+        columns = await stage.play(trial, on_interval)
+    except ClientError:
+        return None
+    if columns is None:
+        return None
+    question = task.question.format(finger=task.finger_name(trial.finger))
+    return columns, *await screen.ask("question", question, task.choices)
+
+
+async def _unless_stopped(work: Coroutine[Any, Any, Result], stage: LiveStage, screen: Screen) -> Result | None:
+    """Do the work; None where the stop button ended it, once the participant goes on."""
+    screen.stopped.clear()
+    working, stopping = asyncio.ensure_future(work), asyncio.ensure_future(screen.stopped.wait())
+    try:
+        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        if not screen.stopped.is_set():
+            return working.result()
+        working.cancel()
+        await asyncio.wait({working})
+        await stage.enable(is_enabled=False)
+        await screen.ask("stopped", "Stopped: nothing plays. Go on only if you like.", ("Go on",))
+        await stage.enable(is_enabled=True)
+        return None
+    finally:
+        working.cancel()
+        stopping.cancel()
