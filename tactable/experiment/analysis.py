@@ -175,7 +175,7 @@ def _track_fit(task: Task, finger: int, rows: Sequence[Row]) -> TrackFit:
         float(others["drift"] @ _DRIFTS_DB),
         bool((ends < _LEAST_AT_EDGE).all()),
         np.array([[db, len(each), np.mean(each)] for db, each in zip(levels_db, of_level, strict=True)]),
-        _median(tests, "frequency_hz"),
+        None if task.kind is Kind.WHICH_FINGER else _median(tests, "frequency_hz"),  # its fingers differ
         _quiet_below(tests),
     )
 

@@ -1,6 +1,7 @@
 """Conducts a session: trial by trial the stage plays, the screen asks, and the answer is written before the next."""
 
 import asyncio
+import math
 from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, TypeVar
 
@@ -48,11 +49,13 @@ class Screen:
         if message.get("stop") is True:
             self.stopped.set()
             return
-        choice, after_ms = message.get("choice"), message.get("after_ms")
+        choice: Any = message.get("choice")
+        after_ms: Any = message.get("after_ms")
         if self._answer is None or self._answer.done() or message.get("number") != self.state["number"]:
             return
-        if type(choice) is int and 0 <= choice < len(self.state["choices"]) and type(after_ms) in (int, float):
-            self._answer.set_result((choice, float(after_ms or 0.0)))
+        is_choice = type(choice) is int and 0 <= choice < len(self.state["choices"])
+        if is_choice and type(after_ms) in (int, float) and 0 <= after_ms < math.inf:
+            self._answer.set_result((choice, float(after_ms)))
 
 
 async def conduct(

@@ -159,7 +159,6 @@ def report_picture(tracks: Sequence[TrackFit], shares: Sequence[ShareFit], title
     down = -(-count // across)
     figure = Figure(figsize=(3.6 * across + 0.6, 3.2 * down + 0.5), layout="constrained")
     panels = figure.subplots(down, across, squeeze=False).ravel()
-    rows = []
     for fit, axes in zip(tracks, panels, strict=False):
         level_db, number, share = fit.stimuli.T
         x = np.linspace(level_db.min(), level_db.max(), 200)
@@ -179,7 +178,6 @@ def report_picture(tracks: Sequence[TrackFit], shares: Sequence[ShareFit], title
         hertz = "" if fit.frequency_hz is None else f", {fit.frequency_hz:.0f} Hz"
         axes.set(xlabel=what, ylabel="right answers", ylim=(-0.03, 1.05))
         axes.set_title(f"{fit.task.name}{finger}{hertz}", fontsize="small")
-        rows += [(fit.task.name, fit.finger, *stimulus) for stimulus in fit.stimuli.tolist()]
     for axes in panels[count:]:
         axes.set_visible(False)
     if shares:
@@ -194,6 +192,4 @@ def report_picture(tracks: Sequence[TrackFit], shares: Sequence[ShareFit], title
         axes.set(ylabel="felt and not felt kept", ylim=(-0.03, 1.05), xlim=(-0.5, len(shares) - 0.5))
         axes.set_title("felt and not felt", fontsize="small")
     figure.suptitle(title, fontsize="medium")
-    columns = zip(*rows, strict=True) if rows else ((),) * 5
-    names = ("task", "finger", "level (dB)", "answers", "share right")
-    return Picture(figure, dict(zip(names, map(list, columns), strict=True)), {}, title)
+    return Picture(figure, {}, {}, title)  # its data are the rows of the CSV file

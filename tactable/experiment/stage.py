@@ -152,13 +152,13 @@ class LiveStage:
         self._required(task.position_m)
         is_told = False
         while True:
+            self._check()
             if self._contacts(task) is None:
                 if not is_told:
                     on_missing()
                 is_told = True
                 self._news.clear()
                 await self._news.wait()
-                self._check()
                 continue
             await asyncio.sleep(_SETTLE_S)
             if self._contacts(task) is not None:

@@ -128,6 +128,19 @@ async def test_a_run_that_never_plays_what_is_asked_ends_with_the_remedy(tmp_pat
 
 
 @on_virtual_time
+async def test_a_run_that_ends_is_said_so_and_answers_are_kept(tmp_path: Path) -> None:
+    def press(screen: Screen) -> dict[str, Any] | None:
+        if screen.state["kind"] == "question":
+            run.say(None)
+        return first(screen)
+
+    run = Run()
+    with pytest.raises(ExperimentError, match="the run has ended: start it again, then this command"):
+        await run_to_end(run, tmp_path, press)
+    assert len((tmp_path / "sub-01_task-x_beh.csv").read_text().splitlines()) == 2
+
+
+@on_virtual_time
 async def test_nothing_is_played_until_both_fingers_rest(tmp_path: Path) -> None:
     run, shown = Run(), []
     run.touches = run.touches[:1]
@@ -166,8 +179,9 @@ async def test_the_page_shows_no_level_and_takes_one_answer_to_the_question_that
             *("number", "kind", "text", "choices", "lit", "intervals"),
             "done",
         }
-        for wrong in ({"number": state["number"] - 1, "choice": 1}, {"number": state["number"], "choice": 7}, {}):
-            screen.receive({**wrong, "after_ms": 1})
+        now = {"number": state["number"], "choice": 1, "after_ms": 1}
+        for wrong in ({"number": now["number"] - 1}, {"choice": 7}, {"choice": True}, {"after_ms": float("nan")}):
+            screen.receive({**now, **wrong})
         return first(screen)
 
     assert {row["answer"] for row in await run_to_end(Run(), tmp_path, press)} == {"first"}
