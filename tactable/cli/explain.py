@@ -48,9 +48,10 @@ def explain(
     level_db = options.read_level(level)
     by_zones = drives is not None and options.read_drives_of(drives) is Drives.ZONES
     if (threshold or force) and (click or by_zones):
+        given = f"--threshold {threshold}" if threshold else f"--force {force}"
         raise options.OptionError(
-            "--threshold or --force: rows and clicks are made for the curve of their table; leave --click and "
-            "--drives out, or build a table with `tactable build DEVICE --threshold CURVE`"
+            f"{given}: rows and clicks are made for the curve of their table; leave --click and --drives out, or build "
+            f"a table with `tactable build DEVICE --threshold {threshold or 'CURVE'}`"
         )
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         placement = options.read_placement(table.device, felt, quiet)
