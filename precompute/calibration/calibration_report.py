@@ -122,7 +122,10 @@ def _pairwise(calibration: Calibration, pairwise: Pairwise) -> dict[str, Any]:
     names = [parameter.name for parameter in calibration.parameters]
     return {
         "average": dict(zip(names, pairwise.average.tolist(), strict=True)),
-        "by_drive": [dict(zip(names, row, strict=True)) for row in pairwise.value.tolist()],
+        "by_drive": [
+            {name: value for name, value in zip(names, row, strict=True) if not math.isnan(value)}
+            for row in pairwise.value.tolist()
+        ],
         "median_misfit": pairwise.typical,
         "total_misfit_m_per_s2": pairwise.total,
         "joint_median_misfit": pairwise.joint_typical,

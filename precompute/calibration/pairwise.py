@@ -6,7 +6,7 @@ import numpy as np
 
 from base.arrays import Array, Complex
 from engine.device import Device
-from precompute.calibration.calibrate import Calibration, pose_fit
+from precompute.calibration.calibrate import Calibration, names_told, pose_fit
 from precompute.calibration.fit import fit
 from precompute.calibration.misfit import Loss
 from precompute.measurements.model import MeasurementModel
@@ -19,6 +19,8 @@ _MOST_DRIVES = 24  # a fit for each: bounds the time of a comparison, whose answ
 @dataclass(frozen=True)
 class Pairwise:
     """Values (drive, parameter) from each drive alone, SI; `average` (parameter,) is the paper's estimate.
+
+    The full scale of an actuator that stands still in a drive is NaN there.
 
     typical, total: median |ln(measured / predicted)| and sum |measured - predicted| in m/s^2 of all rows, for the
     average; `joint_typical`, `joint_total` for the one fit of all drives.
@@ -41,7 +43,7 @@ def fit_pairwise(device: Device, calibration: Calibration) -> Pairwise | None:
     if not 2 <= drives <= _MOST_DRIVES or readings.min() <= len(parameters):
         return None
     values = np.array([_fit_alone(device, measurements.part(drive == i), parameters) for i in range(drives)])
-    average: Array = values.mean(axis=0)
+    average: Array = np.nanmean(values, axis=0)
     model = MeasurementModel(device, measurements, parameters)
     typical, total = _misfit(measurements, np.exp(model.predict(average).log_acceleration))
     joint_typical, joint_total = _misfit(measurements, calibration.predicted)
@@ -49,8 +51,11 @@ def fit_pairwise(device: Device, calibration: Calibration) -> Pairwise | None:
 
 
 def _fit_alone(device: Device, rows: Measurements, parameters: tuple[Parameter, ...]) -> list[float]:
-    found = fit(pose_fit(device, rows, parameters), Loss.L1, starts=1, seed=0)
-    return [p.value_at(x) for p, x in zip(parameters, found.coordinate.tolist(), strict=True)]
+    names = names_told(rows, [parameter.name for parameter in parameters])
+    told = tuple(parameter for parameter in parameters if parameter.name in names)
+    found = fit(pose_fit(device, rows, told), Loss.L1, starts=1, seed=0)
+    value = {p.name: p.value_at(x) for p, x in zip(told, found.coordinate.tolist(), strict=True)}
+    return [value.get(parameter.name, np.nan) for parameter in parameters]
 
 
 def _misfit(measurements: Measurements, predicted: Complex) -> tuple[float, float]:
