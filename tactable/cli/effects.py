@@ -16,32 +16,51 @@ from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
 from engine.effects.files.read import FORMATS, read_effect_file
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
-from tactable.cli.options import AsJson, DeviceArgument, OptionError, PictureOutputs, names_in, read_level
+from tactable.cli.options import AsJson, DeviceArgument, OptionError, names_in, read_level
 from tactable.shipped import find_device, named_effects
 
 _ENDINGS = ", ".join(f".{each}" for each in FORMATS)
-EffectFile = Annotated[Path, Argument(metavar="FILE", help=f"An effect file; ends in {_ENDINGS}.")]
+_WRITTEN = ".hjif"
 FullLevel = Annotated[str, Option("--level", help="Level of the file's greatest intensity, 1, in dB above threshold.")]
 _DEFAULT_LEVEL = f"{FULL_LEVEL_DB:g}"
 _HOLD_MS = 1000  # of a segment without a length, which such a file cannot have
 
 
 def show(
-    path: EffectFile, output: PictureOutputs = None, level: FullLevel = _DEFAULT_LEVEL, as_json: AsJson = False
+    name: Annotated[
+        str, Argument(metavar="EFFECT", help=f"An effect file, {_ENDINGS}; to be written also a named effect.")
+    ],
+    output: Annotated[
+        list[Path] | None, Option("-o", "--output", help="A picture, its data .csv, or .hjif. Repeat for more.")
+    ] = None,
+    level: FullLevel = _DEFAULT_LEVEL,
+    device_name: Annotated[str | None, Option("--device", help="Of a .hjif file: the device that it is for.")] = None,
+    at: Annotated[str | None, Option("--at", help="Of a .hjif file: the place on it, 40mm or 40x60mm.")] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Read an effect file, say of each event whether it is played, and draw it.
+    """Read an effect file, say of each event whether it is played, draw or write it.
 
     An event is kept, changed (in time or length, or interrupted), joined with another event's click, or lost. What no
     event keeps is listed too: the placement of the fingers decides the frequency, and the rules decide the place.
     Exit status 3 says that an event is lost.
+
+    With -o NAME.hjif it is written as an MPEG haptic file; --device and --at add its place and the frequency that moves
+    this place most. A segment that lasts while the finger rests is written with a length of 1 s.
     """
-    full_level_db = _read_level(level)
+    written = [path for path in output or [] if path.suffix.lower() == _WRITTEN]
+    for path in written:
+        _write_hjif(path, name, level, device_name, at)
+    if (device_name or at) and not written:
+        raise OptionError(f"--device and --at are of a file that is written: add -o NAME{_WRITTEN}")
+    if written and written == output:
+        return
+    full_level_db, path = _read_level(level), Path(name)
     converted = read_effect_file(path, path.stem, full_level_db)
     if output:
         from tactable.figures.effect_file import plot_effect_file
         from tactable.figures.picture_file import outputs_of, write_outputs
 
-        outputs = outputs_of(output)
+        outputs = outputs_of([path for path in output if path not in written])
         write_outputs(plot_effect_file(converted, full_level_db), outputs)
     if as_json:
         print_json(_plain(converted, full_level_db))
@@ -51,22 +70,9 @@ def show(
         raise typer.Exit(EXIT_DOUBTFUL)
 
 
-def export(
-    name: Annotated[str, Argument(metavar="EFFECT", help="A named effect such as press, or an effect file.")],
-    path: Annotated[Path, Option("-o", "--output", help="The file to write; ends in .hjif.")],
-    device_name: Annotated[str | None, Option("--device", help="The device that it is for.")] = None,
-    at: Annotated[str | None, Option("--at", help="The place on it: 40mm, or 40x60mm.")] = None,
-    level: FullLevel = _DEFAULT_LEVEL,
-) -> None:
-    """Write an effect as an MPEG haptic file (.hjif).
-
-    With --device and --at its place and the frequency that moves this place most are in it. A segment that lasts while
-    the finger rests is written with a length of 1 s.
-    """
+def _write_hjif(path: Path, name: str, level: str, device_name: str | None, at: str | None) -> None:
     from engine.effects.files.hjif_out import encode_hjif
 
-    if path.suffix.lower() != ".hjif":
-        raise OptionError(f"--output {path}: expected a name that ends in .hjif; no other format is written")
     if (device_name is None) != (at is None):
         raise OptionError("--device and --at go together, such as --device reference-a --at 40mm")
     effect, full_level_db = _effect(name, level), _read_level(level)

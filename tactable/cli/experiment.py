@@ -40,7 +40,6 @@ def experiment(
     demo: Annotated[bool, Option("--demo", help="Play on a simulated device, on which two fingers rest.")] = False,
     control_socket: options.ControlSocket = None,
     host: Annotated[str, Option(help="Bind the page to this address, to answer on a phone.")] = "127.0.0.1",
-    lsl: Annotated[bool, Option("--lsl", help="Send markers over the Lab Streaming Layer.")] = False,
 ) -> None:
     """Ask a person what is felt, trial by trial, to thresholds with intervals.
 
@@ -78,7 +77,7 @@ def experiment(
         elif session.done < session.total:
             from tactable.experiment.markers import no_marks, open_stream
 
-            mark = open_stream(protocol.name, participant) if lsl else no_marks
+            mark = open_stream(protocol.name, participant) if protocol.has_markers else no_marks
             try:
                 asyncio.run(_ask((protocol, table, session, files), consent, mark, host, control_socket, demo))
             except KeyboardInterrupt:

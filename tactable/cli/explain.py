@@ -29,8 +29,7 @@ def explain(
     felt: options.FeltFingers,
     quiet: options.QuietFingers = "",
     level: options.Level = f"{DEFAULT_LEVEL_DB:g}",
-    threshold: options.ThresholdCurve = None,
-    force: options.PressingForce = None,
+    threshold: options.PressedThreshold = None,
     alternatives: Annotated[bool, Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, Option("--click", help="Explain the click, not the steady drive.")] = False,
     summation: Annotated[
@@ -42,16 +41,15 @@ def explain(
     """Explain what is played for some fingers, and why others lost.
 
     It says what is played, what every finger feels, and how that varies over sampled bars and fingers. A zone's name
-    means its middle. --drives zones: the row of the sweep. With --threshold, or --force, a steady drive is solved for a
-    person of that curve, who presses so; clicks and rows need a table that is built for it.
+    means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person
+    of that curve, who presses so; clicks and rows need a table that is built for it.
     """
     level_db = options.read_level(level)
     by_zones = drives is not None and options.read_drives_of(drives) is Drives.ZONES
-    if (threshold or force) and (click or by_zones):
-        given = f"--threshold {threshold}" if threshold else f"--force {force}"
+    if threshold is not None and (click or by_zones):
         raise options.OptionError(
-            f"{given}: rows and clicks are made for the curve of their table; leave --click and --drives out, or build "
-            f"a table with `tactable build DEVICE --threshold {threshold or 'CURVE'}`"
+            f"--threshold {threshold}: rows and clicks are made for the curve of their table; leave --click and "
+            f"--drives out, or build a table with `tactable build DEVICE --threshold {threshold.partition(',')[0]}`"
         )
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         placement = options.read_placement(table.device, felt, quiet)
@@ -60,7 +58,7 @@ def explain(
         elif by_zones:
             _explain_row(table, placement, level_db, as_json)
         else:
-            device = options.with_threshold(table.device, threshold, force)
+            device = options.with_pressing(table.device, threshold)
             _explain_drive(table, device, placement, level_db, as_json)
 
 

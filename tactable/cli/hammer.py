@@ -9,17 +9,21 @@ import numpy as np
 from base.files import write_text
 from base.points import point_text
 from engine.device import Device
-from engine.device.quantity import QuantityError, read_point_on
+from engine.device.quantity import QuantityError, read_words
 from precompute.measurements.parameters import with_changes
 from precompute.measurements.simulate import even_places
+from precompute.measurements.types import is_outside
 from tactable.cli import options
 from tactable.cli.console import note, say, show
 from tactable.cli.measure import ask
 from tactable.measure.apparatus import ApparatusOptions
-from tactable.measure.hammer import HammerOptions, open_taps, responses_text, tap_places
 from tactable.measure.sensor import FORCE, REFERENCE
-from tactable.measure.tap_bench import TapBench
-from tactable.measure.taps import Tap
+from tactable.measure.tapping.hammer import HammerOptions, open_taps, responses_text, tap_places
+from tactable.measure.tapping.tap_bench import TapBench
+from tactable.measure.tapping.taps import Tap
+
+_WORDS = {"at": ("fixed_m", "point"), "taps": ("taps", "number"), "pause": ("pause_s", "s")}
+_MOST_TAPS, _LONGEST_PAUSE_S = 100, 600.0
 
 
 def tap_surface(
@@ -27,23 +31,16 @@ def tap_surface(
     output: Path,
     modes: Path | None,
     bench: ApparatusOptions,
-    where: dict[str, Any],
+    places: int,
+    spec: str,
     frequency_hz: list[float] | None,
     as_json: bool,
 ) -> None:
-    """Take taps and write what they show; `where` has the options --places, --sensor-at, --taps and --pause."""
+    """Take taps at so many places and write what they show; `spec` is the text of --hammer."""
     hz = device.sweep.frequency_hz if frequency_hz is None else np.array(frequency_hz)
     if any(path.suffix != ".csv" for path in (output, modes) if path is not None) or len(hz) < 2:
         raise options.OptionError("--hammer: give files that end in .csv, and --frequencies a range such as 60:300:1")
-    try:
-        fixed_m = read_point_on(where["sensor_at"], device.surface.corner_m)
-    except QuantityError as wrong:
-        raise options.OptionError(f"--sensor-at: {wrong}") from None
-    places_m, pause_s = (
-        even_places(device, where["places"]).tolist(),
-        options.read_option("--pause", where["pause"], "s"),
-    )
-    chosen = HammerOptions(tuple(places_m), fixed_m, where["taps"], pause_s, bench.sensor_mass_kg)
+    chosen = _read_spec(spec, device, tuple(even_places(device, places).tolist()), bench.sensor_mass_kg)
 
     def tell(at_m: complex, taps: Sequence[Tap]) -> None:
         for tap in taps:
@@ -53,7 +50,7 @@ def tap_surface(
     made = None
     if bench.is_simulated:
         true = with_changes(device, bench.changes)
-        made = TapBench(true, bench.flaws, bench.seed, fixed_m, bench.sensor_mass_kg)
+        made = TapBench(true, bench.flaws, bench.seed, chosen.fixed_m, bench.sensor_mass_kg)
     with open_taps(device, bench.sensor, chosen, made, ask) as (form, record):
         if modes is not None and FORCE not in form.channels:
             raise options.OptionError(f"--modes {modes}: without a force channel {output} has the modes; leave it out")
@@ -79,3 +76,17 @@ def tap_surface(
             lines += ["no force channel and no reference: modes have frequencies and damping ratios, and no shapes"]
     lines += [f"written: {', '.join(written)}"]
     show(summary | {"output": written}, as_json, lambda *_: say("\n".join(lines)))
+
+
+def _read_spec(spec: str, device: Device, places_m: tuple[complex, ...], mass_kg: float) -> HammerOptions:
+    """The text of --hammer, such as "at=25mm,taps=3,pause=4s". Raises OptionError."""
+    try:
+        found = {"taps": 3.0, "pause_s": 4.0} | read_words(spec, _WORDS)
+    except QuantityError as wrong:
+        raise options.OptionError(f"--hammer: {wrong}; expected such as at=25mm,taps=3,pause=4s") from None
+    taps, pause_s, fixed_m = round(found["taps"]), found["pause_s"], found.get("fixed_m")
+    if fixed_m is None or is_outside(np.array([fixed_m]), device.surface.corner_m).any():
+        raise options.OptionError(f"--hammer {spec!r}: expected at=PLACE, the place of what stays on {device.name}")
+    if not (1 <= taps <= _MOST_TAPS and 0 < pause_s <= _LONGEST_PAUSE_S):
+        raise options.OptionError(f"--hammer {spec!r}: expected 1 to {_MOST_TAPS} taps, {_LONGEST_PAUSE_S:g} s at most")
+    return HammerOptions(places_m, fixed_m, taps, pause_s, mass_kg)

@@ -100,8 +100,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
     },
     "effects": {
         "Effect files": {
-            "show": Entry("effects:show", "Read an effect file, say of each event whether it is played, and draw it."),
-            "export": Entry("effects:export", "Write an effect as an MPEG haptic file (.hjif)."),
+            "show": Entry(
+                "effects:show", "Read an effect file, say of each event whether it is played, draw or write it."
+            ),
             "curve": Entry("effects:curve", "Write the greatest acceleration of places by frequency, as for Android."),
         }
     },

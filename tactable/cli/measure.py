@@ -72,15 +72,13 @@ def measure(
     seed: Seed = 0,
     bit_rate_hz: options.BitRate = BIT_RATE_HZ,
     hammer: Annotated[
-        bool,
+        str | None,
         Option(
-            "--hammer",
-            help="Tap the surface in place of driving it: channels acceleration, force (docs/calibration.md).",
+            metavar="SPEC",
+            help="Tap in place of driving, as at=25mm,taps=3,pause=4s: the place of what stays, the sensor or the "
+            "reference, taps at each place, and the time for each.",
         ),
-    ] = False,
-    sensor_at: Annotated[str, Option(help="With --hammer: place of what stays, the sensor or the reference.")] = "10 %",
-    taps: Annotated[int, Option(min=1, max=100, help="With --hammer: taps at each place.")] = 3,
-    pause: Annotated[str, Option(help="With --hammer: time for each tap, until the surface is still.")] = "4 s",
+    ] = None,
     modes: Annotated[Path | None, Option(help="With --hammer: also write the modes with their shapes: .csv.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -101,18 +99,17 @@ def measure(
     from tactable.measure.walk import Methods, RawFolder, even_walk, measure_walk, named_method, planned_walk
 
     device, mass_kg = find_device(device_name), options.read_option("--sensor-mass", sensor_mass, "kg")
-    options.need_switch(context, "--hammer", hammer, "sensor_at", "taps", "pause", "modes")
-    if hammer:
+    options.need_switch(context, "--hammer", hammer is not None, "modes")
+    if hammer is not None:
         from tactable.cli.hammer import tap_surface
 
         if len(output) > 1 or port_name or peaks or transfer:
             raise options.OptionError(
                 "--hammer drives nothing and writes one -o FILE; leave --port and other files out"
             )
-        where = {"places": places, "sensor_at": sensor_at, "taps": taps, "pause": pause}
         named = ApparatusOptions(sensor_path, sensor_path, 1.0, bit_rate_hz, mass_kg)
         bench = with_simulation(device, named, flaws, change, seed)
-        tap_surface(device, output[0], modes, bench, where, read_grid(frequencies), as_json)
+        tap_surface(device, output[0], modes, bench, places, hammer, read_grid(frequencies), as_json)
         return
     if not port_name:
         raise options.OptionError("--port is missing: give the board's port or `simulated`, or tap with --hammer")

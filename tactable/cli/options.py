@@ -33,9 +33,9 @@ ThresholdCurve = Annotated[
     str | None,
     Option("--threshold", metavar="CURVE", help="Threshold curve in place of the device's: shipped, or a TOML file."),
 ]
-PressingForce = Annotated[
+PressedThreshold = Annotated[
     str | None,
-    Option("--force", help="Force with which the fingers press, such as 5 N; default: the curve's, assumed."),
+    Option("--threshold", metavar="CURVE", help="Threshold curve in place of the device's; 'CURVE, 8 N' pressed so."),
 ]
 PictureOutputs = Annotated[
     list[Path] | None,
@@ -151,14 +151,19 @@ def read_drives_of(text: str | None) -> "Drives":
     return Drives.POSITIONS if text is None else read_choice("--drives", text, Drives)
 
 
-def with_threshold(device: "Device", curve: str | None, force: str | None = None) -> "Device":
-    """The device with the curve of --threshold, at --force; None: its own. Raises DeviceError, OptionError."""
-    if curve is not None:
-        device = device.with_threshold(Path(curve) if curve.endswith(".toml") else curve)
-    if force is None:
-        return device
-    if not (force_n := read_option("--force", force, "N")):
-        raise OptionError(f"--force {force!r}: expected more than 0 N")
+def with_threshold(device: "Device", text: str | None) -> "Device":
+    """The device with the curve of --threshold; None: its own. Raises DeviceError."""
+    return device if text is None else device.with_threshold(Path(text) if text.endswith(".toml") else text)
+
+
+def with_pressing(device: "Device", text: str | None) -> "Device":
+    """As `with_threshold`, of a text that may end in a pressing force: "CURVE, 8 N". Raises OptionError as well."""
+    curve, comma, force = (text or "").rpartition(",")
+    if not comma:
+        return with_threshold(device, text)
+    if not (force_n := read_option("--threshold", force.strip(), "N")):
+        raise OptionError(f"--threshold {text!r}: expected a force of more than 0 N, such as '{curve}, 8 N'")
+    device = with_threshold(device, curve.strip())
     return replace(device, threshold=device.threshold.at_force(force_n))
 
 

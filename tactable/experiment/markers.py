@@ -16,6 +16,8 @@ def open_stream(name: str, participant: str) -> Mark:
     try:
         from pylsl import StreamInfo, StreamOutlet
     except (ImportError, RuntimeError) as error:
-        raise ExperimentError(f"--lsl: pylsl cannot be used here ({error}): pip install 'tactable[lsl]'") from None
+        raise ExperimentError(
+            f"markers = 'lsl': pylsl cannot be used here ({error}): pip install 'tactable[lsl]'"
+        ) from None
     outlet = StreamOutlet(StreamInfo(name, "Markers", 1, 0, "string", f"tactable-{name}-{participant}"))
     return lambda text: outlet.push_sample([text])

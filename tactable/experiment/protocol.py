@@ -94,13 +94,17 @@ class Task:
 
 @dataclass(frozen=True)
 class Protocol:
-    """Tasks, in the order of the file or, where `is_shuffled`, in one that the seed draws for each participant."""
+    """Tasks, in the order of the file or, where `is_shuffled`, in one that the seed draws for each participant.
+
+    has_markers: whether trials are told over the Lab Streaming Layer.
+    """
 
     name: str
     title: str
     seed: int
     is_shuffled: bool
     tasks: tuple[Task, ...]
+    has_markers: bool = False
 
 
 class _ProtocolTable(TomlTable):
@@ -150,6 +154,7 @@ def parse_protocol(text: str, source: str, device: Device) -> Protocol:
         part.integer("seed", 0, 1 << 31, 0),
         part.word("order", ("stated", "shuffled"), "stated") == "shuffled",
         tuple(_task_of(each, device) for each in tables),
+        part.word("markers", ("none", "lsl"), "none") == "lsl",
     )
     part.refuse_rest()
     names = [task.name for task in found.tasks]

@@ -55,7 +55,11 @@ class _Slot(NamedTuple):
 
 
 def stimulus_axis(task: Task, level_db: float) -> float:
-    """Where a level lies on the axis of the psychometric function: differences on a logarithmic one, as 0 is none."""
+    """The psychometric function's argument for a level, in dB.
+
+    A level is its own argument. The difference of a discrimination is one on a logarithmic scale, 20 log10, since it
+    is always above 0.
+    """
     return 20 * math.log10(level_db) if task.kind is Kind.DISCRIMINATION else level_db
 
 

@@ -24,7 +24,10 @@ _SPREAD = ("nominal", "5 %", "50 %", "95 %", "worst")
 
 @dataclass(frozen=True)
 class _Asked(ABC):
-    """A drive or click, with the finger positions that were asked for and its table; without a table that is None."""
+    """A drive or click and the finger positions that it was asked for.
+
+    table: where it was looked up; None where it was solved from a device alone.
+    """
 
     device: Device = field(kw_only=True, repr=False)
     asked: Placement = field(kw_only=True)

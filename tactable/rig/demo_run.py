@@ -78,7 +78,7 @@ def table_for(device: Device, path: Path, progress: Progress) -> Table:
 
 
 def table_at(device: Device, path: Path, progress: Progress, *, is_outdated: bool = False) -> Table:
-    """Open the table of `device` at `path`; where there is none, or it is outdated, build one with few clicks first."""
+    """Open the table of `device` at `path`. One that is missing or outdated is built first, with few clicks."""
     if is_outdated or not path.exists():
         build_table(device, path, click_options=early_options(), workers=available_cores(), progress=progress)
     return Table.open(path, device=device, verify=False)

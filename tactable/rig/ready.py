@@ -84,7 +84,10 @@ def open_cached(device: Device, path: Path) -> Table | None:
 
 
 def open_shipped(device: Device, path: Path) -> Table | None:
-    """The shipped table of a device, unpacked beside `path`; None where there is none of this device and format."""
+    """Open the shipped table of a device, which is unpacked beside `path` first.
+
+    None: no table is shipped for this device, or it has another format.
+    """
     packed = packed_path(device.name)
     if not packed.is_file():
         return None

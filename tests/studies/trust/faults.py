@@ -37,7 +37,7 @@ WRITERS = {
     "--sensor simulated --places 2 --frequencies 100",
     "verify": "verify {inputs}/table.nc --port simulated --sensor simulated --placements 1 --places 2 "
     "-o {out}/verified.png -o {out}/verified.csv",
-    "effects": "effects export click -o {out}/click.hjif",
+    "effects": "effects show click -o {out}/click.hjif",
     "record": "record simulated -o {out}/touches.hid --seconds 0.2",
     "fleet": "fleet {inputs}/bars -o {out}/fleet --clicks-up-to 0",
 }

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner, Result
 
+from base.errors import TactableError
 from engine.effects.rules import EffectError
 from precompute.model.assembly import assemble
 from precompute.studies.reach_along import compute_reach
@@ -37,16 +38,18 @@ def test_each_event_is_told_with_what_becomes_of_it(tmp_path: Path) -> None:
 
 def test_an_effect_is_written_with_the_frequency_of_its_place(tmp_path: Path) -> None:
     path = tmp_path / "error.hjif"
-    assert run("export", "error", "-o", str(path), "--device", "reference-a", "--at", "40mm").exit_code == 0
+    assert run("show", "error", "-o", str(path), "--device", "reference-a", "--at", "40mm").exit_code == 0
     (perception,) = json.loads(path.read_text(encoding="utf-8"))["perceptions"]
     (device,) = perception["reference_devices"]
     frame = perception["channels"][0]["bands"][0]["effects"][0]["keyframes"][0]
     assert frame["frequency_modulation"] == round(device["resonance_frequency"]) and frame["frequency_modulation"] >= 60
     assert run("show", str(path)).exit_code == 0
-    for words in (["error", "-o", "x.ahap"], ["error", "-o", "x.hjif", "--at", "4mm"]):
-        assert isinstance(run("export", *words).exception, OptionError)
+    knock = str(FILES / "knock.ahap")
+    for words in (["error", "-o", "x.hjif", "--at", "4mm"], [knock, "--device", "reference-a", "--at", "4mm"]):
+        assert isinstance(run("show", *words).exception, OptionError)
+    assert isinstance(run("show", knock, "-o", "x.ahap").exception, TactableError)
     assert not (tmp_path / "x.hjif").exists()
-    unknown = run("export", "nothing", "-o", str(path)).exception
+    unknown = run("show", "nothing", "-o", str(path)).exception
     assert isinstance(unknown, EffectError) and "is neither an effect file nor a named effect" in str(unknown)
 
 

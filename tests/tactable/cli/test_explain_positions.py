@@ -99,8 +99,10 @@ def test_a_persons_curve_solves_the_drive_for_that_person(click_table: Path, tol
 
 def test_a_harder_finger_and_temporal_summation_are_asked_for_and_said(told: Any, page: Any) -> None:
     words = (*WORDS, "--level", "6")
-    assert "at 2 N (assumed)" in page(*words) and "at 8 N," in page(*words, "--force", "8 N")
-    soft, hard = (told(*words, "--force", force)["drive"]["amplitudes"] for force in ("2 N", "8 N"))
+    assert "at 2 N (assumed)" in page(*words) and "at 8 N," in page(*words, "--threshold", "oh-choi-2019, 8 N")
+    soft, hard = (
+        told(*words, "--threshold", f"oh-choi-2019, {force}")["drive"]["amplitudes"] for force in ("2 N", "8 N")
+    )
     assert max(hard) != pytest.approx(max(soft), rel=0.05)
     peaks, summed = (told(*WORDS, "--click", "--summation", name) for name in ("none", "zwislocki-1960"))
     assert (peaks["temporal_summation"], summed["temporal_summation"]) == ("none", "zwislocki-1960")

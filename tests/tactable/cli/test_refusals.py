@@ -38,7 +38,7 @@ REFUSED = [
     ("plot reach bar.nc -o reach.png", "is a table of", "give the device file"),
     ("explain bar.nc --felt I --level nan", "--level", "0 to 80 dB"),
     ("explain bar.nc --felt I --drives zones --threshold android", "tactable build DEVICE --threshold android"),
-    ("explain bar.nc --felt I --click --force 8N", "--force 8N", "leave --click"),
+    ("explain bar.nc --felt I --click --threshold android,8N", "--threshold android,8N", "leave --click"),
     ("fleet bars -o bars", "choose another folder"),
     ("fleet bars -o out --workers 2 --scheduler tcp://127.0.0.1:1", "--scheduler"),
     ("replay bar.toml", "bar.toml"),

@@ -15,7 +15,7 @@ from tactable.cli import start
 from tactable.cli.main import COMMANDS, app, load_command
 from tests.tactable.cli.in_process import run_here
 
-MOST_COMMANDS, MOST_OPTIONS = 41, 290
+MOST_COMMANDS, MOST_OPTIONS = 40, 280
 HEAVY = {"h5netcdf", "matplotlib", "numba", "numpy", "pint", "precompute", "scipy", "xarray"}
 LIGHT = (["--help"], ["--version"], ["plot", "-h"], ["list", "--help"], ["list"], ["list", "--json"])
 IMPORTED = """

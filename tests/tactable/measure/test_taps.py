@@ -11,12 +11,12 @@ from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.model.modes import compute_modes
-from tactable.measure.hammer import HammerOptions, Tapped, responses_text
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, REFERENCE, SensorError, SensorForm
 from tactable.measure.simulated_bench import ConverterFlaws
-from tactable.measure.tap_bench import RATE_HZ, TapBench
-from tactable.measure.taps import Tap, TapFault, find_taps, response_of
+from tactable.measure.tapping.hammer import HammerOptions, Tapped, responses_text
+from tactable.measure.tapping.tap_bench import RATE_HZ, TapBench
+from tactable.measure.tapping.taps import Tap, TapFault, find_taps, response_of
 from tests.precompute.devices import shipped
 from tests.tactable.cli.in_process import run_here
 
@@ -129,7 +129,7 @@ def test_the_command_reads_samples_and_a_wav_file_and_refuses_what_does_not_fit(
     raw = write_header(bench().form) + values.astype("<f4").tobytes()
     (tmp_path / "taps.samples").write_bytes(raw)
     wavfile.write(tmp_path / "taps.wav", round(RATE_HZ), (values / [2000, 2] * 2**31).astype(np.int32))
-    words = ("--hammer", "--places", "2", "--taps", "2", "--sensor-at", "25mm", "--sensor-mass", "0 g")
+    words = ("--hammer", "at=25mm,taps=2", "--places", "2", "--sensor-mass", "0 g")
     wav = "audio:taps.wav,acceleration=1,scale=2000 m/s^2,force=2,force_scale=2 N"
     for name, sensor in (("a.csv", "taps.samples"), ("b.csv", wav)):
         done = run_here(tmp_path, "measure", "reference-a", "-o", name, "--sensor", sensor, *words)
@@ -139,12 +139,18 @@ def test_the_command_reads_samples_and_a_wav_file_and_refuses_what_does_not_fit(
     np.testing.assert_allclose(one.acceleration, other.acceleration, rtol=1e-3)
     short = wav.partition(",force")[0]
     for sensor, more, part in (
-        (wav, ("--taps", "3"), "has 4 taps, at 0.20, 3.70, 7.40, 10.90 s; expected 6: 3 at each of 2 places"),
+        (
+            wav,
+            ("--hammer", "at=25mm,taps=3"),
+            "has 4 taps, at 0.20, 3.70, 7.40, 10.90 s; expected 6: 3 at each of 2 places",
+        ),
         (wav.replace("force=2", "force=3"), (), "has 2 channels, and the text names channel 3"),
         (short + ",force=2", (), "force_scale is missing"),
         (short, ("--modes", "m.csv"), "leave it out"),
         (wav, ("--port", "simulated"), "drives nothing"),
-        (wav, ("--sensor-at", "30 s"), "--sensor-at: "),
+        (wav, ("--hammer", "at=30 s"), "--hammer: at: "),
+        (wav, ("--hammer", "taps=3"), "--hammer 'taps=3': "),
+        (wav, ("--hammer", "at=25mm,taps=0"), "1 to 100 taps"),
         (wav, ("--frequencies", "100"), "a range such as"),
     ):
         done = run_here(tmp_path, "measure", "reference-a", "-o", "c.csv", "--sensor", sensor, *words, *more)
@@ -154,5 +160,5 @@ def test_the_command_reads_samples_and_a_wav_file_and_refuses_what_does_not_fit(
     assert done.returncode == 0 and "no shapes" in done.stdout, done.stderr
     done = run_here(tmp_path, "measure", "reference-a", "-o", "d.csv", "--sensor", "simulated")
     assert done.returncode == 1 and "--port is missing" in done.stderr
-    done = run_here(tmp_path, "measure", "reference-a", "-o", "d.csv", "--sensor", "simulated", "--taps", "3")
+    done = run_here(tmp_path, "measure", "reference-a", "-o", "d.csv", "--sensor", "simulated", "--modes", "m.csv")
     assert done.returncode == 1 and "give --hammer too" in done.stderr

@@ -26,8 +26,8 @@ from tactable.measure.audio_sensor import AudioSensor
 from tactable.measure.recorder import PATIENCE_NS
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import ACCELERATION, FORCE, REFERENCE, Sensor, SensorError, SensorForm
-from tactable.measure.tap_bench import TapBench
-from tactable.measure.taps import Tap, decay_of, find_taps, response_of
+from tactable.measure.tapping.tap_bench import TapBench
+from tactable.measure.tapping.taps import Tap, decay_of, find_taps, response_of
 
 _ROUNDS = 3  # in which a place may give its taps
 _PICKED_LINES = 480  # of a decay: enough for two dozen modes, and a fit of seconds
@@ -143,7 +143,7 @@ def open_taps(
             times = ", ".join(f"{tap.time_s:.2f}" for tap in left[:40])
             raise SensorError(
                 f"{sensor}: has {len(left)} taps, at {times} s; expected {wanted}: {options.taps} at each of "
-                f"{len(options.places_m)} places. Give --taps and --places that fit, or cut the recording"
+                f"{len(options.places_m)} places. Give taps in --hammer and --places that fit, or cut the recording"
             )
         yield form, lambda _: ([left.pop(0) for _ in range(options.taps)], False)
     else:
