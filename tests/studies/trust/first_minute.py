@@ -1,7 +1,7 @@
 """Processor time of a demo's page from its start to its first picture, its first click and the table built here.
 
-`python -m tests.studies.trust.first_minute [DEVICE] [--with-kernels]` runs `tactable demo` with empty caches, or with the
-kernels that this checkout has compiled before. All processes of the demo count. The build begins once the page plays,
+`python -m tests.studies.trust.first_minute [DEVICE] [--with-kernels]` runs `tactable demo` with empty caches, or with
+the kernels that this checkout has compiled before. All processes of the demo count. The build begins once the page plays,
 and counts too.
 """
 
@@ -51,7 +51,7 @@ async def _watch(address: str, demo: int) -> None:
         if what not in told:
             told.add(what)
             took = f"{processor_s(demo):6.1f} s of processor time, {time.monotonic() - start_s:6.1f} s"
-            print(f"{took}  {what}", flush=True)  # noqa: T201  # it reports
+            print(f"{took}  {what}", flush=True)
 
     async with websockets.connect(url, origin=origin) as socket:
         plays = False
@@ -97,7 +97,7 @@ def main(device: str, *, with_kernels: bool) -> None:
         ) as demo:
             assert demo.stderr is not None
             url = next(word for word in demo.stderr.readline().split() if word.startswith("http"))
-            print(f"{processor_s(demo.pid):6.1f} s of processor time           address")  # noqa: T201
+            print(f"{processor_s(demo.pid):6.1f} s of processor time           address")
             try:
                 asyncio.run(_watch(url, demo.pid))
             finally:
