@@ -1,8 +1,8 @@
 """Processor time of a demo's page from its start to its first picture, its first click and the table built here.
 
 `python -m tests.studies.trust.first_minute [DEVICE] [--with-kernels]` runs `tactable demo` with empty caches, or with
-the kernels that this checkout has compiled before. All processes of the demo count. The build begins once the page plays,
-and counts too.
+the kernels that this checkout has compiled before. All processes of the demo count. The build begins once the page
+plays, and counts too.
 """
 
 import argparse
