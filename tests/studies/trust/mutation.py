@@ -44,6 +44,7 @@ _PYTEST = (
     *("-k", "not undefined", "-m", "not machine"),
     *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # hypothesis is imported before
 )
+TOLD = "told.log"  # in a tree: what the last tests printed
 _OURS = ("tests", "tactable", "precompute", "engine", "firmware_link", "base")
 _FORKS = multiprocessing.get_context("forkserver")
 _PRELOADED = ["pytest", "xdist", "hypothesis", "numpy", "numpy.random", "numpy.testing", "h5py", "h5netcdf", "anyio"]
@@ -193,9 +194,10 @@ def _test(folder: Path, tests: tuple[str, ...], variables: dict[str, str]) -> No
 
     os.setsid()
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    for descriptor in range(3):
-        os.dup2(nowhere, descriptor)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    told = os.open(folder / TOLD, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for descriptor in (1, 2):
+        os.dup2(told, descriptor)
     for name in [name for name in sys.modules if name.split(".")[0] in _OURS]:
         del sys.modules[name]
     os.chdir(folder)
@@ -263,8 +265,9 @@ def _baseline_s(suite: tuple[tuple[str, ...], bool], trees: "queue.Queue[Tree]")
     path = next(path for path, tests in TESTS.items() if (tests, path.endswith(".c")) == suite)
     tree, begin_s = trees.get(), time.monotonic()
     outcome = tree.run_tests(path)
+    told = (tree.folder / TOLD).read_text(encoding="utf-8", errors="replace")
     trees.put(tree)
-    assert outcome == "survived", f"{path}: its tests fail without a mutant"
+    assert outcome == "survived", f"{path}: its tests fail without a mutant ({outcome}):\n{told[-4000:]}"
     return 30 + 5 * (time.monotonic() - begin_s)
 
 
