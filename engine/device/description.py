@@ -18,6 +18,7 @@ _WIDEST_SPREAD = 0.2  # standard deviation of a stiffness or a mass: five of the
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
+PEOPLE = "people"  # in place of a fraction: fingers vary as people's do
 KINDS = ("grounded", "inertial")  # of actuators: what their spring and damper stand on, the ground or a moving mass
 MOST_ACTUATORS = 16  # more than any known bar has; a transfer function is fitted to points in up to 50 ms
 MOST_TRANSFER_POINTS = 1000  # of all actuators: four, at each hertz from 60 to 300 Hz; one fit to all takes 0.25 s
@@ -262,20 +263,34 @@ def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> N
 
 
 def read_spread(part: DeviceTable) -> Spread:
-    """The table [spread]."""
+    """The table [spread]; what it leaves out is as in the set "bench"."""
+    name = part.name("name") if "name" in part.left else "" if part.left else "bench"
+    part.known.append("name")
+    part.sentence("source")
     part.assume("stiffness", "mass", "finger", "finger_position")
 
-    def fraction(key: str, default: str, below: float) -> float:
+    def fraction(key: str, default: str, below: float = _WIDEST_SPREAD) -> float:
         value = part.quantity(key, "", default=default)
         if value >= below:
             raise part.error(key, f"{100 * value:g} %", f"expected less than {100 * below:g} %")
         return value
 
+    finger = None
+    if part.left.get("finger") == PEOPLE:
+        part.take_value("finger")
+    else:
+        finger = fraction("finger", "30 %", 1.0)
     return Spread(
-        stiffness=fraction("stiffness", "1 %", _WIDEST_SPREAD),
-        mass=fraction("mass", "1 %", _WIDEST_SPREAD),
-        finger=fraction("finger", "30 %", 1.0),
-        finger_position_m=part.quantity("finger_position", "m", default="4 mm"),
+        name=name,
+        stiffness=fraction("stiffness", "1 %"),
+        mass=fraction("mass", "1 %"),
+        length=fraction("length", "0 %"),
+        damping=fraction("damping", "0 %", 1.0),
+        gain=fraction("gain", "0 %"),
+        delay_s=part.quantity("delay", "s", default="0 s"),
+        finger=finger,
+        finger_position_m=part.quantity("finger_position", "m", default="1 mm"),
+        speed_m_per_s=part.quantity("speed", "m/s", default="0 m/s"),
     )
 
 

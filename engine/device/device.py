@@ -4,7 +4,8 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from engine.device.description import (
     read_sweep,
 )
 from engine.device.finger import FingerOrigin, read_finger
-from engine.device.named_files import names_files, text_with_threshold, with_files_inside
+from engine.device.named_files import names_files, shipped_names, shipped_path, text_with_threshold, with_files_inside
 from engine.device.parts import (
     Actuator,
     Bar,
@@ -114,7 +115,7 @@ class Device:
             zone_hysteresis_m=zone_hysteresis_m,
             finger=finger,
             finger_origin=finger_origin,
-            spread=top.section("spread", read_spread, default={}),
+            spread=_named_truly(top.section("spread", read_spread, default={})),
             touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, surface), default={}),
             sweep=sweep,
             levels_db=top.section("feel", read_levels, default={}),
@@ -177,6 +178,21 @@ class Device:
         return f"<b>Device</b> {escape(self.name)}<table>{shown}</table>"
 
     @property
+    def spread_text(self) -> str:
+        """What clicks and drives are made for, in words: the name of the set of spreads, and its values."""
+        spread = self.spread
+        shares = ("stiffness", "mass", "length", "damping", "gain")
+        parts = [f"{key} {100 * getattr(spread, key):g} %" for key in shares if getattr(spread, key)]
+        if spread.delay_s:
+            parts.append(f"channels \N{PLUS-MINUS SIGN}{1e6 * spread.delay_s:g} \N{MICRO SIGN}s")
+        people = f"fingers as people's (95 % within a factor of {self.finger.spread:g})"
+        parts.append(people if spread.finger is None else f"finger \N{PLUS-MINUS SIGN}{100 * spread.finger:g} %")
+        parts.append(f"within {1e3 * spread.finger_position_m:g} mm")
+        if spread.speed_m_per_s:
+            parts.append(f"speed known to {1e3 * spread.speed_m_per_s:g} mm/s")
+        return f"{spread.name or 'spread of the device file'}: {', '.join(parts)}"
+
+    @property
     def estimated_values(self) -> tuple[str, ...]:
         """Those keys of `inferred` that are physical values of bar, actuators and finger, or how well these are known.
 
@@ -196,6 +212,7 @@ class Device:
         values = {k: v for k, v in asdict(self).items() if k not in idle}
         values["threshold"] = self.threshold.values
         surface = values[self.surface.kind] = values.pop("surface")
+        del values["spread"]["name"]
         # What a file from before these keys has by default does not count, so that it keeps its fingerprint.
         if surface["damping_of"] == "bar":
             del surface["damping_of"]
@@ -204,6 +221,9 @@ class Device:
         for key, default in (("silence_s", None), ("debounce_s", 0.0), ("across", None)):
             if values["touch_axis"][key] == default:
                 del values["touch_axis"][key]
+        for key in ("length", "damping", "gain", "delay_s", "speed_m_per_s"):
+            if not values["spread"][key]:
+                del values["spread"][key]
         for actuator in values["actuators"]:
             for key in ("transfer", "electrodes", "moving_mass_kg", "is_force"):
                 if not actuator[key]:
@@ -222,6 +242,18 @@ class Device:
         if name not in names:
             raise DeviceError(f"{self.name}: there is no zone {name!r}; zones are {', '.join(names)}")
         return names.index(name)
+
+
+def _named_truly(spread: Spread) -> Spread:
+    """The spread, whose name says so where it differs from the shipped set of that name."""
+    is_other = spread.name in shipped_names("spread") and spread != _shipped_spread(spread.name)
+    return replace(spread, name=f"{spread.name}, changed") if is_other else spread
+
+
+@lru_cache(maxsize=8)
+def _shipped_spread(name: str) -> Spread:
+    path = shipped_path("spread", name)
+    return read_spread(DeviceTable.parse(read_text(path, DeviceError), str(path)))
 
 
 def _mm(metres: float) -> str:

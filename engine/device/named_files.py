@@ -1,4 +1,4 @@
-"""Puts the files that a device description names into it: threshold curves, fingers and measured impedances.
+"""Puts the files that a device description names into it: threshold curves, fingers, impedances and sets of spreads.
 
 A table holds the text of its device, which must be whole wherever the table goes. So a named file becomes a part of the
 text when the description is read. A path counts from the folder of the file that names it; a text that is no file, such
@@ -15,6 +15,7 @@ from engine.device.quantity import QuantityError, read_number
 from engine.device.texts import document_of
 from engine.device.toml_table import read_text
 
+_TABLES = {"finger": "fingers", "spread": "spreads"}  # tables that a name may stand for, and the folders of such files
 IMPEDANCE_HEADER = "frequency (Hz),real (N s/m),imaginary (N s/m)"
 
 
@@ -22,28 +23,30 @@ def names_files(values: Mapping[str, Any]) -> bool:
     """Whether the values of a description name a file that is to be put into its text."""
     finger = values.get("finger")
     has_csv = isinstance(finger, dict) and _is_path(finger.get("impedance"), ".csv")
-    return has_csv or isinstance(finger, str) or _is_path(values.get("threshold"), ".toml")
+    return has_csv or any(isinstance(values.get(k), str) for k in _TABLES) or _is_path(values.get("threshold"), ".toml")
 
 
 def with_files_inside(text: str, source: str, folder: Path | None) -> str:
     """The text with the contents of the files that it names. `folder`: of the description; None: it is no file.
 
-    `finger` may also name a shipped finger. Raises DeviceError where a file cannot be read.
+    `finger` and `spread` may also name a shipped file. Raises DeviceError where a file cannot be read.
     """
     import tomlkit  # only a text that names a file needs it
 
     document = document_of(text, source)
-    curve, finger = document.get("threshold"), document.get("finger")
+    curve, finger_folder = document.get("threshold"), folder
     if _is_path(curve, ".toml"):
         document.pop("threshold")
         document["threshold"] = _read_document(_resolve(curve, source, folder, "threshold"), source, "threshold")
-    finger_folder = folder
-    if isinstance(finger, str):
-        is_path = _is_path(finger, ".toml")
-        path = _resolve(finger, source, folder, "finger") if is_path else _shipped_finger(finger, source)
-        finger_folder = path.parent
-        document.pop("finger")
-        document["finger"] = _read_document(path, source, "finger")
+    for key in _TABLES:
+        named = document.get(key)
+        if isinstance(named, str):
+            is_path = _is_path(named, ".toml")
+            path = _resolve(named, source, folder, key) if is_path else _shipped(key, named, source)
+            if key == "finger":
+                finger_folder = path.parent
+            document.pop(key)
+            document[key] = _read_document(path, source, key)
     table = document.get("finger")
     if isinstance(table, dict) and _is_path(table.get("impedance"), ".csv"):
         path = _resolve(table["impedance"], source, finger_folder, "finger.impedance")
@@ -65,9 +68,14 @@ def text_with_threshold(text: str, curve: Path | str, source: str) -> str:
     return tomlkit.dumps(document)
 
 
-def shipped_fingers() -> list[str]:
-    """Names of the shipped fingers."""
-    return sorted(path.stem for path in shipped(Path(__file__).parent, "fingers").glob("*.toml"))
+def shipped_names(key: str) -> list[str]:
+    """Names of the shipped fingers, or spreads, by the key of their table."""
+    return sorted(path.stem for path in shipped(Path(__file__).parent, _TABLES[key]).glob("*.toml"))
+
+
+def shipped_path(key: str, name: str) -> Path:
+    """The file of one of these."""
+    return shipped(Path(__file__).parent, _TABLES[key]) / f"{name}.toml"
 
 
 def read_impedance(path: Path, source: str) -> list[list[float]]:
@@ -98,14 +106,14 @@ def _resolve(name: str, source: str, folder: Path | None, key: str) -> Path:
     return folder / name
 
 
-def _shipped_finger(name: str, source: str) -> Path:
-    if name not in shipped_fingers():
-        known = ", ".join(shipped_fingers())
+def _shipped(key: str, name: str, source: str) -> Path:
+    if name not in shipped_names(key):
+        known = ", ".join(shipped_names(key))
         raise DeviceError(
-            f"{source}: finger: {str(name)!r}: expected a shipped finger ({known}), the path of a TOML file like "
-            f"theirs, or a table [finger]"
+            f"{source}: {key}: {str(name)!r}: expected a shipped {key} ({known}), the path of a TOML file like theirs, "
+            f"or a table [{key}]"
         )
-    return shipped(Path(__file__).parent, "fingers") / f"{name}.toml"
+    return shipped_path(key, name)
 
 
 def _read_document(path: Path, source: str, key: str) -> dict[str, Any]:

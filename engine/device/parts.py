@@ -11,6 +11,8 @@ from base.errors import TactableError
 from engine.device.actuator_transfer import Transfer
 from engine.device.electrodes import Electrodes
 
+PEAK_S = 0.02  # from the report that asks for a click to its peak: 10 to 20 ms of the click, and what the chain takes
+
 
 class DeviceError(TactableError, ValueError):
     """A device description is wrong; the message names file, key, value and what was expected."""
@@ -165,17 +167,47 @@ class Finger:
 
 @dataclass(frozen=True)
 class Spread:
-    """The uncertainty of a device; clicks are made robust against all of it.
+    """What is not known of a device and its fingers; clicks and drives are made for all of it.
 
-    stiffness, mass: relative standard deviations (normal) of the bar and of every actuator. finger: mass, damping and
-    stiffness vary evenly within plus and minus this fraction. finger_position_m: offset from the middle of the zone,
-    evenly distributed within plus and minus this length.
+    name: of the set of spreads, such as "bench"; empty: the device file's own. stiffness, mass: relative standard
+    deviations (normal) of the surface and of every actuator; length: of the surface's sides; gain: of every channel.
+    damping: standard deviation of the natural logarithm of the surface's damping, and of every actuator's. delay_s:
+    each channel is early or late by up to this, evenly. finger: mass, damping and stiffness vary evenly within plus and
+    minus this fraction; None: log-normally, as people's do, 95 % of them within the factor `Finger.spread`.
+    finger_position_m: a finger lies within this distance of where the digitizer tells, evenly on every axis;
+    speed_m_per_s: its speed differs from what is told by up to this.
     """
 
     stiffness: float
     mass: float
-    finger: float
+    finger: float | None
     finger_position_m: float
+    name: str = ""
+    length: float = 0.0
+    damping: float = 0.0
+    gain: float = 0.0
+    delay_s: float = 0.0
+    speed_m_per_s: float = 0.0
+
+    @property
+    def reach_m(self) -> float:
+        """How far a finger may lie from where it is taken to be when a click has its peak."""
+        return self.finger_position_m + self.speed_m_per_s * PEAK_S
+
+    @property
+    def has_channels(self) -> bool:
+        """Whether the channels differ from what the file says."""
+        return self.gain > 0 or self.delay_s > 0
+
+    @property
+    def is_of_bars(self) -> bool:
+        """Whether steady drives are made for other surfaces and channels too, and not for other fingers alone."""
+        return self.has_channels or self.length > 0 or self.damping > 0
+
+    @property
+    def stretch(self) -> float:
+        """Relative standard deviation of all natural frequencies together, which go as sqrt(E / rho) / length^2."""
+        return math.sqrt((self.stiffness**2 + self.mass**2) / 4 + (2 * self.length) ** 2)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ _UNITS = {
     "_kg_per_m3": "kg/m^3",
     "_n_s_per_m": "N*s/m",
     "_n_per_m": "N/m",
+    "_m_per_s": "m/s",
     "_per_s": "1/s",
     "_pa": "Pa",
     "_kg": "kg",

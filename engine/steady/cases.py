@@ -1,14 +1,14 @@
-"""Sampled cases of the fingers of a placement: their stiffness, damping, mass, and exact position."""
+"""Sampled cases of the fingers of a placement, and of the surface and the channels where a set of spreads has these."""
 
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
-from base.arrays import Array, Points
+from base.arrays import Array, Complex, Integers, Points
 from base.points import clip_points
-from engine.device import Finger
+from engine.device import Device
 
-TOLERANCE_M = 1e-3  # how far a finger may lie from where the digitizer says, evenly distributed to both sides
 SEED = 20230247606  # fixed: tables repeat bit for bit; other cases move expected contrasts by up to 4 dB (reference-a)
 _TRIES = 64  # mean correlation of three fingers: 0.148 of 8 tries, 0.139 of 64, 0.132 of 512 (50 ms)
 
@@ -64,11 +64,63 @@ def axes_of(corner_m: complex) -> int:
     return 1 + isinstance(corner_m, complex)
 
 
-def cases_at(position_m: Points, deviations: Deviations, finger: Finger, corner_m: complex) -> FingerCases:
-    """The cases of fingers at points (finger,), kept on the surface that reaches from 0 to `corner_m`."""
+def cases_at(position_m: Points, deviations: Deviations, device: Device) -> FingerCases:
+    """The cases of fingers at points (finger,), kept on the surface."""
+    finger, offset_m = device.finger, device.spread.reach_m * deviations.offset
     rank = np.argsort(np.argsort(position_m, kind="stable"), kind="stable")
     standard = np.array([finger.stiffness_n_per_m, finger.damping_n_s_per_m, finger.mass_kg])
     return FingerCases(
-        position_m=np.ascontiguousarray(clip_points(position_m + TOLERANCE_M * deviations.offset[:, rank], corner_m)),
+        position_m=np.ascontiguousarray(clip_points(position_m + offset_m[:, rank], device.surface.corner_m)),
         impedance=standard * finger.spread ** deviations.exponent[:, rank],
     )
+
+
+@dataclass(frozen=True)
+class PlantErrors:
+    """What differs in sampled cases beside the fingers; in the standard case, the first, nothing does.
+
+    stretch (case,): factor on all natural frequencies, which stands for stiffness, mass and length as a whole. gain
+    (case, actuator), delay_s (case, actuator): of the channels.
+    """
+
+    stretch: Array
+    gain: Array
+    delay_s: Array
+
+    @classmethod
+    def sample(cls, device: Device, cases: int) -> "PlantErrors | None":
+        """Seeded errors of that many cases (odd) within the device's spread; None where drives are for fingers alone.
+
+        Half of the cases have the opposite errors. A calibrated surface is taken to be stretched by nothing.
+        """
+        spread, half, actuators = device.spread, (cases - 1) // 2, len(device.actuators)
+        if not spread.is_of_bars:
+            return None
+        random, step = (
+            np.random.default_rng(SEED),
+            np.array([NormalDist().inv_cdf((k + 0.5) / half) for k in range(half)]),
+        )
+        normal, gain, even = (
+            np.stack([random.permutation(each) for _ in range(count)], axis=1)
+            for each, count in ((step, 1), (step, actuators), ((2 * np.arange(half) + 1) / half - 1, actuators))
+        )
+        size = 0.0 if device.uncertainty is not None else spread.stretch
+        stretch, gains, delay = (
+            np.concatenate([np.zeros((1, each.shape[1])), each, -each]) for each in (size * normal, gain, even)
+        )
+        return cls(1 + stretch[:, 0], 1 + spread.gain * gains, spread.delay_s * delay)
+
+    def channels(self, frequency_hz: Array) -> Complex:
+        """Factor (case, actuator, frequency) from a command to what its channel plays."""
+        turn = 2j * np.pi * frequency_hz * self.delay_s[..., None]
+        return np.asarray(self.gain[..., None] * np.exp(-turn), dtype=np.complex128)
+
+    def lines(self, frequency_hz: Array) -> tuple[Integers, Array]:
+        """Where on a rising grid each case has what the nominal surface has at its lines (case, frequency).
+
+        The line below, and the weight of the one above it.
+        """
+        at_hz = frequency_hz / self.stretch[:, None]
+        below = np.clip(np.searchsorted(frequency_hz, at_hz, side="right") - 1, 0, len(frequency_hz) - 2)
+        step_hz = frequency_hz[below + 1] - frequency_hz[below]
+        return below, np.clip((at_hz - frequency_hz[below]) / step_hz, 0.0, 1.0)

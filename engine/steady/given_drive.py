@@ -1,4 +1,4 @@
-"""Levels under fingers at any positions of a steady drive that is given, over sampled cases of the fingers.
+"""Levels under fingers at any positions of a steady drive that is given, over the sampled cases of a device.
 
 The drive is any that a device was sent: each actuator has its frequency. The solver states levels over the few cases
 that it optimises for, these are over more, of the same spread. Responses are interpolated over frequency and place as
@@ -12,7 +12,7 @@ import numpy as np
 
 from base.arrays import Array, Complex
 from engine.device import Device
-from engine.steady.cases import Deviations, FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.cases import Deviations, FingerCases, PlantErrors, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes
 from engine.steady.plain_loading import PlainLoading
 from engine.touch.placement import MOST_FINGERS
@@ -31,9 +31,9 @@ def compute_levels(
     hz, amplitude (actuator,): frequency, and complex amplitude as a fraction of full scale. Tones of different
     frequencies add in power.
     """
-    corner_m = device.surface.corner_m
-    deviations = _deviations(len(positions_m), CASES, axes_of(corner_m))
-    return _levels(modes, cases_at(np.array(positions_m), deviations, device.finger, corner_m), hz, amplitude)
+    deviations = _deviations(len(positions_m), CASES, axes_of(device.surface.corner_m))
+    errors = PlantErrors.sample(device, CASES + 1)
+    return _levels(modes, cases_at(np.array(positions_m), deviations, device), hz, amplitude, errors)
 
 
 def standard_levels(
@@ -42,17 +42,29 @@ def standard_levels(
     """The first row of `compute_levels` alone, (finger,), in a thirtieth of its time."""
     fingers = len(positions_m)
     exact = Deviations(offset=np.zeros((1, fingers)), exponent=np.zeros((1, fingers, 3)))
-    cases = cases_at(np.array(positions_m), exact, device.finger, device.surface.corner_m)
-    return _levels(modes, cases, hz, amplitude)[0]
+    return _levels(modes, cases_at(np.array(positions_m), exact, device), hz, amplitude, None)[0]
 
 
-def _levels(modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Complex) -> Array:
+def _levels(
+    modes: Modes, cases: FingerCases, hz: Sequence[float], amplitude: Complex, errors: PlantErrors | None
+) -> Array:
     power, tones = np.zeros(cases.position_m.shape), np.array(hz)
     for tone_hz in np.unique(tones[amplitude != 0]):
-        lines, weight = _neighbours(float(tone_hz), modes.frequency_hz)
-        response = np.einsum("k,ckfa->cfa", weight, PlainLoading(modes, lines).loaded(cases))
+        if errors is None:
+            response = _response(modes, cases, float(tone_hz))
+        else:
+            each = zip(cases.position_m, cases.impedance, tone_hz / errors.stretch, strict=True)
+            alone = [(FingerCases(at_m[None], z[None]), at_hz) for at_m, z, at_hz in each]
+            response = np.concatenate([_response(modes, one, at_hz) for one, at_hz in alone])
+            response *= errors.channels(np.array([tone_hz])).swapaxes(1, 2)
         power += abs(response @ np.where(tones == tone_hz, amplitude, 0)) ** 2
     return 10 * np.log10(np.maximum(power, _LEAST_POWER))
+
+
+def _response(modes: Modes, cases: FingerCases, hz: float) -> Complex:
+    """Response over threshold (case, finger, actuator) at one frequency."""
+    lines, weight = _neighbours(hz, modes.frequency_hz)
+    return np.einsum("k,ckfa->cfa", weight, PlainLoading(modes, lines).loaded(cases))
 
 
 def _neighbours(hz: float, grid_hz: Array) -> tuple[slice, Array]:

@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 Objective, cases of fingers and the rule of the level are those of engine.steady.steady_solver, which needs compiled
-kernels. This solver looks at the frequencies of the search only, and not between them. At each of them it takes
-the drive of the greatest ratio of two quadratic forms, a generalised eigenvector; several felt or quiet fingers are
-weighted against each other in a few rounds, the weakest felt and the strongest quiet one more each time. Where that
-drive is too soft for the wanted level, a part of the squared amplitude is added to the form below the fraction: the
-more of it, the louder and the less localized the drive. The ratio without that part is an upper bound, so most
-frequencies are left out before this is tried. A solve takes some ten milliseconds, and gives about a decibel of
-contrast away.
+kernels; other surfaces and channels than the standard one it does not know. This solver looks at the frequencies of the
+search only, and not between them. At each of them it takes the drive of the greatest ratio of two quadratic forms, a
+generalised eigenvector; several felt or quiet fingers are weighted against each other in a few rounds, the weakest felt
+and the strongest quiet one more each time. Where that drive is too soft for the wanted level, a part of the squared
+amplitude is added to the form below the fraction: the more of it, the louder and the less localized the drive. The
+ratio without that part is an upper bound, so most frequencies are left out before this is tried. A solve takes some ten
+milliseconds, and gives about a decibel of contrast away.
 """
 
 from collections.abc import Sequence
@@ -62,9 +62,9 @@ class PlainSolver:
         level_db: in dB; an infinite level asks for the loudest drive.
         """
         position_m, is_felt = np.array(positions_m), np.array(felt, dtype=np.bool_)
-        limit, corner_m = self.device.limits.amplitude, self.device.surface.corner_m
-        deviations = _deviations(len(position_m), _CASES, axes_of(corner_m))
-        cases = cases_at(position_m, deviations, self.device.finger, corner_m)
+        limit = self.device.limits.amplitude
+        deviations = _deviations(len(position_m), _CASES, axes_of(self.device.surface.corner_m))
+        cases = cases_at(position_m, deviations, self.device)
         loaded = self._loading.loaded(cases) * self._usable.T[:, None]
         rows = loaded[0][:, is_felt]
         index, amplitude, value, objective = -1, np.zeros(loaded.shape[3], dtype=np.complex128), 0.0, "level"

@@ -3,7 +3,8 @@
 Theory of operation
 -------------------
 Each solve puts the fingers on the surface (engine.steady.loading): the standard finger, by which levels are stated, and
-a few sampled cases of every finger's stiffness, damping, mass and exact position. It then maximises the expected
+a few sampled cases of every finger's stiffness, damping, mass and exact position, each with a surface and channels of
+its own where the device's spread has those. It then maximises the expected
 contrast, the weakest felt over the strongest quiet finger, each power averaged over the sampled cases, above the
 wanted level of the standard felt fingers and within the amplitude limit (engine.steady.drive_search). With nothing
 quiet it maximises the share of kinetic energy in the zones that hold the felt fingers. All actuators play one
@@ -21,11 +22,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from base.arrays import Points, Single
+from base.arrays import Complex32, Integers, Points, Single
 from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
-from engine.steady.cases import TOLERANCE_M, FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.cases import FingerCases, PlantErrors, axes_of, cases_at, sample_deviations
 from engine.steady.condensed import CondensedModes
 from engine.steady.drive_search import find_drive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers, fill_shapes
@@ -52,6 +53,7 @@ class SteadySolver:
 
     def __init__(self, device: Device, modes: Modes) -> None:
         self.device, self.frequency_hz, hz = device, modes.frequency_hz, modes.frequency_hz
+        self._errors = lru_cache(maxsize=4)(self._sample_errors)
         self._kept: dict[tuple[int, ...], list[Single]] = {}
         self._omega: Single = (2 * np.pi * hz).astype(np.float32)
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
@@ -84,9 +86,10 @@ class SteadySolver:
         """
         self._check(positions_m, felt, level_db)
         device = self.device
-        fingers, corner_m = len(positions_m), device.surface.corner_m
-        deviations = _deviations(fingers, _CASES if fingers <= _FEW_FINGERS else _FEW_CASES, axes_of(corner_m))
-        cases = cases_at(np.array(positions_m), deviations, device.finger, corner_m)
+        fingers = len(positions_m)
+        count = _CASES if fingers <= _FEW_FINGERS else _FEW_CASES
+        deviations = _deviations(fingers, count, axes_of(device.surface.corner_m))
+        cases = cases_at(np.array(positions_m), deviations, device)
         return self.solve_cases(cases, tuple(felt), level_db, held_hz)
 
     def solve_cases(
@@ -96,12 +99,14 @@ class SteadySolver:
         limit, modes = self.device.limits.amplitude, self._condensed
         impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
         count, fingers = cases.position_m.shape
-        away = np.round((cases.position_m - cases.position_m[0]).T / TOLERANCE_M, 6).astype(np.complex128)
+        reach_m = self.device.spread.reach_m or 1.0
+        away = np.round((cases.position_m - cases.position_m[0]).T / reach_m, 6).astype(np.complex128)
         span = _span(away.tobytes(), fingers)
         shape = self._shapes(cases.position_m).reshape(count, fingers, -1)
         nodes, taken, between, loaded = self._buffers(count, fingers, span.shape[2])
         field = modes.spread, modes.line, self._omega
         fill_loaded(shape, span, modes.drive, modes.damper, *field, impedance, nodes, taken, between, loaded)
+        self._disturb(loaded)
         is_felt = np.array(felt)
         felt_at = np.flatnonzero(is_felt)
         order = np.concatenate([felt_at, np.flatnonzero(~is_felt)])
@@ -154,6 +159,24 @@ class SteadySolver:
             value=_value_of(objective, value, limit),
             achieved=bool(np.isinf(level_db) or full_level_db >= level_db - LEVEL_TOLERANCE_DB),
         )
+
+    def _disturb(self, loaded: Single) -> None:
+        """Put errors of surface and channels, if any, into the cases (case, finger, actuator, 2, frequency)."""
+        errors = self._errors(len(loaded))
+        if errors is None:
+            return
+        below, weight, channels = errors
+        response = loaded[..., 0, :] + 1j * loaded[..., 1, :]
+        one, other = (np.take_along_axis(response, each[:, None, None], axis=3) for each in (below, below + 1))
+        response = (one + weight[:, None, None] * (other - one)) * channels[:, None]
+        loaded[..., 0, :], loaded[..., 1, :] = response.real, response.imag
+
+    def _sample_errors(self, cases: int) -> tuple[Integers, Single, Complex32] | None:
+        errors = PlantErrors.sample(self.device, cases)
+        if errors is None:
+            return None
+        below, weight = errors.lines(self.frequency_hz)
+        return below, weight.astype(np.float32), errors.channels(self.frequency_hz).astype(np.complex64)
 
     def _shapes(self, points_m: Points) -> Single:
         """Functions (point, function) at points."""

@@ -253,7 +253,7 @@ class _Builder:
 
     def _click_attributes(self) -> dict[str, int | float]:
         places = self._places
-        tolerance_m = self.options.click_options.at(places).tolerance_m
+        tolerance_m = self.options.click_options.at(places, self.device.spread).tolerance_m
         assert tolerance_m is not None  # `at` gives it
         return {"click_pitch_m": places.pitch_m, "click_tolerance_m": tolerance_m}
 

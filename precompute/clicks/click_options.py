@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass, replace
 
+from engine.device.parts import Spread
 from engine.touch.places import Places
 
-DIGITIZER_TOLERANCE_M = 1e-3  # a finger lies within this distance of where the digitizer tells
 FINEST_M = 3e-3  # of neighbouring places on a bar: its clicks of one and two fingers are solved in a minute
 MOST_PLACES = 900  # about, of a plate: clicks of one finger are solved in 20 s, and fit the compiled step
 
@@ -39,11 +39,11 @@ class ClickOptions:
         """The places of the table of a surface that reaches from 0 to `corner_m`."""
         return Places.every(corner_m, self.on(corner_m).pitch_m or FINEST_M)
 
-    def at(self, places: Places) -> "ClickOptions":
-        """The options at these places: within half a pitch and the digitizer's error, unless a tolerance is given."""
+    def at(self, places: Places, spread: Spread) -> "ClickOptions":
+        """The options at these places: half a pitch beyond where a finger may be, unless a tolerance is given."""
         if self.tolerance_m is not None:
             return self
-        return replace(self, tolerance_m=places.pitch_m / 2 + DIGITIZER_TOLERANCE_M)
+        return replace(self, tolerance_m=places.pitch_m / 2 + spread.reach_m)
 
     @property
     def waited_for(self) -> "ClickOptions":
@@ -53,7 +53,7 @@ class ClickOptions:
     @property
     def at_fingers(self) -> "ClickOptions":
         """The options for clicks that are solved for the positions that the digitizer tells."""
-        return replace(self, tolerance_m=DIGITIZER_TOLERANCE_M)
+        return replace(self, tolerance_m=None)
 
 
 DEFAULT_OPTIONS = ClickOptions()

@@ -28,6 +28,7 @@ import scipy.linalg
 
 from base.arrays import Array, Complex, Complex32, Integers, Points, Single
 from base.compiled import njit
+from base.points import clip_points
 from engine.device import Device, Threshold
 from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
@@ -90,8 +91,9 @@ class SampledPlants:
         self._pole = np.empty((len(self.scenarios), self.modes + 1, 2, len(s_per_s)), np.float32)
         self._pole[:, -1, 0], self._pole[:, -1, 1] = 1.0, 0.0  # of the static modes
         _fill_poles(s_per_s.real.copy(), s_per_s.imag.copy(), self._square_omega, self._own_damping, self._pole)
-        transfers = transfers_at(self.scenarios.device.actuators, s_per_s)
+        transfers, channels = transfers_at(self.scenarios.device.actuators, s_per_s), self.scenarios.channels(s_per_s)
         self._transfers = None if transfers is None else transfers.T.astype(np.complex64)
+        self._channels = None if channels is None else channels.astype(np.complex64)
 
     def at_tones(self, hz: Array) -> "SampledPlants":
         """The same plants, whose lines (line,) are lasting tones of these frequencies."""
@@ -121,6 +123,8 @@ class SampledPlants:
         )
         if self._transfers is not None:
             out *= self._transfers
+        if self._channels is not None:
+            out *= self._channels[:count, None]
         return out
 
     def _shapes(self, position_m: Points) -> Single:
@@ -128,7 +132,8 @@ class SampledPlants:
         shape = np.empty((*position_m.shape, self._pole.shape[1] - 1 + self._compliance.shape[1]), np.float32)
         for plant, every, nodal in self._shapes_of:
             members = every[: np.searchsorted(every, len(shape))]
-            sampler = plant.sampler(position_m[members].ravel())
+            at_m = clip_points(position_m[members].ravel(), plant.device.surface.corner_m)
+            sampler = plant.sampler(at_m)
             row = np.repeat(np.arange(len(members)), position_m.shape[1])
             ends = nodal[row[:, None], sampler.dof]
             weight = sampler.weight.astype(np.float32)

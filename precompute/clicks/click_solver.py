@@ -110,7 +110,7 @@ class ClickSolver:
         assert click.weights is not None  # only baselines have none
         return ClickEntry(
             placement=placement,
-            tolerance_m=self.device.spread.finger_position_m if tolerance_m is None else tolerance_m,
+            tolerance_m=self.device.spread.reach_m if tolerance_m is None else tolerance_m,
             basis=self.basis,
             basis_set=0,
             weights=click.weights.words,

@@ -67,5 +67,5 @@ def _chunks(keys: Sequence[Key]) -> list[list[Key]]:
 
 
 def _begin(device: Device, options: ClickOptions, places: Places) -> Callable[[Key], ClickEntry]:
-    solver = ClickSolver(device, options.at(places))
+    solver = ClickSolver(device, options.at(places, device.spread))
     return lambda key: solver.solve_entry(places.placement(key))

@@ -17,10 +17,10 @@ from engine.steady.modes import Modes
 from engine.steady.steady_solver import SteadySolver
 from precompute.model.assembly import assemble, free_surface
 from precompute.model.modal import compute_basis
-from precompute.model.plant import Plant
+from precompute.model.plant import FreeSurface, Plant
 from precompute.model.response import by_tone, solve_response
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
-from precompute.sampling.plants import Fingers, sample_scenarios
+from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 
 SAMPLES = 32  # sampled cases, each with a finger of its own at every position
@@ -53,8 +53,9 @@ class Spread:
 class PlacementFigures:
     """What fingers at positions_m (finger,) feel of a drive that was solved for them.
 
-    level_db (finger,) and contrast_db: standard fingers; sampled_level_db (case, finger): sampled fingers, each on a
-    bar of its own where a calibration left some. contrasts are None where nothing is quiet.
+    level_db (finger,) and contrast_db: standard fingers; sampled_level_db (case, finger): sampled fingers, each on
+    a plant of its own where a calibration left some, or the spread has other surfaces and channels. contrasts are
+    None where nothing is quiet.
     """
 
     positions_m: tuple[complex, ...]
@@ -91,6 +92,7 @@ class SteadyDesigner:
         self.basis = compute_basis(self.plant)
         self.modes = modes or steady_modes(steady_basis(self.plant))
         self.solver = SteadySolver(device, self.modes)
+        self._bars, self._scenarios = ([], None) if self.plant.is_measured else sample_bars(device, samples)
 
     def solve(self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float) -> PlacementFigures:
         """The drive for fingers at these positions, `felt` or else quiet, at a level in dB, and its figures.
@@ -99,19 +101,20 @@ class SteadyDesigner:
         """
         drive = self.solver.solve(positions_m, felt, level_db)
         device, positions = self.plant.device, np.array(positions_m)
-        corner_m = device.surface.corner_m
-        deviations = sample_deviations(len(positions), self._samples, axes_of(corner_m))
-        cases = cases_at(positions, deviations, device.finger, corner_m)
+        deviations = sample_deviations(len(positions), self._samples, axes_of(device.surface.corner_m))
+        cases = cases_at(positions, deviations, device)
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
         power = compute_powers(self.plant, cases, hz, amplitude)
-        bars = [] if self.plant.is_measured else sample_bars(device, self._samples)
-        own = [compute_powers(bar, _case(cases, k), hz, amplitude) for k, bar in enumerate(bars, 1)]
+        own = [
+            compute_powers(bar, _case(cases, k), hz, amplitude * channels)
+            for k, (bar, channels) in enumerate(zip(self._bars, self._channels(drive.frequency_hz), strict=True), 1)
+        ]
         sampled = np.concatenate(own or [power[1:]])
         level_db_of, sampled_db = (10 * np.log10(np.maximum(each, 1e-30)) for each in (power[0], sampled))
         is_felt = np.array(felt, dtype=np.bool_)
         weakest = sampled_db[:, is_felt].min(axis=1)
         strongest = sampled_db[:, ~is_felt].max(axis=1, initial=-np.inf)
-        is_quiet, mean = bool((~is_felt).any()), power[1:].mean(axis=0)
+        is_quiet, mean = bool((~is_felt).any()), (10 ** (sampled_db / 10)).mean(axis=0)
         fingers = Fingers(cases.position_m, *np.moveaxis(cases.impedance, 2, 0))
         loads = tuple(fingers.of(case) for case in range(len(power)))
         model = compute_rise_model(self.basis, loads[0], positions)
@@ -130,6 +133,13 @@ class SteadyDesigner:
             loads=loads,
             t90_s=float(compute_rise_time(model, hz, amplitude)[is_felt].max()),
         )
+
+    def _channels(self, hz: float) -> Complex:
+        """What the channels of the sampled plants make of a command at a frequency (plant, actuator)."""
+        scenarios = self._scenarios
+        channels = None if scenarios is None else scenarios.channels(np.array([2j * np.pi * hz]))
+        known = np.ones((len(self._bars), len(self.plant.device.actuators)))
+        return np.asarray(known if channels is None else channels[1:, :, 0], dtype=np.complex128)
 
 
 def compute_powers(plant: Plant, cases: FingerCases, frequency_hz: Array, amplitude: Complex) -> Array:
@@ -151,15 +161,23 @@ def compute_powers(plant: Plant, cases: FingerCases, frequency_hz: Array, amplit
     return (abs(under * per_threshold[:, None, None]) ** 2).sum(axis=0)
 
 
-def sample_bars(device: Device, count: int) -> list[Plant]:
-    """`count` plants that a calibration cannot tell apart; none where no calibration says how well the device is known.
+def sample_bars(device: Device, count: int) -> tuple[list[Plant], Scenarios | None]:
+    """`count` plants within what is not known of surface and channels, and their scenarios, the nominal one first.
 
-    What was fitted varies as the calibration has left it, the rest of surface and actuators within the device's spread.
+    None where drives are for other fingers alone: with no calibration that says how well the device is known, and a
+    spread such as "bench". What was fitted varies as the calibration has left it, the rest within the device's spread.
     """
-    if device.uncertainty is None:
-        return []
-    scenarios, free = sample_scenarios(device, count, SEED), free_surface(device)
-    return [free.plant(scenarios.device_of(i)) for i in range(1, count + 1)]
+    if device.uncertainty is None and not device.spread.is_of_bars:
+        return [], None
+    scenarios, free = sample_scenarios(device, count, SEED), dict[complex, FreeSurface]()
+    bars = list[Plant]()
+    for index in range(1, count + 1):
+        other = scenarios.device_of(index)
+        corner_m = other.surface.corner_m
+        if corner_m not in free:
+            free[corner_m] = free_surface(other)
+        bars.append(free[corner_m].plant(other))
+    return bars, scenarios
 
 
 def _case(cases: FingerCases, number: int) -> FingerCases:

@@ -2,15 +2,26 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.special import ndtri
 
-from base.arrays import Array, Mask, Points
+from base.arrays import Array, Complex, Mask, Points
 from base.points import clip_points
 from engine.device import Device, Finger
+from engine.device.parts import Plate
 from precompute.sampling.devices import sample_devices
+
+_WITHIN = 1.96  # standard deviations of 95 % of a normal distribution to both sides
+_FURTHER = {  # fields of Spread beside stiffness and mass: keys of the surface and the actuator that a calibration fits
+    "length": ("length", ""),
+    "damping": ("stiffness_damping", "damping"),
+    "gain": ("", "full_scale"),
+    "delay_s": ("", "delay"),
+}
+_LENGTHS = 8  # different ones of a device: each has modes of its own, which take a plate 70 ms
+_EVEN = ("delay_s",)  # distributed evenly, the others normally
 
 
 @dataclass(frozen=True)
@@ -41,8 +52,9 @@ class Scenarios:
     """Sampled bars and actuators of one device, the nominal ones first; `place` puts fingers on them.
 
     calibrated (scenario,): devices that the measurements of a calibration do not tell apart, the same one where there
-    was none. Factors beside it: bar_stiffness, bar_mass (scenario,); stiffness, mass (scenario, actuator). normal
-    (scenario, parameter): the standard normal deviates that these come from.
+    was none; with other lengths and dampings where the spread has these. Factors beside it: bar_stiffness, bar_mass
+    (scenario,); stiffness, mass, gain (scenario, actuator), and delay_s of each channel. normal (scenario, parameter):
+    the standardised deviates that these come from.
     """
 
     device: Device
@@ -52,6 +64,8 @@ class Scenarios:
     bar_mass: Array
     stiffness: Array
     mass: Array
+    gain: Array
+    delay_s: Array
     normal: Array
 
     def __len__(self) -> int:
@@ -59,16 +73,25 @@ class Scenarios:
         return len(self.bar_mass)
 
     def device_of(self, scenario: int) -> Device:
-        """The device with the bar and the actuators of one scenario."""
+        """The device with the surface and the actuators of one scenario, its channels' gains in their full scales."""
         base = self.calibrated[scenario]
         surface = replace(
             base.surface,
             youngs_modulus_pa=base.surface.youngs_modulus_pa * float(self.bar_stiffness[scenario]),
             density_kg_per_m3=base.surface.density_kg_per_m3 * float(self.bar_mass[scenario]),
         )
-        factors = self.stiffness[scenario].tolist(), self.mass[scenario].tolist()
-        actuators = tuple(actuator.scaled(k, m) for actuator, k, m in zip(base.actuators, *factors, strict=True))
+        factors = zip(*(each[scenario].tolist() for each in (self.stiffness, self.mass, self.gain)), strict=True)
+        actuators = tuple(
+            replace(other := actuator.scaled(k, m), full_scale_m=other.full_scale_m * gain)
+            for actuator, (k, m, gain) in zip(base.actuators, factors, strict=True)
+        )
         return replace(base, surface=surface, actuators=actuators)
+
+    def channels(self, s_per_s: Complex) -> Complex | None:
+        """Delays of the channels as a factor (scenario, actuator, line); None where there are none."""
+        if not self.delay_s.any():
+            return None
+        return np.asarray(np.exp(-self.delay_s[..., None] * s_per_s), dtype=np.complex128)
 
     def deviations(self, fingers: int) -> Array:
         """What varies (scenario, parameter), standardised: bar, actuators, and that many fingers."""
@@ -82,15 +105,15 @@ class Scenarios:
 
         Each lies within `tolerance_m` of its position (None: as the device's spread says), and on the bar.
         """
-        finger, spread, corner_m = self.device.finger, self.device.spread, self.device.surface.corner_m
-        reach_m = spread.finger_position_m if tolerance_m is None else tolerance_m
+        finger, corner_m = self.device.finger, self.device.surface.corner_m
+        reach_m = self.device.spread.reach_m if tolerance_m is None else tolerance_m
         *way, mass, damping, stiffness = self._touches(len(position_m))
         place = way[0] if len(way) == 1 else way[0] + 1j * way[1]
         return Fingers(
             position_m=clip_points(np.array(position_m) + reach_m * place, corner_m),
-            stiffness_n_per_m=finger.stiffness_n_per_m * (1 + spread.finger * stiffness),
-            damping_n_s_per_m=finger.damping_n_s_per_m * (1 + spread.finger * damping),
-            mass_kg=finger.mass_kg * (1 + spread.finger * mass),
+            stiffness_n_per_m=finger.stiffness_n_per_m * finger_factors(self.device, stiffness),
+            damping_n_s_per_m=finger.damping_n_s_per_m * finger_factors(self.device, damping),
+            mass_kg=finger.mass_kg * finger_factors(self.device, mass),
         )
 
 
@@ -103,25 +126,44 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     spread, pairs = device.spread, (count + 1) // 2
     drawn = _normal_deviates(device, pairs, seed)
     normal = np.concatenate([np.zeros((1, drawn.shape[1])), _alternating(drawn, drawn)])
-    guessed = ~_fitted(device)
+    further, columns = _further_deviates(device, pairs, seed)
+    off = {
+        key: np.concatenate([np.zeros((1, value.shape[1])), _alternating(value, value)])
+        for key, value in further.items()
+    }
+    guessed = ~np.array([_fitted(device, "youngs_modulus", "stiffness"), _fitted(device, "density", "mass")])
     stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
     heavy = 1 + spread.mass * guessed[1] * normal[:, 1::2]
+    calibrated = (device, *_calibrated(device, pairs, seed))
+    if spread.length or spread.damping:
+        factors = zip((1 + off["length"][:, 0]).tolist(), np.exp(off["damping"]), strict=True)
+        calibrated = tuple(_resized(each, *factor) for each, factor in zip(calibrated, factors, strict=True))
     return Scenarios(
         device=device,
         seed=seed,
-        calibrated=(device, *_calibrated(device, pairs, seed)),
+        calibrated=calibrated,
         bar_stiffness=stiff[:, 0],
         bar_mass=heavy[:, 0],
         stiffness=stiff[:, 1:],
         mass=heavy[:, 1:],
-        normal=normal,
+        gain=1 + off["gain"][:, 1:],
+        delay_s=off["delay_s"][:, 1:],
+        normal=np.hstack([normal, np.concatenate([np.zeros((1, columns.shape[1])), _alternating(columns, columns)])]),
     )
+
+
+def finger_factors(device: Device, deviation: Array) -> Array:
+    """Factors of a finger's mass, damping or stiffness, by deviations from -1 to 1 of the spread."""
+    if device.spread.finger is None:
+        return np.asarray(device.finger.spread ** (ndtri((1 + deviation) / 2) / _WITHIN), dtype=np.float64)
+    return 1 + device.spread.finger * deviation
 
 
 def sample_deviations(device: Device, count: int, fingers: int, seed: int) -> Array:
     """`Scenarios.deviations` of `count` plants, which need not be made for it; without the nominal one."""
     pairs = (count + 1) // 2
-    normal = np.repeat(_normal_deviates(device, pairs, seed), 2, axis=0)
+    drawn = np.hstack([_normal_deviates(device, pairs, seed), _further_deviates(device, pairs, seed)[1]])
+    normal = np.repeat(drawn, 2, axis=0)
     return np.hstack([normal, _rows(_sample_touches(pairs, fingers, _axes(device), seed))[1:]])
 
 
@@ -175,19 +217,77 @@ def _calibrated(device: Device, pairs: int, seed: int) -> Iterator[Device]:
     return (each for each in sample_devices(device, device.uncertainty, pairs, seed) for _ in range(2))
 
 
-def _fitted(device: Device) -> Mask:
-    """Whether a calibration has fitted the stiffness and the mass (2, part) of the bar and of every actuator."""
+def _further_deviates(device: Device, pairs: int, seed: int) -> tuple[dict[str, Array], Array]:
+    """By field of `_FURTHER` what is added (pair, part), the surface first; and the standardised deviates of all.
+
+    deviates (pair, parameter): of what varies alone, so that a spread without these has none.
+    """
+    guesses = {
+        key: (np.array([bool(names[0]), *[bool(names[1])] * len(device.actuators)]) & ~_fitted(device, *names))
+        for key, names in _FURTHER.items()
+    }
+    live = {key: guess if getattr(device.spread, key) else np.zeros_like(guess) for key, guess in guesses.items()}
+    random = np.random.default_rng([seed, 1])
+    even = latin_hypercube(pairs, int(sum(each.sum() for each in live.values())), random)
+    found, columns, first = dict[str, Array](), list[Array](), 0
+    for key, parts in live.items():
+        own = even[:, first : first + int(parts.sum())]
+        if key == "length":
+            own = (np.floor(_LENGTHS * own) + 0.5) / _LENGTHS
+        first += own.shape[1]
+        deviate = 2 * own - 1 if key in _EVEN else ndtri(own)
+        found[key] = np.zeros((pairs, len(parts)))
+        found[key][:, parts] = getattr(device.spread, key) * deviate
+        columns.append(deviate)
+    return found, np.hstack(columns)
+
+
+def _resized(device: Device, length: float, damping: Array) -> Device:
+    """The device with its sides, and the damping of its surface and its actuators, multiplied.
+
+    Actuators and borders of zones stay as far from the nearer end as they are.
+    """
+    surface, corner_m = device.surface, device.surface.corner_m
+    moved = partial(_moved_on, corner_m=corner_m, away_m=(length - 1) * corner_m)
+    factors = damping.tolist()
+    surface = replace(
+        surface,
+        length_m=surface.length_m * length,
+        width_m=surface.width_m * (length if isinstance(surface, Plate) else 1.0),
+        mass_damping_per_s=surface.mass_damping_per_s * factors[0],
+        stiffness_damping_s=surface.stiffness_damping_s * factors[0],
+    )
+    actuators = tuple(
+        replace(
+            each,
+            damping_n_s_per_m=each.damping_n_s_per_m * factor,
+            position_m=moved(each.position_m),
+        )
+        for each, factor in zip(device.actuators, factors[1:], strict=True)
+    )
+    zones = tuple(replace(each, start_m=moved(each.start_m), stop_m=moved(each.stop_m)) for each in device.zones)
+    return replace(device, surface=surface, actuators=actuators, zones=zones)
+
+
+def _moved_on(at_m: complex, corner_m: complex, away_m: complex) -> complex:
+    """A point that moves with the corner `corner_m` along each axis where it is nearer to that than to the start."""
+    x_m = at_m.real + away_m.real * (at_m.real > corner_m.real / 2)
+    y_m = at_m.imag + away_m.imag * (at_m.imag > corner_m.imag / 2)
+    return complex(x_m, y_m) if isinstance(corner_m, complex) else x_m
+
+
+def _fitted(device: Device, of_surface: str, of_actuator: str) -> Mask:
+    """Whether a calibration has fitted these values (part,) of the surface and of every actuator, by their keys."""
     names = {value.name for value in device.uncertainty.fitted} if device.uncertainty is not None else set[str]()
-    kind = device.surface.kind
     own = [("actuator", f"actuator[{i}]") for i in range(1, len(device.actuators) + 1)]
     return np.array(
         [
-            [bar in names, *[not names.isdisjoint(f"{part}.{key}" for part in parts) for parts in own]]
-            for bar, key in ((f"{kind}.youngs_modulus", "stiffness"), (f"{kind}.density", "mass"))
+            f"{device.surface.kind}.{of_surface}" in names,
+            *[not names.isdisjoint(f"{part}.{of_actuator}" for part in parts) for parts in own],
         ]
     )
 
 
 def _alternating(one: Array, other: Array) -> Array:
     """The rows of both in turn."""
-    return np.stack([one, other], axis=1).reshape(-1, *one.shape[1:])
+    return np.stack([one, other], axis=1).reshape(2 * len(one), *one.shape[1:])

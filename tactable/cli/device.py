@@ -237,7 +237,7 @@ def _finger_json(device: "Device") -> dict[str, Any]:
             "measured_points": len(points),
             "measured_hz": [points[0][0], points[-1][0]] if points else None,
             "misfit": origin.misfit,
-            "is_within_clicks": origin.misfit is None or origin.misfit <= device.spread.finger,
+            "is_within_clicks": (origin.misfit or 0.0) <= (device.spread.finger or finger.spread - 1),
         }
     )
     return plain

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from base.arrays import Array, Complex
-from engine.steady.cases import TOLERANCE_M
 from engine.table import ClickEntry, Table, TableError
 from engine.table.click_entry import ClickFinger
 from engine.touch import Placement
@@ -28,14 +27,15 @@ if TYPE_CHECKING:  # its kernels are compiled when it is imported
 
 
 class ClickSource:
-    """Clicks of a table's device, for fingers that lie within `tolerance_m` of the positions that are asked for.
+    """Clicks of a table's device, for fingers within `tolerance_m` of the positions; None: as the device's spread says.
 
     summation: how levels of clicks under fingers follow from their courses.
     """
 
-    def __init__(self, table: Table, tolerance_m: float = TOLERANCE_M, summation: Summation = Summation.NONE) -> None:
+    def __init__(self, table: Table, tolerance_m: float | None = None, summation: Summation = Summation.NONE) -> None:
         self.table, self.summation = table, summation
-        self.options = replace(read_click_options(table), tolerance_m=tolerance_m)  # of the clicks that are solved now
+        within_m = table.device.spread.reach_m if tolerance_m is None else tolerance_m
+        self.options = replace(read_click_options(table), tolerance_m=within_m)  # of the clicks that are solved now
 
     @cached_property
     def solver(self) -> ClickSolver:

@@ -15,7 +15,7 @@ from rich.table import Table as Grid
 
 from base.arrays import Array
 from base.plain import to_plain
-from engine.device import Spread
+from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.table.click_entry import LevelSpread, played_at
 from engine.touch import Placement
@@ -190,7 +190,7 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
         out.print(_softer_grid(explained.softer))
     if explained.rivals:
         out.print(_rival_grid(explained, device.threshold.above))
-    words.print_lines(out, f"made with: {_option_words(options, device.spread)}")
+    words.print_lines(out, f"made with: {_option_words(options, device)}")
     words.print_estimates(out, device, device.threshold)
 
 
@@ -278,15 +278,14 @@ def _rival_figures(felt: LevelSpread, quiet: LevelSpread | None, passed_s: float
     )
 
 
-def _option_words(options: ClickOptions, spread: Spread) -> str:
-    """Options of clicks in words: limits, plants and their spreads."""
-    within_m = spread.finger_position_m if options.tolerance_m is None else options.tolerance_m
+def _option_words(options: ClickOptions, device: Device) -> str:
+    """Options of clicks in words: limits, plants and what is not known of them."""
+    within_m = device.spread.reach_m if options.tolerance_m is None else options.tolerance_m
     return (
         f"{1e3 * options.length_s:g} ms, quiet fingers at {options.quiet_db:g} dB at most in 95 % of the plants, "
         f"tones {1 / options.crowding:g}/length apart; solved with {options.pool} plants, evaluated on "
-        f"{options.judged} others (seed {options.seed}); standard "
-        f"deviations of stiffness {100 * spread.stiffness:g} % and mass {100 * spread.mass:g} %, finger within "
-        f"{100 * spread.finger:g} % and {1e3 * within_m:g} mm"
+        f"{options.judged} others (seed {options.seed}), each finger within {1e3 * within_m:g} mm; made for the spread "
+        f"{device.spread_text}"
     )
 
 

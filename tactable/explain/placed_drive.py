@@ -9,7 +9,6 @@ from rich.table import Table as Grid
 
 from base.plain import to_plain
 from engine.device import Device, Threshold
-from engine.steady.cases import TOLERANCE_M
 from engine.table import Table
 from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
@@ -69,7 +68,7 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
     head = f"{device.name}, {words.placement_text(device, placement)}: {words.level_text(drive.wanted_level_db)} wanted"
     reached = f"weakest felt finger {drive.weakest_felt_db:z.1f} dB {threshold.above}"
     if figures.contrast_db is not None and figures.expected_contrast_db is not None:
-        expected = f"expected {figures.expected_contrast_db:z.1f} dB over {SAMPLES} sampled fingers"
+        expected = f"expected {figures.expected_contrast_db:z.1f} dB over {SAMPLES} sampled {sampled_word(device)}"
         reached += f", contrast {figures.contrast_db:z.1f} dB, {expected}"
     if not drive.achieved:
         reached += " - NOT ACHIEVED, the loudest drive"
@@ -87,8 +86,9 @@ def finger_grid(
 ) -> Grid:
     """Levels of each finger: a standard one, and percentiles over `cases` sampled ones."""
     caption = (
-        f"dB {device.threshold.above}; percentiles over {cases} sampled fingers, "
-        f"{device.finger.spread:g}-fold spread, each within {1e3 * TOLERANCE_M:g} mm of its position"
+        f"dB {device.threshold.above}; percentiles over {cases} sampled {sampled_word(device)}, fingers of "
+        f"{device.finger.spread:g}-fold spread, each within {1e3 * device.spread.reach_m:g} mm of its position; "
+        f"spread {device.spread.name or 'of the device file'}"
     )
     grid = Grid("finger", "role", "standard", *PERCENTILES, caption=caption)
     figures = zip(words.finger_names(device, placement), placement.is_felt, standard_db, spreads, strict=True)
@@ -96,6 +96,12 @@ def finger_grid(
         shown = [f"{value:z.1f}" for value in (level_db, *spread)]
         grid.add_row(name, "felt" if is_felt else "quiet", *shown)
     return grid
+
+
+def sampled_word(device: Device) -> str:
+    """What the figures of a steady drive are over."""
+    is_of_bars = device.spread.is_of_bars or device.uncertainty is not None
+    return "surfaces and fingers" if is_of_bars else "fingers"
 
 
 def _by_percentile(levels: Any) -> dict[str, float]:

@@ -24,7 +24,7 @@ from engine.touch import Placement
 from firmware_link.protocol.messages import ChannelDrive
 from precompute.model.assembly import assemble
 from tactable.explain.words import zone_names
-from tactable.rig.other_bar import BESIDE_M
+from tactable.rig.other_bar import reach_beside_m
 from tactable.rig.solved_click import SolvedClick
 
 if TYPE_CHECKING:
@@ -147,14 +147,14 @@ class Promises:
 class SampledPromises:
     """What sampled bars give to sampled fingers of a placement, from 5th to 95th percentile, in any order of commands.
 
-    They are those that clicks are judged with; fingers lie within BESIDE_M of their positions. To make them takes up to
-    three seconds, and compiled kernels.
+    They are those that clicks are judged with; fingers lie within `reach_beside_m` of their positions. To make them
+    takes up to three seconds, and compiled kernels.
     """
 
     def __init__(self, table: Table) -> None:
         from tactable.explain.click_source import ClickSource
 
-        self._source = ClickSource(table, BESIDE_M)
+        self._source = ClickSource(table, reach_beside_m(table.device))
         _ = self._source.solver
 
     def of(self, placement: Placement, played: ClickEntry | Sequence[ChannelDrive]) -> Array:

@@ -39,7 +39,7 @@ def test_half_of_the_drives_meet_their_bound_and_all_keep_what_is_said(name: str
         while np.diff(position_m).min() < 0.025:
             position_m = np.sort(random.uniform(0, device.bar.length_m, fingers))
         felt = np.arange(fingers) == random.integers(fingers)
-        cases = cases_at(position_m, sample_deviations(fingers, 8), device.finger, device.bar.length_m)
+        cases = cases_at(position_m, sample_deviations(fingers, 8), device)
         drive = solver.solve(position_m.tolist(), felt.tolist(), -20.0)
         hz = np.union1d(np.arange(device.sweep.start_hz, device.sweep.stop_hz, 2.0), drive.frequency_hz)
         usable = np.stack([(hz >= low) & (hz <= high) for low, high in band_hz], axis=1)
@@ -69,7 +69,7 @@ def test_fingers_feel_what_a_dense_model_says(name: str, fingers: int) -> None:
         felt = [True, *(random.random(fingers - 1) < 0.3).tolist()]
         drive = solver.solve(positions_m, felt, level_db)
         count = len(drive.sampled_level_db)
-        cases = cases_at(np.array(positions_m), sample_deviations(fingers, count), device.finger, device.bar.length_m)
+        cases = cases_at(np.array(positions_m), sample_deviations(fingers, count), device)
         told_db = np.concatenate([drive.level_db[None], drive.sampled_level_db])
         dense_db = dense_levels(device, cases, drive)
         # What is 50 dB below the strongest finger has no influence on any figure.

@@ -39,7 +39,7 @@ def test_values_are_found_within_their_intervals_and_the_device_file_says_them()
     assert new.surface.poissons_ratio == pytest.approx(found.device.surface.poissons_ratio, rel=1e-9)  # type: ignore[union-attr]
     assert new.uncertainty is not None and new.uncertainty.fitted[-1].name == "plate.poissons_ratio"
     drive, cases = (np.full(4, 150.0), np.array([1.0, 0.5j, 0.0, 0.0])), sample_cases(new, (0, 4))
-    powers = np.array([compute_powers(plate, cases, *drive)[0] for plate in sample_bars(new, SAMPLES)])
+    powers = np.array([compute_powers(plate, cases, *drive)[0] for plate in sample_bars(new, SAMPLES)[0]])
     assert powers.shape == (SAMPLES, 2) and (powers.std(axis=0) > 0).all()
     step = plan_after(found, Accuracy(), 1).summary()["readings"][0]
     assert len(step["position_m"]) == 2 and max(step["shrinks"].values()) > 0

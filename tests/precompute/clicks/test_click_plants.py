@@ -63,7 +63,9 @@ def transient_lines(scenarios: Scenarios, scenario: int, waveform: Array, lines:
 
 @any_device
 def test_fingers_feel_what_the_time_domain_plant_does_weighted(device: Device) -> None:
-    for plant, numbers in ((device, (0, 1, 3)), (damped_as_assembly(device), (1,)), (with_inertial(device), (1,))):
+    timely = device.with_values({"spread": "hand"}).with_values({"spread.delay": "0 s"})
+    others = (timely, (1, 3)), (damped_as_assembly(device), (1,)), (with_inertial(device), (1,))
+    for plant, numbers in ((device, (0, 1, 3)), *others):
         scenarios, waveform = sample_scenarios(plant, 4, seed=2), drive_of(plant)
         responses = responses_of(scenarios)
         drive = responses.lines.transform(waveform)
@@ -84,6 +86,15 @@ def test_a_shorter_bar_among_the_samples_has_modes_of_its_own() -> None:
     expected = responses_of(replace(scenarios, device=shorter, calibrated=(shorter,) * 3))
     found = responses_of(scenarios)
     assert abs(found.transfer[1] - expected.transfer[1]).max() <= 1e-3 * abs(expected.transfer[1]).max()
+
+
+def test_a_late_channel_turns_its_part_of_every_response() -> None:
+    timely = shipped("reference-a").with_values({"spread": "lab"}).with_values({"spread.delay": "0 s"})
+    scenarios = sample_scenarios(timely, 2, seed=2)
+    late = replace(scenarios, delay_s=np.array([[0.0, 0.0], [20e-6, 0.0], [20e-6, -10e-6]]))
+    found, expected = responses_of(late), responses_of(scenarios).transfer
+    turned = expected * np.exp(-late.delay_s[:, None, :, None] * found.lines.s_per_s)
+    assert abs(found.transfer - turned).max() <= 1e-5 * abs(expected).max()
 
 
 @any_device

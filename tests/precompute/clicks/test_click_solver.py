@@ -23,7 +23,7 @@ def test_an_entry_is_the_click_on_the_grid_of_the_wire_at_rest_at_both_ends_with
     assert steps.shape[1] == round(CHEAP.length_s * SAMPLE_RATE_HZ) + 1
     np.testing.assert_array_equal(entry.samples.T, np.round(steps))
     assert (entry.felt, entry.quiet, entry.fingers) == (figures.felt, figures.quiet, figures.fingers)
-    assert entry.tolerance_m == solver.device.spread.finger_position_m
+    assert entry.tolerance_m == solver.device.spread.reach_m
     assert entry.achieved and list(entry.exceeds_s) == [*solver.device.levels_db, np.inf]
 
 

@@ -101,7 +101,7 @@ def test_what_is_promised_holds_on_other_plants(name: str) -> None:
     """In the mean of random placements of two to four fingers."""
     errors_db = list[tuple[float, float]]()
     for fingers in (2, 3, 4):
-        for placement in random_placements(shipped(name), Anywhere(placements=4, fingers=fingers, feeling=1)):
+        for placement in random_placements(shipped(name), Anywhere(placements=8, fingers=fingers, feeling=1)):
             click = solver_of(name, DEFAULT_OPTIONS).solve(placement)
             felt, quiet = levels_on_fresh_plants(name, placement, click.waveform)
             assert click.evaluation.quiet is not None

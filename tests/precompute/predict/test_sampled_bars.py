@@ -31,7 +31,7 @@ def calibrated(deviation: float, spread: float = 0.0) -> Device:
 
 @pytest.mark.parametrize("hz", [HZ, HZ[[0, 0]]], ids=["a tone each", "one frequency"])
 def test_a_bar_answers_as_its_own_model_with_its_own_fingers(hz: Array) -> None:
-    bars, tones = sample_bars(calibrated(0.05, spread=0.02), SAMPLES), np.unique(hz)
+    (bars, _), tones = sample_bars(calibrated(0.05, spread=0.02), SAMPLES), np.unique(hz)
     assert len(bars) == SAMPLES
     weight, cases = np.where(hz == tones[:, None], AMPLITUDE, 0), sample_cases(DEVICE, TOUCHED)
     for number in (0, 7, SAMPLES - 1):
@@ -49,7 +49,7 @@ def test_every_sampled_case_has_a_bar_of_its_own() -> None:
     designer, positions_m = SteadyDesigner(device), [zone.middle_m for zone in device.zones[:2]]
     figures = designer.solve(positions_m, felt, 10.0)
     hz, amplitude = np.array(figures.drive.frequencies_hz), figures.drive.complex_amplitudes
-    for number, bar in enumerate(sample_bars(device, SAMPLES)):
+    for number, bar in enumerate(sample_bars(device, SAMPLES)[0]):
         places_m, fingers = zip(*figures.loads[number + 1], strict=True)
         field = solve_response(bar.with_fingers(places_m, fingers), hz[:1]).acceleration(np.array(places_m))[0]
         level_db = 20 * np.log10(abs(amplitude @ field) / DEVICE.threshold.peak_m_per_s2(hz[:1]))
@@ -59,9 +59,9 @@ def test_every_sampled_case_has_a_bar_of_its_own() -> None:
 def test_where_nothing_is_unknown_of_the_bar_the_touches_are_left() -> None:
     cases = sample_cases(DEVICE, TOUCHED)
     expected = compute_powers(assemble(DEVICE), cases, HZ, AMPLITUDE)
-    for bar in sample_bars(calibrated(0.0), 3):
+    for bar in sample_bars(calibrated(0.0), 3)[0]:
         assert compute_powers(bar, cases, HZ, AMPLITUDE) == pytest.approx(expected, rel=1e-6)
 
 
 def test_without_a_calibration_there_are_no_other_bars() -> None:
-    assert sample_bars(DEVICE, SAMPLES) == []
+    assert sample_bars(DEVICE, SAMPLES) == ([], None)

@@ -48,6 +48,47 @@ def test_the_samples_have_the_spreads_asked_for(device: Device) -> None:
         assert off_m.max(axis=0) == pytest.approx([reach_m] * 3, rel=1e-2) and (off_m <= reach_m + 1e-12).all()
 
 
+@pytest.mark.parametrize("name", ["reference-a", "reference-p"])
+def test_a_set_of_spreads_is_what_is_sampled(name: str) -> None:
+    """Lengths are few (`_LENGTHS`), so that their standard deviation is 0.94 of what is asked."""
+    device = shipped(name).with_values({"spread": "hand"})
+    spread, scenarios = device.spread, sample_scenarios(device, 2000, 5)
+    sampled = [scenarios.device_of(i) for i in range(1, len(scenarios))]
+    length = np.array([[each.surface.length_m, each.surface.width_m] for each in sampled])
+    length /= device.surface.length_m, device.surface.width_m
+    assert length[:, 0].std() == pytest.approx(0.94 * spread.length, rel=0.02)
+    assert np.ptp(length[:, 1]) == pytest.approx(np.ptp(length[:, 0]) if name == "reference-p" else 0.0, abs=1e-12)
+    damping = np.array(
+        [
+            [each.surface.mass_damping_per_s, each.surface.stiffness_damping_s]
+            + [actuator.damping_n_s_per_m for actuator in each.actuators]
+            for each in sampled
+        ]
+    )
+    assert np.log(damping).std(axis=0) == pytest.approx(spread.damping, rel=0.02)
+    assert (scenarios.gain[1:] - 1).std(axis=0) == pytest.approx(spread.gain, rel=0.02)
+    assert abs(scenarios.delay_s).max(axis=0) == pytest.approx(spread.delay_s, rel=0.01)
+    assert scenarios.normal[1:].std(axis=0).min() > 0.5, "every parameter varies"
+    factors = np.sort(soft(scenarios).ravel())
+    assert np.mean((factors > 1 / device.finger.spread) & (factors < device.finger.spread)) == pytest.approx(
+        0.95, abs=0.01
+    )
+    assert np.median(factors) == pytest.approx(1.0, rel=0.02)
+    off_m = scenarios.place(POSITION_M).position_m - POSITION_M
+    assert abs(off_m.real).max() == pytest.approx(spread.finger_position_m + 0.02 * spread.speed_m_per_s, rel=0.01)
+    nominal = replace(scenarios.device_of(0), text="", zones=())
+    assert nominal == replace(device, text="", zones=())
+
+
+def test_what_a_calibration_has_fitted_does_not_vary_further() -> None:
+    device = shipped("reference-a").with_values({"spread": "lab"})
+    fitted = tuple(FittedValue(name, 0.1, 10.0, 0.0) for name in ("actuator[1].damping", "actuator.full_scale"))
+    known = replace(device, uncertainty=Uncertainty(fitted[:1], ((1e-12,),)))
+    damping = [sample_scenarios(known, 20, 5).device_of(i).actuators for i in range(1, 21)]
+    assert np.ptp([one.damping_n_s_per_m for one, _ in damping]) < 1e-5
+    assert np.ptp([other.damping_n_s_per_m for _, other in damping]) > 0.01
+
+
 def test_no_finger_lies_beside_the_bar() -> None:
     device = shipped("reference-a")
     length_m = device.bar.length_m

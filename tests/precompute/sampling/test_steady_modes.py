@@ -51,7 +51,7 @@ def test_fingers_on_a_plate_feel_what_the_loaded_plant_says(fingers: int) -> Non
     corner_m = PLATE.surface.corner_m
     deviations = sample_deviations(fingers, len(drive.sampled_level_db), axes_of(corner_m))
     hz, amplitude = np.array([drive.frequency_hz]), np.array(drive.complex_amplitudes)
-    exact_db = levels_db(plant, cases_at(points_m, deviations, PLATE.finger, corner_m), hz, amplitude)
+    exact_db = levels_db(plant, cases_at(points_m, deviations, PLATE), hz, amplitude)
     heard = exact_db > exact_db.max() - 20
     assert drive.frequency_hz in PLATE.sweep.frequency_hz
     assert drive.achieved and abs(told_db - exact_db)[heard].max() < TOLERANCE_DB

@@ -86,7 +86,7 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
         np.percentile([each["by_position"]["felt_db"]["low_db"] for each in result["placements"]], [5, 50, 95])
     )
     text = "\n".join(describe(DEVICE, wanted, result))
-    assert all(word in text for word in ("Oh and Choi 2019", "position within 1 mm", "SIMULATED", "ESTIMATES"))
+    assert all(word in text for word in ("Oh and Choi 2019", "each finger within 1 mm", "SIMULATED", "ESTIMATES"))
     assert len(draw(DEVICE, [0.025, 0.03], [result, result]).axes) == 2
 
 

@@ -13,7 +13,7 @@ from tests.tactable.click_table import CHEAP, build_click_table
 
 
 def test_a_click_of_the_table_is_taken_from_it_with_the_options_that_made_it(source: ClickSource) -> None:
-    assert source.options == CHEAP.at(source.table.places)
+    assert source.options == CHEAP.at(source.table.places, source.table.device.spread)
     with pytest.raises(TableError, match="--felt I"):
         source.solve(Placement.named(source.table.device, [], ["II"]))
     near = Placement.named(source.table.device, ["50 mm"], ["225 mm"])

@@ -37,4 +37,4 @@ def test_with_the_first_click_it_has_the_basis_that_all_clicks_of_the_device_sha
         assert table.clicks.basis is not None
         assert table.clicks.basis.hash == click_basis(device, early_options()).hash
         assert table.places == early_options().places(device.bar.length_m)
-        assert table.clicks.tolerance_m == early_options().at(table.places).tolerance_m
+        assert table.clicks.tolerance_m == early_options().at(table.places, device.spread).tolerance_m
