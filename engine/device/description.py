@@ -10,7 +10,7 @@ import numpy as np
 from base.points import point_text
 from engine.device.actuator_transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
 from engine.device.electrodes import LINEARISERS, Electrodes
-from engine.device.parts import Actuator, DeviceError, Limits, Spread, Surface, Sweep
+from engine.device.parts import Actuator, Bar, DeviceError, Limits, Spread, Surface, Sweep
 from engine.device.quantity import QuantityError, read_angle_rad, read_quantity
 from engine.device.toml_table import TomlTable
 
@@ -92,6 +92,7 @@ def read_actuators(top: DeviceTable, surface: Surface) -> tuple[Actuator, ...]:
             electrodes=_read_electrodes(part),
             moving_mass_kg=_read_moving_mass(part),
             is_force=is_force,
+            clamp_m=_read_clamp_m(part, surface),
         )
         for other in actuators:
             if other.name == actuator.name:
@@ -124,6 +125,28 @@ def _read_moving_mass(part: DeviceTable) -> float | None:
         remedy = "a grounded actuator has none: leave it out, or say kind = 'inertial'"
         raise part.error("moving_mass", part.left["moving_mass"], remedy)
     return None
+
+
+def _read_clamp_m(part: DeviceTable, surface: Surface) -> float:
+    """Length of the stretch of bar about the actuator that does not bend."""
+    clamp_m = part.quantity("clamp", "m", default="0 mm")
+    if clamp_m and not isinstance(surface, Bar):
+        why = "is for bars: the polynomials of a plate cannot keep a patch from bending; leave it out"
+        raise part.error("clamp", f"{1e3 * clamp_m:g} mm", why)
+    return clamp_m
+
+
+def check_clamps(source: str, surface: Surface, actuators: tuple[Actuator, ...]) -> None:
+    """Refuse clamps that reach another actuator or its clamp, or that leave nothing of the bar to bend."""
+    length_m = surface.length_m
+    ends_m = [(f"actuator[{i}].clamp", each, *each.clamped_m(length_m)) for i, each in enumerate(actuators, 1)]
+    for key, each, start_m, stop_m in ends_m if any(each.clamp_m for each in actuators) else ():
+        shown = f"{source}: {key}: {1e3 * each.clamp_m:g} mm"
+        if stop_m - start_m > (1 - _LEAST_DISTANCE) * length_m:
+            raise DeviceError(f"{shown}: leaves nothing of the bar to bend; give the length that the bolts hold")
+        for other, own, first_m, last_m in ends_m:
+            if own is not each and start_m - last_m < _LEAST_DISTANCE * length_m > first_m - stop_m:
+                raise DeviceError(f"{shown}: reaches {own.name} or its clamp ({other}); give narrower clamps")
 
 
 def _read_band(part: DeviceTable) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from base.points import point_text
 from engine.device.description import (
     DeviceTable,
     check_bands,
+    check_clamps,
     check_damping,
     check_electrodes,
     check_transfers,
@@ -98,6 +99,7 @@ class Device:
         surface = read_surface(top, sweep)
         actuators = read_actuators(top, surface)
         check_damping(source, surface, actuators)
+        check_clamps(source, surface, actuators)
         check_electrodes(source, actuators)
         check_transfers(source, actuators)
         finger, finger_origin = top.section("finger", lambda part: read_finger(part, sweep))
@@ -225,7 +227,7 @@ class Device:
             if not values["spread"][key]:
                 del values["spread"][key]
         for actuator in values["actuators"]:
-            for key in ("transfer", "electrodes", "moving_mass_kg", "is_force"):
+            for key in ("transfer", "electrodes", "moving_mass_kg", "is_force", "clamp_m"):
                 if not actuator[key]:
                     del actuator[key]
         if values["threshold"] == shipped_threshold(DEFAULT).values:

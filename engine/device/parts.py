@@ -104,6 +104,12 @@ class Actuator:
     electrodes: Electrodes | None = None  # how the force follows the voltage; None: the file does not say
     moving_mass_kg: float | None = None  # the mass that is not fixed to the surface; None: the actuator is grounded
     is_force: bool = False
+    clamp_m: float = 0.0  # length of bar about its place that the bolts keep from bending
+
+    def clamped_m(self, length_m: float) -> tuple[float, float]:
+        """The ends of the stretch that does not bend, on a bar of this length; beyond an end there is none."""
+        place_m = self.position_m.real
+        return max(place_m - self.clamp_m / 2, 0.0), min(place_m + self.clamp_m / 2, length_m)
 
     @property
     def is_inertial(self) -> bool:

@@ -12,6 +12,7 @@ FITTED_UNITS = {
     "actuator.damping": "N*s/m",
     "actuator.full_scale": "m",
     "actuator.mass": "kg",
+    "actuator.clamp": "m",
     **{f"{kind}.mass_damping": "1/s" for kind in ("bar", "plate")},
     **{f"{kind}.stiffness_damping": "s" for kind in ("bar", "plate")},
     **{f"{kind}.youngs_modulus": "Pa" for kind in ("bar", "plate")},

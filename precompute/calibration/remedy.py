@@ -1,7 +1,8 @@
 """What a fit misses: the one parameter, or the one length of the description, that explains most of its misfit.
 
 Each parameter that was not fitted is a candidate, and so are the lengths that no fit changes: the surface's own, and
-the places of its actuators, which a ruler tells to a millimetre or so, on a plate along either side.
+the places of its actuators, which a ruler tells to a millimetre or so, on a plate along either side; on a bar also the
+width over which all bolts clamp it, which no ruler tells.
 
 Where the misfit may be noise, a score test picks the candidates worth a fit: the derivative of the readings by a
 candidate, less what the fitted parameters can do, correlated with the residuals. In noise that is chi-squared with one
@@ -38,6 +39,7 @@ _NOISY = 0.03
 """Relative noise beyond which the score is not asked: accelerometers and their places are better."""
 _REACH = 0.05
 """Of the bar: how far off a length is looked for. Millimetres are misread, or the other end is counted from."""
+_WIDEST_CLAMP = 0.15  # of the bar: bolts that clamp more of it would be seen
 _LOOKED_AT = {"bar": 17, "plate": 7}  # 0.6 % of the bar apart, since costs have several minima; 9 pass the tests too
 _MOST_FITTED = {"bar": None, "plate": 3}
 """Candidates that are fitted, the most promising ones: a fit of a plate takes a hundred times as long as of a bar."""
@@ -191,4 +193,17 @@ def _lengths_of(device: Device, measurements: Measurements) -> list[_Length]:
             own_m = parts_of(place_m)[axis]
             ends_m = max(own_m - reach_m, 0.0), min(own_m + reach_m, side_m)
             found.append(_Length(f"actuator[{index + 1}].position", own_m, *ends_m, written, moved))
+    if device.surface.kind == "bar":
+        found.append(_clamps_of(device))
     return found
+
+
+def _clamps_of(device: Device) -> _Length:
+    """The clamps of all actuators, of one width: bolts that no file mentions are of one make."""
+
+    def clamped(width_m: complex) -> Device:
+        return replace(device, actuators=tuple(replace(each, clamp_m=width_m.real) for each in device.actuators))
+
+    places_m = sorted(actuator.position_m.real for actuator in device.actuators)
+    widest_m = min([_WIDEST_CLAMP * device.surface.length_m, *np.diff(places_m) / 2])
+    return _Length("actuator.clamp", device.actuators[0].clamp_m, 0.0, widest_m, lambda width_m: width_m, clamped)

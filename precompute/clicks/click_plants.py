@@ -185,7 +185,7 @@ def _sampled_modes(scenarios: Scenarios, modes: int) -> tuple[list[tuple[Plant, 
     """
     groups: dict[tuple[complex, ...], list[int]] = {}
     for index, device in enumerate(scenarios.calibrated):
-        places_m = (device.surface.corner_m, *(actuator.position_m for actuator in device.actuators))
+        places_m = (device.surface.corner_m, *(m for each in device.actuators for m in (each.position_m, each.clamp_m)))
         groups.setdefault(places_m, []).append(index)
     square_omega = np.empty((len(scenarios), modes + _STATIC_MODES))
     shapes = []

@@ -60,6 +60,7 @@ QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
         "damping": Quantity("damping_n_s_per_m", "c", greatest=10.0, knee=3e-3),
         "full_scale": Quantity("full_scale_m", "alpha", factor=10.0),
         "mass": Quantity("mass_kg", "m", factor=5.0),
+        "clamp": Quantity("clamp_m", "w", factor=3.0),
     },
     "bar": _SURFACE,
     "plate": {**_SURFACE, "poissons_ratio": Quantity("poissons_ratio", "nu", factor=2.0, greatest=0.5)},
@@ -236,7 +237,12 @@ def known_names(device: Device) -> list[str]:
         if part in ("bar", "plate") and part != device.surface.kind:
             continue
         prefixes = [part, *(f"{part}[{i}]" for i in range(1, len(device.actuators) + 1))] if part == "actuator" else []
-        names += [f"{prefix}.{key}" for prefix in prefixes or [part] for key in keys]
+        names += [
+            f"{prefix}.{key}"
+            for prefix in prefixes or [part]
+            for key in keys
+            if key != "clamp" or device.surface.kind == "bar"
+        ]
     return names
 
 

@@ -11,7 +11,7 @@ Gram = Complex
 
 _FIELD = types.Array(types.complex128, 3, "C", readonly=True)
 _INTEGRAL = types.Array(types.float64, 3, "C", readonly=True)
-_ZONE = types.Array(types.int64, 1, "C", readonly=True)
+_INDEX = types.Array(types.int64, 1, "C", readonly=True)
 _OUT = types.Array(types.complex128, 4, "C")
 
 
@@ -26,17 +26,20 @@ def compute_gram(response: Response) -> tuple[Gram, Gram]:
     return np.ascontiguousarray(out[:, :-1]), out.sum(axis=1)
 
 
-@njit(types.void(_FIELD, _INTEGRAL, _ZONE, _OUT), cache=True, parallel=True)
-def fill_gram(field, integral, zone_of, out):  # type: ignore[no-untyped-def]  # numba
-    """Add to out (frequency, zone, actuator, actuator) the exact integral over each element of conj(v_a) v_b."""
+@njit(types.void(_FIELD, _INDEX, _INTEGRAL, _INDEX, _OUT), cache=True, parallel=True)
+def fill_gram(field, first, integral, zone_of, out):  # type: ignore[no-untyped-def]  # numba
+    """Add to out (frequency, zone, actuator, actuator) the exact integral over each element of conj(v_a) v_b.
+
+    first (element,): of the four degrees of freedom that integral (element, 4, 4) is over.
+    """
     count, actuators, _ = field.shape
     for f in prange(count):
         for e in range(integral.shape[0]):
             z = zone_of[e]
             for b in range(actuators):
-                for i in range(4):  # Hermite's four: deflection and slope at either end
+                for i in range(4):
                     weighted = 0j
                     for j in range(4):
-                        weighted += integral[e, i, j] * field[f, b, 2 * e + j]
+                        weighted += integral[e, i, j] * field[f, b, first[e] + j]
                     for a in range(actuators):
-                        out[f, z, a, b] += np.conj(field[f, a, 2 * e + i]) * weighted
+                        out[f, z, a, b] += np.conj(field[f, a, first[e] + i]) * weighted

@@ -98,6 +98,10 @@ class Plant(ABC):
         field: (frequency, column, degree of freedom).
         """
 
+    def clamp_slopes(self, one: Complex, other: Complex) -> Complex:  # noqa: ARG002  # a plate has no clamps
+        """Derivatives of one^T K other (row, actuator) by lengths of clamps; one, other (row, degree of freedom)."""
+        return np.zeros((len(one), len(self.device.actuators)), dtype=np.complex128)
+
     @cached_property
     def zone_places_m(self) -> Array | Complex:
         """Points (zone, across, along) in each zone, edges included, where peaks are looked for; a bar has one row."""

@@ -128,7 +128,7 @@ def solve_point(plant: BarPlant, position_m: Points, pair_hz: Array, amplitude: 
         load[dof] = actuator.spring_force_n + 1j * omega * actuator.damper_force_n_s
         factor = 1.0 if actuator.transfer is None else actuator.transfer.at(np.atleast_1d(hz))[0]
         field = weight * factor * scipy.linalg.solve_banded((3, 3), full, load)
-        local = omega * field[2 * np.arange(len(plant.element_zone))[:, None] + np.arange(4)]
+        local = omega * field[plant.element_dof]
         element = np.einsum("ei,eij,ej->e", local.conj(), plant.element_integral, local).real
         energy += np.bincount(plant.element_zone, element, zones + 1)
         level += omega**2 * abs(plant.sampler(position_m.ravel()).sample(field)).reshape(position_m.shape)

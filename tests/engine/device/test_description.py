@@ -377,3 +377,38 @@ def test_a_force_at_full_scale_stays_one_and_only_an_inertial_actuator_has_a_mov
     for text, key in ((changed("actuator[1]", "kind", '"grounded"', inertial), "moving_mass"), (inertial, "kind")):
         with pytest.raises(DeviceError, match=rf"actuator\[1\]\.{key}"):
             Device.parse(text.replace('"inertial"', '"floating"'), "text")
+
+
+@pytest.mark.parametrize(
+    ("clamps", "message"),
+    [
+        (("20 mm", "20 mm"), None),
+        (("460 mm", "0 mm"), r"actuator\[1\].clamp: 460 mm: reaches right or its clamp \(actuator\[2\].clamp\)"),
+        (("230 mm", "230 mm"), r"reaches right or its clamp"),
+        (("20", "0 mm"), r"actuator\[1\].clamp: '20'"),
+        (("-20 mm", "0 mm"), r"actuator\[1\].clamp"),
+    ],
+)
+def test_clamps_leave_one_another_and_some_of_the_bar_alone(clamps: tuple[str, str], message: str | None) -> None:
+    text = TEXT
+    for number, clamp in enumerate(clamps, 1):
+        text = changed(f"actuator[{number}]", "clamp", f'"{clamp}"', text)
+    if message is None:
+        device = Device.parse(text, "text")
+        ends_m = [actuator.clamped_m(device.bar.length_m) for actuator in device.actuators]
+        places_m = [actuator.position_m.real for actuator in device.actuators]
+        assert ends_m[0] == pytest.approx((places_m[0] - 0.01, places_m[0] + 0.01))
+        assert ends_m[1] == pytest.approx((places_m[1] - 0.01, device.bar.length_m))
+    else:
+        with pytest.raises(DeviceError, match=message):
+            Device.parse(text, "text")
+
+
+def test_one_clamp_does_not_hold_all_of_the_bar_and_a_plate_has_none() -> None:
+    bodies = bodies_of(changed("actuator[1]", "clamp", '"600 mm"'))
+    alone = "".join(body for section, body in bodies.items() if section != "actuator[2]")
+    with pytest.raises(DeviceError, match=r"actuator\[1\].clamp: 600 mm: leaves nothing of the bar to bend"):
+        Device.parse(alone, "text")
+    plate = shipped("reference-p").text
+    with pytest.raises(DeviceError, match=r"actuator\[1\].clamp: '?20 mm'?: is for bars"):
+        Device.parse(plate.replace("[[actuator]]", '[[actuator]]\nclamp = "20 mm"', 1), "text")

@@ -11,8 +11,8 @@ from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.doubts import LARGEST_MISFIT
 from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
-from tests.precompute.devices import shipped, with_bar
-from tests.precompute.measured import TRUTH, read_bar
+from tests.precompute.devices import shipped, with_actuators, with_bar
+from tests.precompute.measured import PAIRS_HZ, TRUTH, read_bar
 from tests.studies.physics.wrong_bars import report_about
 
 pytestmark = pytest.mark.long
@@ -58,6 +58,15 @@ def test_a_length_that_was_misread_is_named_with_its_value() -> None:
     assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
     millimetres = f"{1e3 * report['remedy']['length_m']:.4g} mm"
     assert f"Measure bar.length again: with {millimetres} in the device file" in report["doubt"]
+
+
+def test_bolts_that_the_file_does_not_mention_are_named_with_the_width_that_they_clamp() -> None:
+    bolted = with_actuators(DEVICE, clamp_m=0.02)
+    found = calibrate(DEVICE, read_bar(bolted, {}, PAIRS_HZ[:5], FLAWS), default_names(DEVICE), starts=2)
+    report = adequacy_report(DEVICE, found, {})
+    assert report["remedy"]["name"] == "actuator.clamp"
+    assert report["remedy"]["length_m"] == pytest.approx(0.02, abs=1e-3)
+    assert report["remedy"]["misfit"] < 0.1 * report["misfit"]
 
 
 def test_a_length_that_spoils_a_third_of_the_readings_is_doubted_though_the_typical_misfit_stays() -> None:

@@ -15,6 +15,7 @@ from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
 from tests.precompute.calibration.calibrations import DEVICE
+from tests.precompute.devices import with_actuators
 from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
 from tests.precompute.measurements.test_response_table import per_newton
 
@@ -39,6 +40,28 @@ def test_without_noise_the_papers_six_and_others_are_found_to_1e_6(truth: dict[s
     errors = relative_errors(found, truth)
     assert max(errors.values()) < 1e-6, errors
     assert all(estimate.known is Known.WELL for estimate in found.estimates)
+
+
+def test_the_length_that_bolts_clamp_is_found_beside_stiffness_modulus_and_masses() -> None:
+    """From a file that says 20 mm, or within bounds; with noise within three standard errors, at most 3 mm."""
+    device = with_actuators(DEVICE, clamp_m=0.02)
+    truth = {"actuator[1].clamp": 0.016, "actuator[2].clamp": 0.023, "actuator[1].stiffness": 20e3}
+    names = (*default_names(DEVICE), "actuator[1].clamp", "actuator[2].clamp", "actuator.mass")
+    exact = {
+        each.parameter.name: each for each in calibrate(device, read_bar(device, truth), names, starts=1).estimates
+    }
+    noisy = calibrate(device, read_bar(device, truth, PAIRS_HZ, Flaws(noise=0.02)), names, starts=1)
+    for estimate, most_m in zip(noisy.estimates[-3:-1], (3e-4, 3e-3), strict=True):
+        value = truth[estimate.parameter.name]
+        assert exact[estimate.parameter.name].value == pytest.approx(value, rel=1e-4)
+        assert estimate.known is Known.WELL and 0 < estimate.standard_error < most_m
+        assert abs(estimate.value - value) < 3 * estimate.standard_error
+    unsaid = calibrate(
+        DEVICE, read_bar(device, {}), ["actuator.clamp"], bounds={"actuator.clamp": (2e-3, 0.06)}, starts=2
+    )
+    assert unsaid.estimates[0].value == pytest.approx(0.02, rel=1e-4)
+    with pytest.raises(ParameterError, match=r"actuator\.clamp: is 0 in the description, .* give bounds"):
+        calibrate(DEVICE, read_bar(device, {}), ["actuator.clamp"])
 
 
 def test_each_actuator_has_its_own_full_scale_unless_it_stood_still() -> None:

@@ -12,7 +12,7 @@ from precompute.measurements.parameters import find_parameters, known_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
 from tests.precompute.dense_model import DenseModel
-from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_bar
+from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_actuators, with_bar
 from tests.precompute.measured import NAN
 from tests.precompute.model.test_transfers import with_transfers
 
@@ -81,6 +81,7 @@ def test_responses_per_newton_are_those_of_the_dense_model_to_one_newton(device:
 @pytest.mark.parametrize("kind", [*Kind, "per newton"])
 @pytest.mark.parametrize("name", known_names(DEVICE))
 def test_derivatives_are_those_of_differences(name: str, kind: Kind | str, device: Device) -> None:
+    device = with_actuators(device, clamp_m=0.018)
     drives_hz = np.array([[150, 130], [200, 200], [60, NAN]] if kind is Kind.PEAK else [[150, NAN], [200, 200]])
     rows = rows_of(device, drives_hz, kind) if isinstance(kind, Kind) else forced(device, 0.17)
     parameters = find_parameters(device, [name], {}, 2e-3)
@@ -92,4 +93,5 @@ def test_derivatives_are_those_of_differences(name: str, kind: Kind | str, devic
     step = 1e-4 / np.abs(found).max()  # changes no reading by more: beyond rounding, before anything bends
     above, below = (model.predict(np.array([value + s])).log_acceleration for s in (step, -step))
     numeric = (above - below) / (2 * step)
-    assert np.abs(found - numeric).max() <= 1e-5 * np.abs(numeric).max()
+    tolerance = 0.03 if name.endswith("clamp") else 1e-5  # the curvature beside a clamp is that of an element
+    assert np.abs(found - numeric).max() <= tolerance * np.abs(numeric).max()

@@ -36,10 +36,11 @@ def test_the_usual_ones_are_the_papers_six() -> None:
 
 @pytest.mark.parametrize("name", known_names(DEVICE))
 def test_every_name_changes_what_it_says_and_starts_where_the_device_is(name: str) -> None:
-    (parameter,) = find_parameters(DEVICE, [name], {}, 2e-3)
+    device = with_actuators(DEVICE, clamp_m=0.02)
+    (parameter,) = find_parameters(device, [name], {}, 2e-3)
     assert parameter.low <= parameter.start <= parameter.high
-    changed = with_changes(DEVICE, {name: 1.5 * parameter.start})
-    assert (changed == DEVICE) == (parameter.part == "sensor")
+    changed = with_changes(device, {name: 1.5 * parameter.start})
+    assert (changed == device) == (parameter.part == "sensor")
     if parameter.part != "sensor":
         (again,) = find_parameters(changed, [name], {}, 0.0)
         assert again.start == pytest.approx(1.5 * parameter.start, rel=1e-12)
