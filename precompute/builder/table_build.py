@@ -207,6 +207,7 @@ class _Builder:
                     "code_version": metadata.version("tactable"),
                     "created": created,
                     "threshold": device.threshold.title,
+                    "spread": device.spread_text,
                     "clicks_up_to": self.in_the_end,
                     "click_options": json.dumps(asdict(options.click_options)),
                     **self._click_attributes(),

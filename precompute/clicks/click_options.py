@@ -18,7 +18,7 @@ class ClickOptions:
     neighbouring places of a table; None: FINEST_M, or what gives MOST_PLACES on a plate. tolerance_m: a finger lies
     within this distance of its place; None: within that of the device's spread. crowding: tones for each 1/length of an
     actuator's band. pool, judged: numbers of sampled plants to solve with, the first 60 of which make the click and the
-    others trim it, and to evaluate with; each has a seed of its own.
+    others trim it, and to evaluate with; each has a seed of its own. A spread of bars and channels doubles the pool.
     """
 
     length_s: float = 0.03

@@ -141,6 +141,7 @@ def check(
         "greatest_level_db": levels,
         "threshold": _threshold_json(device),
         "finger": _finger_json(device),
+        "spread": device.spread_text,
         "surface": device.surface.kind,
         "waves_in_thickness": shortest_wave_m(device) / device.surface.thickness_m,
         "shear_error": estimate_shear_error(device),
@@ -191,6 +192,7 @@ def _say_check(found: dict[str, Any]) -> None:
         say(f"note: {short['level_db']:g} dB is out of reach in {', '.join(short['zones'])}")
     say(_threshold_words(found["threshold"]))
     say(_finger_words(found["finger"]))
+    say(f"clicks and drives are made for the spread {found['spread']}")
     say("Computed, not measured.")
 
 

@@ -48,6 +48,7 @@ def device_json(device: Device) -> dict[str, Any]:
         "most": device.limits.amplitude,
         "estimates": len(device.estimated_values),
         "threshold": device.threshold.title,
+        "spread": device.spread_text,
     }
 
 

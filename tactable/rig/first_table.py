@@ -89,6 +89,7 @@ def write_first_table(device: Device, path: Path, clicks: Clicks | None = None, 
                 "device_description": device.text,
                 "device_fingerprint": device.fingerprint,
                 "threshold": device.threshold.title,
+                "spread": device.spread_text,
                 "code_fingerprint": "",  # it goes with the run
                 "code_version": metadata.version("tactable"),
                 "created": datetime.now(UTC).isoformat(timespec="seconds"),

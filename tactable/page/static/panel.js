@@ -103,9 +103,8 @@ export class Panel {
     byId("actions").hidden = !isDemo;
     for (const id of ["hint", "show-me", "keep-all"]) byId(id).hidden = !isDemo;
     say(byId("last-key"), `${Math.min(device.zones.length, 9)}`);
-    say(byId("estimates"), device.estimates
-      ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. Levels are dB above the ${device.threshold}.`
-      : `Levels are dB above the ${device.threshold}.`);
+    const estimates = device.estimates ? `${device.estimates} values of ${device.name} are ESTIMATES; its file names them. ` : "";
+    say(byId("estimates"), `${estimates}Levels are dB above the ${device.threshold}. Clicks and drives are made for the spread ${device.spread}.`);
     if (isDemo) this._showSwitches(scene, choice, wire);
     this._sayStatus();
     this._sayNotice();
