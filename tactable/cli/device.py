@@ -126,6 +126,11 @@ def check(
             for actuator in device.actuators
             if actuator.moving_mass_kg is not None
         },
+        "clamped_m": {
+            actuator.name: list(actuator.clamped_m(device.surface.length_m))
+            for actuator in device.actuators
+            if actuator.clamp_m
+        },
         "electrodes": {
             actuator.name: to_plain(actuator.electrodes)
             | {"second_harmonic": actuator.electrodes.second_harmonic(device.limits.amplitude)}
@@ -165,6 +170,8 @@ def _say_check(found: dict[str, Any]) -> None:
     for name, mass in found["inertial"].items():
         own = f"{1e3 * mass['moving_mass_kg']:.3g} g on a spring, which on a surface at rest resonates"
         say(f"{name} is inertial: {own} at {mass['resonance_hz']:.4g} Hz")
+    for name, (start_m, stop_m) in found["clamped_m"].items():
+        say(f"bolts of {name} clamp the bar from {1e3 * start_m:.4g} to {1e3 * stop_m:.4g} mm: it does not bend there")
     for name, points in found["transfer_points"].items():
         say(f"transfer function of {name}: {points} points")
     for name, electrodes in found["electrodes"].items():

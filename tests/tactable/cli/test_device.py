@@ -33,12 +33,14 @@ def test_a_check_says_what_drivers_and_electrodes_make_of_a_command(tmp_path: Pa
     text = find_device("reference-a").text.replace('name = "left"', f'name = "left"\n{points}')
     alone = '[actuator.electrodes]\nnumber = 1\nbias = "50 %"\n'
     opposed = '[actuator.electrodes]\nnumber = 2\nbias = "50 %"\n'
+    text = text.replace('name = "right"', 'name = "right"\nclamp = "20 mm"')
     text = text.replace('[[actuator]]\nname = "right"', f'{alone}\n[[actuator]]\nname = "right"')
     path = tmp_path / "driven.toml"
     path.write_text(text.replace("[zones]", f"{opposed}\n[zones]"), encoding="utf-8")
     done = run("check", str(path))
     for part in ("transfer function of left: 3 points", "electrodes of left: one electrode", "-12.0 dB"):
         assert part in done.stdout
+    assert "bolts of right clamp the bar from 263 to 279.4 mm: it does not bend there" in done.stdout
     assert "electrodes of right: two electrodes 180 deg apart" in done.stdout and "the force is linear" in done.stdout
     assert summary_of(HERE, "check", str(path))["electrodes"]["left"]["second_harmonic"] == 0.25
 
