@@ -311,6 +311,7 @@ def read_spread(part: DeviceTable) -> Spread:
         damping=fraction("damping", "0 %", 1.0),
         gain=fraction("gain", "0 %"),
         delay_s=part.quantity("delay", "s", default="0 s"),
+        clamp_m=part.quantity("clamp", "m", default="0 mm"),
         finger=finger,
         finger_position_m=part.quantity("finger_position", "m", default="1 mm"),
         speed_m_per_s=part.quantity("speed", "m/s", default="0 m/s"),

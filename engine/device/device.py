@@ -108,6 +108,10 @@ class Device:
         uncertainty = None
         if "calibration" in top.left:
             uncertainty = top.section("calibration", lambda part: read_uncertainty(part, len(actuators)))
+        spread = _named_truly(top.section("spread", read_spread, default={}))
+        if isinstance(surface, Bar):
+            widest = tuple(replace(each, clamp_m=each.clamp_m + spread.clamp_m) for each in actuators)
+            check_clamps(f"{source}: with spread.clamp", surface, widest)
         device = cls(
             name=name,
             description=description,
@@ -117,7 +121,7 @@ class Device:
             zone_hysteresis_m=zone_hysteresis_m,
             finger=finger,
             finger_origin=finger_origin,
-            spread=_named_truly(top.section("spread", read_spread, default={})),
+            spread=spread,
             touch_axis=top.section("digitizer", lambda part: read_touch_axis(part, surface), default={}),
             sweep=sweep,
             levels_db=top.section("feel", read_levels, default={}),
@@ -185,6 +189,8 @@ class Device:
         spread = self.spread
         shares = ("stiffness", "mass", "length", "damping", "gain")
         parts = [f"{key} {100 * getattr(spread, key):g} %" for key in shares if getattr(spread, key)]
+        if spread.clamp_m and isinstance(self.surface, Bar):
+            parts.append(f"bolts that clamp up to {1e3 * spread.clamp_m:g} mm more")
         if spread.delay_s:
             parts.append(f"channels \N{PLUS-MINUS SIGN}{1e6 * spread.delay_s:g} \N{MICRO SIGN}s")
         people = f"fingers as people's (95 % within a factor of {self.finger.spread:g})"
@@ -223,7 +229,7 @@ class Device:
         for key, default in (("silence_s", None), ("debounce_s", 0.0), ("across", None)):
             if values["touch_axis"][key] == default:
                 del values["touch_axis"][key]
-        for key in ("length", "damping", "gain", "delay_s", "speed_m_per_s"):
+        for key in ("length", "damping", "gain", "delay_s", "clamp_m", "speed_m_per_s"):
             if not values["spread"][key]:
                 del values["spread"][key]
         for actuator in values["actuators"]:

@@ -178,10 +178,11 @@ class Spread:
     name: of the set of spreads, such as "bench"; empty: the device file's own. stiffness, mass: relative standard
     deviations (normal) of the surface and of every actuator; length: of the surface's sides; gain: of every channel.
     damping: standard deviation of the natural logarithm of the surface's damping, and of every actuator's. delay_s:
-    each channel is early or late by up to this, evenly. finger: mass, damping and stiffness vary evenly within plus and
-    minus this fraction; None: log-normally, as people's do, 95 % of them within the factor `Finger.spread`.
-    finger_position_m: a finger lies within this distance of where the digitizer tells, evenly on every axis;
-    speed_m_per_s: its speed differs from what is told by up to this.
+    each channel is early or late by up to this, evenly. clamp_m: bolts clamp up to this more of a bar than the file
+    says, evenly. finger: mass, damping and stiffness vary evenly within plus and minus this fraction; None: log-
+    normally, as people's do, 95 % of them within the factor `Finger.spread`. finger_position_m: a finger lies within
+    this distance of where the digitizer tells, evenly on every axis; speed_m_per_s: its speed differs from what is told
+    by up to this.
     """
 
     stiffness: float
@@ -193,6 +194,7 @@ class Spread:
     damping: float = 0.0
     gain: float = 0.0
     delay_s: float = 0.0
+    clamp_m: float = 0.0
     speed_m_per_s: float = 0.0
 
     @property
@@ -208,7 +210,7 @@ class Spread:
     @property
     def is_of_bars(self) -> bool:
         """Whether steady drives are made for other surfaces and channels too, and not for other fingers alone."""
-        return self.has_channels or self.length > 0 or self.damping > 0
+        return self.has_channels or max(self.length, self.damping, self.clamp_m) > 0
 
     @property
     def stretch(self) -> float:

@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from base.arrays import Array, Complex, Mask, Points
 from base.points import clip_points
 from engine.device import Device, Finger
-from engine.device.parts import Plate
+from engine.device.parts import Bar, Plate
 from precompute.sampling.devices import sample_devices
 
 _WITHIN = 1.96  # standard deviations of 95 % of a normal distribution to both sides
@@ -19,9 +19,10 @@ _FURTHER = {  # fields of Spread beside stiffness and mass: keys of the surface 
     "damping": ("stiffness_damping", "damping"),
     "gain": ("", "full_scale"),
     "delay_s": ("", "delay"),
+    "clamp_m": ("", "clamp"),
 }
 _LENGTHS = 8  # different ones of a device: each has modes of its own, which take a plate 70 ms
-_EVEN = ("delay_s",)  # distributed evenly, the others normally
+_EVEN = ("delay_s", "clamp_m")  # distributed evenly, the others normally
 
 
 @dataclass(frozen=True)
@@ -135,9 +136,9 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
     heavy = 1 + spread.mass * guessed[1] * normal[:, 1::2]
     calibrated = (device, *_calibrated(device, pairs, seed))
-    if spread.length or spread.damping:
-        factors = zip((1 + off["length"][:, 0]).tolist(), np.exp(off["damping"]), strict=True)
-        calibrated = tuple(_resized(each, *factor) for each, factor in zip(calibrated, factors, strict=True))
+    if max(spread.length, spread.damping, spread.clamp_m) > 0:
+        others = zip((1 + off["length"][:, 0]).tolist(), np.exp(off["damping"]), off["clamp_m"][:, 1:], strict=True)
+        calibrated = tuple(_altered(each, *other) for each, other in zip(calibrated, others, strict=True))
     return Scenarios(
         device=device,
         seed=seed,
@@ -225,25 +226,26 @@ def _further_deviates(device: Device, pairs: int, seed: int) -> tuple[dict[str, 
     guesses = {
         key: (np.array([bool(names[0]), *[bool(names[1])] * len(device.actuators)]) & ~_fitted(device, *names))
         for key, names in _FURTHER.items()
+        if key != "clamp_m" or isinstance(device.surface, Bar)
     }
     live = {key: guess if getattr(device.spread, key) else np.zeros_like(guess) for key, guess in guesses.items()}
     random = np.random.default_rng([seed, 1])
     even = latin_hypercube(pairs, int(sum(each.sum() for each in live.values())), random)
-    found, columns, first = dict[str, Array](), list[Array](), 0
+    found = {key: np.zeros((pairs, 1 + len(device.actuators))) for key in _FURTHER}
+    columns, first = list[Array](), 0
     for key, parts in live.items():
         own = even[:, first : first + int(parts.sum())]
         if key == "length":
             own = (np.floor(_LENGTHS * own) + 0.5) / _LENGTHS
         first += own.shape[1]
         deviate = 2 * own - 1 if key in _EVEN else ndtri(own)
-        found[key] = np.zeros((pairs, len(parts)))
-        found[key][:, parts] = getattr(device.spread, key) * deviate
+        found[key][:, parts] = getattr(device.spread, key) * ((1 + deviate) / 2 if key == "clamp_m" else deviate)
         columns.append(deviate)
     return found, np.hstack(columns)
 
 
-def _resized(device: Device, length: float, damping: Array) -> Device:
-    """The device with its sides, and the damping of its surface and its actuators, multiplied.
+def _altered(device: Device, length: float, damping: Array, clamp_m: Array) -> Device:
+    """The device with its sides, and the damping of its surface and its actuators, multiplied, and wider clamps.
 
     Actuators and borders of zones stay as far from the nearer end as they are.
     """
@@ -261,9 +263,10 @@ def _resized(device: Device, length: float, damping: Array) -> Device:
         replace(
             each,
             damping_n_s_per_m=each.damping_n_s_per_m * factor,
+            clamp_m=each.clamp_m + wider_m,
             position_m=moved(each.position_m),
         )
-        for each, factor in zip(device.actuators, factors[1:], strict=True)
+        for each, factor, wider_m in zip(device.actuators, factors[1:], clamp_m.tolist(), strict=True)
     )
     zones = tuple(replace(each, start_m=moved(each.start_m), stop_m=moved(each.stop_m)) for each in device.zones)
     return replace(device, surface=surface, actuators=actuators, zones=zones)

@@ -48,7 +48,7 @@ def promised_and_kept(name: str, made_for: str, played_on: str) -> Array:
 def test_what_is_promised_for_a_set_holds_on_its_plants(made_for: str) -> None:
     felt, quiet, kept_felt, kept_quiet = promised_and_kept("reference-a", made_for, made_for).T
     assert kept_felt - felt == pytest.approx(0.0, abs=0.8) and np.mean(kept_felt - felt) == pytest.approx(0.0, abs=0.3)
-    assert np.mean(kept_quiet) <= 0.7 and np.mean(kept_quiet - quiet) == pytest.approx(0.0, abs=0.3)
+    assert np.mean(kept_quiet) <= 0.7 and np.mean(kept_quiet - quiet) == pytest.approx(0.0, abs=0.5)
 
 
 def test_a_click_for_the_bench_does_not_stay_quiet_in_the_hand() -> None:
@@ -59,8 +59,8 @@ def test_a_click_for_the_bench_does_not_stay_quiet_in_the_hand() -> None:
 
 
 def test_a_steady_drive_for_a_set_is_better_on_its_plants_than_one_for_fingers_alone() -> None:
-    """Reference-a at 20 dB: contrast of 5 % of the sampled plants of `hand`, summed over placements."""
-    device = shipped("reference-a").with_values({"spread": "hand"})
+    """Reference-a at 20 dB: contrast of 5 % of the sampled plants of `lab`, in the mean of placements."""
+    device = shipped("reference-a").with_values({"spread": "lab"})
     designer, alone = SteadyDesigner(device), SteadyDesigner(device)
     alone.solver = SteadyDesigner(replace(device, spread=shipped("reference-a").spread)).solver
     gained_db = list[float]()

@@ -67,6 +67,8 @@ def test_a_set_of_spreads_is_what_is_sampled(name: str) -> None:
     )
     assert np.log(damping).std(axis=0) == pytest.approx(spread.damping, rel=0.02)
     assert (scenarios.gain[1:] - 1).std(axis=0) == pytest.approx(spread.gain, rel=0.02)
+    clamp_m = np.array([[actuator.clamp_m for actuator in each.actuators] for each in sampled])
+    assert np.ptp(clamp_m, axis=0) == pytest.approx(spread.clamp_m * (name == "reference-a"), rel=0.01)
     assert abs(scenarios.delay_s).max(axis=0) == pytest.approx(spread.delay_s, rel=0.01)
     assert scenarios.normal[1:].std(axis=0).min() > 0.5, "every parameter varies"
     factors = np.sort(soft(scenarios).ravel())

@@ -5,7 +5,6 @@
 Random pairs 25 mm apart, one felt; 5 % of the sampled plants below the felt level, 95 % below the quiet one. SIMULATED.
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -52,4 +51,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
