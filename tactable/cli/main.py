@@ -93,7 +93,6 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         },
         "Pictures of a device": {
             "response": Entry("plot:response", "Draw the acceleration over the surface of one or more drives."),
-            "zones": Entry("plot:zones", "Draw localized factor and acceleration by zone of up to four drives."),
             "optimum": Entry("plot:optimum", "Draw the drives of greatest localized factor of some zones."),
             "reach": Entry("plot:reach", "Draw the greatest acceleration and level of each place of the bar."),
         },
@@ -110,6 +109,9 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Studies": {
             "placement": Entry("plot:placement", "Search where actuators give the best worst contrast."),
             "resolution": Entry("plot:resolution", "Study how narrow zones can be with a number of actuators."),
+            "robustness": Entry(
+                "plot:robustness", "Study what clicks keep on bars and fingers that differ from the model."
+            ),
         }
     },
     "bench": {

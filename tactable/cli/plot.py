@@ -160,40 +160,35 @@ def response(
         Path | None, Option("--measured", help="Draw these readings and their drives (tables/MEASUREMENTS.md).")
     ] = None,
     sensor_mass: options.SensorMass = "0 g",
+    by_zone: Annotated[bool, Option("--by-zone", help="Draw up to four drives, with factors by zone.")] = False,
     change: options.Change = None,
 ) -> Picture:
     """Draw the acceleration over the surface of one or more drives.
 
-    The actuators are at full scale. Measured readings are drawn beside the model where there are any.
+    The actuators are at full scale. Measured readings are drawn beside the model where there are any. With --by-zone
+    all drives share a panel, and another has the localized factor of each zone.
     """
     from precompute.measurements.measurement_file import read_measurements
     from precompute.measurements.types import lay_out
+    from precompute.predict.untouched import BarDrive
     from tactable.figures.response_picture import plot_response
+    from tactable.figures.zones import plot_zones
 
     device = _changed(device_name, change)
     mass_kg = options.read_option("--sensor-mass", sensor_mass, "kg")
     if bool(drives) == (measured_path is not None):
         raise options.OptionError("give --drives, as --drives '150,130', or --measured FILE, which has its own")
+    if by_zone:
+        if measured_path is not None:
+            raise options.OptionError("--by-zone: give --drives; readings have no localized factors")
+        each_hz = np.array(options.read_drives(drives, device))
+        drawn = [BarDrive("", np.nan_to_num(hz), np.where(np.isnan(hz), 0, 1).astype(np.complex128)) for hz in each_hz]
+        return plot_zones(device, drawn)
     if measured_path is None:
         layout = lay_out(np.array(options.read_drives(drives, device)), np.zeros(1), mass_kg)
     else:
         layout = read_measurements(measured_path, device, mass_kg)
     return plot_response(device, layout, has_readings=measured_path is not None)
-
-
-@picture_command
-def zones(device_name: options.DeviceArgument, drives: options.Frequencies, change: options.Change = None) -> Picture:
-    """Draw localized factor and acceleration by zone of up to four drives.
-
-    The actuators are at full scale and the bar is untouched.
-    """
-    from precompute.predict.untouched import BarDrive
-    from tactable.figures.zones import plot_zones
-
-    device = _changed(device_name, change)
-    drives_hz = np.array(options.read_drives(drives, device))
-    drawn = [BarDrive("", np.nan_to_num(hz), np.where(np.isnan(hz), 0, 1).astype(np.complex128)) for hz in drives_hz]
-    return plot_zones(device, drawn)
 
 
 @picture_command
@@ -308,6 +303,29 @@ def resolution(
     with WorkerPool(_helpers(workers)) as pool:
         found = study_resolution(device, at_m, counts, level_db, partial(progress, "zones"), pool)
     return plot_resolution(device, found, level_db)
+
+
+@picture_command
+def robustness(
+    device_name: options.DeviceArgument,
+    progress: Progress,
+    plants: Annotated[int, Option(min=2, max=10_000, help="Fresh plants of each of 50 placements and rows.")] = 200,
+) -> Picture:
+    """Study what clicks keep on bars and fingers that differ from the model.
+
+    Clicks for two fingers are played on simulated bars with one thing changed a row. The figure shows in how many
+    placements the felt finger still has 14 dB, and the quiet one at most 1 or 6 dB.
+    """
+    from precompute.parallel.pool import WorkerPool
+    from precompute.studies.robustness import CHANGES, PLACEMENTS, SETS, study_robustness
+    from tactable.figures.robustness_picture import plot_robustness
+
+    device = find_device(device_name)
+    made_for = [device.with_values({"spread": name}) for name in SETS]
+    changes = [change for change in CHANGES if device.surface.kind == "bar" or not change.clamp_m]
+    with WorkerPool(_helpers(None)) as pool:
+        found = study_robustness(made_for, changes, plants, PLACEMENTS, partial(progress, "plants"), pool)
+    return plot_robustness(device, changes, dict(zip(SETS, found, strict=True)), plants, PLACEMENTS)
 
 
 def _helpers(workers: int | None) -> int:

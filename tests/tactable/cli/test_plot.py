@@ -16,7 +16,7 @@ PICTURES = {
     "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.5"),
     "click": CLICK,
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),
-    "zones": ("zones", "reference-a", "--drives", "60,90", "--change", "bar.mass_damping=0 1/s"),
+    "zones": ("response", "reference-a", "--by-zone", "--drives", "60,90", "--change", "bar.mass_damping=0 1/s"),
     "optimum": ("optimum", "bar.toml", "--zones", "I,III"),
     "reach": ("reach", "bar.toml"),
 }

@@ -48,7 +48,7 @@ def test_help_and_list_load_neither_arrays_nor_compiler_nor_solver_nor_plot() ->
     ("words", "offered"),
     [
         ("tactable pl", {"plot", "plan-measurements"}),
-        ("tactable study ", {"placement", "resolution"}),
+        ("tactable study ", {"placement", "resolution", "robustness"}),
         ("tactable calibrate --al", {"--also"}),
         ("tactable --ver", {"--version"}),
     ],

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device
+from precompute.studies import robustness
 from tests.precompute.devices import reference_text
 from tests.tactable.cli.in_process import run_here, summary_of
 
@@ -39,3 +40,18 @@ def test_it_says_how_much_was_looked_at_and_what_was_not(folder: Path) -> None:
     done = run_here(folder, "study", *words)
     assert "written: placement.png" in done.stdout
     assert "looked at" in done.stderr and "not at states of more fingers, at clicks" in done.stderr
+
+
+def test_clicks_are_made_for_each_set_of_spreads_and_judged_on_every_change(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})  # no other process
+    monkeypatch.setattr(robustness, "PLACEMENTS", 2)
+    words = ("robustness", "bar.toml", "--plants", "4", "-o", "r.png", "-o", "r.csv")
+    summary = summary_of(folder, "study", *words)
+    rows = [(row["made_for"], row["different"]) for row in summary["rows"]]
+    assert rows == [(name, change.name) for name in ("bench", "lab", "hand") for change in robustness.CHANGES]
+    assert len({row["contrast_db"] for row in summary["rows"]}) > 0.9 * len(rows)
+    assert all(0 <= row["faint"] <= row["clear"] <= 1 for row in summary["rows"])
+    assert len((folder / "r.csv").read_text(encoding="utf-8").splitlines()) == 1 + len(rows)
+    assert (folder / "r.png").read_bytes().startswith(b"\x89PNG")

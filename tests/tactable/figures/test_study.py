@@ -4,14 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from engine.device import Device
 from engine.device.parts import Plate
 from precompute.studies.placement_search import Placement, PlacementSearch, even_places, own_places
+from precompute.studies.robustness import CHANGES, Kept
 from precompute.studies.two_fingers import TwoFingers
 from precompute.studies.zone_resolution import Resolved
 from tactable.figures.placement_picture import plot_placement
 from tactable.figures.resolution_picture import plot_resolution
+from tactable.figures.robustness_picture import plot_robustness
 from tests.precompute.devices import shipped
 from tests.tactable.figures.pictures import check_picture
 
@@ -78,3 +81,15 @@ def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_mis
     hollow = [line for line in left.lines if line.get_color() == "white" and np.size(line.get_xdata())]
     assert [np.asarray(line.get_ydata()).tolist() for line in hollow if np.size(line.get_ydata())] == [[12.0]]
     assert picture.summary["placements"][0]["narrowest_zone_m"] == pytest.approx(DEVICE.bar.length_m / 4)
+
+
+def test_a_row_is_two_bars_and_its_contrast_and_a_panel_a_set(tmp_path: Path) -> None:
+    kept = {"bench": [Kept(0.9, 0.98, 14.9, 20.9), Kept(0.1, 0.5, 8.0, 15.0)], "lab": [Kept(0.8, 0.9, 12.0, 18.0)] * 2}
+    picture = plot_robustness(DEVICE, CHANGES[:2], kept, 200, 50)
+    check_picture(picture, DEVICE, ("clicks made for", "what is different"), tmp_path)
+    bench, lab = picture.figure.axes
+    widths = [[bar.get_width() for bar in axes.patches if isinstance(bar, Rectangle)] for axes in (bench, lab)]
+    assert widths == [pytest.approx([98, 50, 90, 10]), pytest.approx([90, 90, 80, 80])]
+    assert [text.get_text() for text in bench.texts] == ["14.9, 20.9", "8.0, 15.0"]
+    assert "made for bench: at least 10 % keep quiet ≤ 1 dB, 50 % ≤ 6 dB; made for lab" in picture.caption
+    assert list(picture.columns["what is different"]) == [change.name for change in CHANGES[:2]] * 2
