@@ -18,6 +18,7 @@ _WIDEST_SPREAD = 0.2  # standard deviation of a stiffness or a mass: five of the
 _MOST_STEPS = 100_000  # shipped sweeps have 240; pairs grow with the square, and a slip must not ask for terabytes
 _LEVELS, _MOST_LEVELS = ("10 dB", "20 dB", "30 dB"), 16
 _LEAST_DISTANCE = 1e-3  # of the length: two actuators closer than that are the same one written twice
+LONGEST_DELAY_S = 5e-3  # of one channel against the others: a filter, or a buffer of 240 samples at 48 kHz
 PEOPLE = "people"  # in place of a fraction: fingers vary as people's do
 KINDS = ("grounded", "inertial")  # of actuators: what their spring and damper stand on, the ground or a moving mass
 MOST_ACTUATORS = 16  # more than any known bar has; a transfer function is fitted to points in up to 50 ms
@@ -93,6 +94,7 @@ def read_actuators(top: DeviceTable, surface: Surface) -> tuple[Actuator, ...]:
             moving_mass_kg=_read_moving_mass(part),
             is_force=is_force,
             clamp_m=_read_clamp_m(part, surface),
+            delay_s=_read_delay_s(part),
         )
         for other in actuators:
             if other.name == actuator.name:
@@ -125,6 +127,15 @@ def _read_moving_mass(part: DeviceTable) -> float | None:
         remedy = "a grounded actuator has none: leave it out, or say kind = 'inertial'"
         raise part.error("moving_mass", part.left["moving_mass"], remedy)
     return None
+
+
+def _read_delay_s(part: DeviceTable) -> float:
+    """What the channel is late by."""
+    delay_s = part.quantity("delay", "s", default="0 s")
+    if delay_s > LONGEST_DELAY_S:
+        expected = f"expected up to {1e3 * LONGEST_DELAY_S:g} ms: what all channels share is no matter of the model"
+        raise part.error("delay", f"{1e3 * delay_s:g} ms", expected)
+    return delay_s
 
 
 def _read_clamp_m(part: DeviceTable, surface: Surface) -> float:

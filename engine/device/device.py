@@ -226,14 +226,14 @@ class Device:
             del surface["damping_of"]
         if self.sweep.is_stored:
             del values["sweep"]["is_stored"]
-        for key, default in (("silence_s", None), ("debounce_s", 0.0), ("across", None)):
+        for key, default in (("silence_s", None), ("debounce_s", 0.0), ("latency_s", 0.0), ("across", None)):
             if values["touch_axis"][key] == default:
                 del values["touch_axis"][key]
         for key in ("length", "damping", "gain", "delay_s", "clamp_m", "speed_m_per_s"):
             if not values["spread"][key]:
                 del values["spread"][key]
         for actuator in values["actuators"]:
-            for key in ("transfer", "electrodes", "moving_mass_kg", "is_force", "clamp_m"):
+            for key in ("transfer", "electrodes", "moving_mass_kg", "is_force", "clamp_m", "delay_s"):
                 if not actuator[key]:
                     del actuator[key]
         if values["threshold"] == shipped_threshold(DEFAULT).values:

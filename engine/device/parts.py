@@ -105,6 +105,7 @@ class Actuator:
     moving_mass_kg: float | None = None  # the mass that is not fixed to the surface; None: the actuator is grounded
     is_force: bool = False
     clamp_m: float = 0.0  # length of bar about its place that the bolts keep from bending
+    delay_s: float = 0.0  # from a command to the base, beside the transfer function
 
     def clamped_m(self, length_m: float) -> tuple[float, float]:
         """The ends of the stretch that does not bend, on a bar of this length; beyond an end there is none."""
@@ -242,6 +243,7 @@ class TouchAxis:
     active_length_m: float | None  # length of the touch area; None: it ends `end_margin_m` before the surface does
     silence_s: float | None = None  # time without a frame after which all contacts lift; None: as in the Linux kernel
     debounce_s: float = 0.0  # a contact that lifts for less than this time stays down
+    latency_s: float = 0.0  # from the scan of a finger to its report
     across: "TouchAcross | None" = None  # on a plate: how it lies along the other axis, across the plate
 
 

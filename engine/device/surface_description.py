@@ -17,7 +17,11 @@ _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 _SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
 _MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory where a length or an element is a slip
 _MOST_POISSON = 0.5
-_SHORTEST_SILENCE_S, _LONGEST_DEBOUNCE_S = 0.03, 0.1  # digitizers report every 2 to 26 ms; fingers tap more slowly
+_SHORTEST_SILENCE_S, _LONGEST_DEBOUNCE_S, _LONGEST_LATENCY_S = (
+    0.03,
+    0.1,
+    0.1,
+)  # digitizers report every 2 to 26 ms; fingers tap more slowly
 
 
 def read_surface(top: DeviceTable, sweep: Sweep) -> Surface:
@@ -172,6 +176,9 @@ def read_touch_axis(part: DeviceTable, surface: Surface) -> TouchAxis:
     if debounce_s > _LONGEST_DEBOUNCE_S:
         expected = f"expected up to {1e3 * _LONGEST_DEBOUNCE_S:g} ms: a second tap must be one"
         raise part.error("debounce", f"{1e3 * debounce_s:g} ms", expected)
+    latency_s = part.quantity("latency", "s", default="0 ms")
+    if latency_s > _LONGEST_LATENCY_S:
+        raise part.error("latency", f"{1e3 * latency_s:g} ms", f"expected up to {1e3 * _LONGEST_LATENCY_S:g} ms")
     part.known.append("silence")
     return TouchAxis(
         axis="x" if axis == "x" else "y",
@@ -181,6 +188,7 @@ def read_touch_axis(part: DeviceTable, surface: Surface) -> TouchAxis:
         active_length_m=active_m,
         silence_s=silence_s,
         debounce_s=debounce_s,
+        latency_s=latency_s,
         across=across,
     )
 

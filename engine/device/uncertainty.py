@@ -13,6 +13,7 @@ FITTED_UNITS = {
     "actuator.full_scale": "m",
     "actuator.mass": "kg",
     "actuator.clamp": "m",
+    "actuator.delay": "s",
     **{f"{kind}.mass_damping": "1/s" for kind in ("bar", "plate")},
     **{f"{kind}.stiffness_damping": "s" for kind in ("bar", "plate")},
     **{f"{kind}.youngs_modulus": "Pa" for kind in ("bar", "plate")},

@@ -109,7 +109,7 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
     Where the readings follow another "convention", all else follows from that, and no other remedy is looked for.
     """
     found = assess(calibration)
-    dampings = [each.value for each in calibration.estimates if each.parameter.is_damping]
+    dampings = [each.value for each in calibration.estimates if each.parameter.key.endswith("damping")]
     is_off = calibration.noise > _NOISY or calibration.is_wrong.mean() > _MANY_WRONG
     is_doubtful = is_off or not found.is_noise or (dampings and not any(dampings))
     convention = find_convention(device, calibration, bounds) if is_doubtful else None

@@ -216,6 +216,7 @@ def force_slopes(
         "damping": s[:, None] * stretch,
         "full_scale": at * (k + s[:, None] * c) * drive,
         "mass": -(s**2)[:, None] * at * field + sigma * damped,
+        "delay": -s[:, None] * at * (k + s[:, None] * c) * base_m,
         "clamp": -(1 + s * eta)[:, None] * plant.clamp_slopes(q, w),
     }
     slopes = [

@@ -61,6 +61,7 @@ QUANTITIES: Mapping[str, Mapping[str, Quantity]] = {
         "full_scale": Quantity("full_scale_m", "alpha", factor=10.0),
         "mass": Quantity("mass_kg", "m", factor=5.0),
         "clamp": Quantity("clamp_m", "w", factor=3.0),
+        "delay": Quantity("delay_s", "tau", greatest=1e-3, knee=1e-6),
     },
     "bar": _SURFACE,
     "plate": {**_SURFACE, "poissons_ratio": Quantity("poissons_ratio", "nu", factor=2.0, greatest=0.5)},

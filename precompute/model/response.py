@@ -71,9 +71,9 @@ def solve_response(plant: Plant, frequency_hz: Array, touched_m: Points | None =
         np.array([a.spring_force_n for a in actuators] + [1.0] * points),
         np.array([a.damper_force_n_s for a in actuators] + [0.0] * points),
     )
-    for column, actuator in enumerate(actuators):
-        if actuator.transfer is not None:
-            out[:, column] *= actuator.transfer.at(frequency_hz)[:, None]
+    transfers = transfers_at(actuators, 2j * np.pi * np.asarray(frequency_hz, dtype=np.float64))
+    if transfers is not None:
+        out[:, : len(actuators)] *= transfers[..., None]
     known = plant.known_drive(np.asarray(frequency_hz, dtype=np.float64))
     if known is not None:
         out[:, : len(actuators)] = np.einsum("df,fak->kad", *known, optimize=True)

@@ -13,10 +13,13 @@ from engine.device import Actuator, Transfer
 
 def transfers_at(actuators: Sequence[Actuator], s_per_s: NDArray[np.complexfloating[Any, Any]]) -> Complex | None:
     """H (..., actuator) at complex frequencies (...,), 1/s; None where every base moves as commanded."""
-    if all(actuator.transfer is None for actuator in actuators):
+    if not any(actuator.transfer or actuator.delay_s for actuator in actuators):
         return None
-    ones = np.ones(np.shape(s_per_s), dtype=np.complex128)
-    return np.stack([ones if a.transfer is None else a.transfer.series.at(s_per_s) for a in actuators], axis=-1)
+    late = [np.exp(-actuator.delay_s * s_per_s) for actuator in actuators]
+    return np.stack(
+        [h if a.transfer is None else h * a.transfer.series.at(s_per_s) for h, a in zip(late, actuators, strict=True)],
+        axis=-1,
+    )
 
 
 def moved_bases(actuators: Sequence[Actuator], frequency_hz: Array, amplitude: Complex) -> Complex:
@@ -26,6 +29,20 @@ def moved_bases(actuators: Sequence[Actuator], frequency_hz: Array, amplitude: C
     """
     factors = transfers_at(actuators, 2j * np.pi * np.where(amplitude == 0, 1.0, frequency_hz))
     return amplitude if factors is None else amplitude * np.diagonal(factors)
+
+
+class DelayFilter:
+    """A delay in time, fed stretch after stretch: between samples the course is straight."""
+
+    def __init__(self, delay_s: float, sample_rate_hz: float) -> None:
+        self._whole, self._part = divmod(delay_s * sample_rate_hz, 1.0)
+        self._past = np.zeros(int(self._whole) + 1)
+
+    def run(self, course: Array) -> Array:
+        """The next stretch (time,) of a course, late."""
+        all_of_it = np.append(self._past, course)
+        self._past = all_of_it[len(course) :]
+        return (1 - self._part) * all_of_it[1 : len(course) + 1] + self._part * all_of_it[: len(course)]
 
 
 class TransferFilter:

@@ -8,7 +8,7 @@ import numpy as np
 from base.arrays import Array, Complex
 from engine.device import Finger
 from precompute.model.modal import Basis, ModalModel, compute_modal_model
-from precompute.model.transfers import TransferFilter, decaying_sums, step_integrals
+from precompute.model.transfers import DelayFilter, TransferFilter, decaying_sums, step_integrals
 
 _CHUNK = 8192  # samples: bounds memory, 2 MB for 20 modes and complex values
 
@@ -17,7 +17,8 @@ _CHUNK = 8192  # samples: bounds memory, 2 MB for 20 modes and complex values
 class TransientPlant:
     """The bar in time. Base displacements run in straight lines between samples; everything else is exact.
 
-    A base follows its command through the transfer function of the actuator, where the device file has one.
+    A base follows its command through the delay and the transfer function of the actuator, where the device file has
+    them.
 
     Feed it stretch after stretch with `run`; fingers may change between stretches (`touch`): deflection and velocity
     of the bar carry over. At 48 kHz the straight lines cost 1.3e-4 of a 300 Hz tone.
@@ -29,7 +30,7 @@ class TransientPlant:
     _model: ModalModel = field(init=False)
     _state: Array = field(init=False)
     _last: Array = field(init=False)
-    _filters: dict[int, TransferFilter] = field(init=False)
+    _filters: list[tuple[int, DelayFilter | TransferFilter]] = field(init=False)
 
     def __post_init__(self) -> None:
         self.rest()
@@ -57,11 +58,12 @@ class TransientPlant:
         """Put the bar at rest, with its fingers where they are."""
         actuators = self.basis.plant.device.actuators
         self._state, self._last = np.zeros(2 * len(self.basis.square_omega)), np.zeros(len(actuators))
-        self._filters = {
-            index: TransferFilter(actuator.transfer, self.sample_rate_hz)
-            for index, actuator in enumerate(actuators)
-            if actuator.transfer is not None
-        }
+        self._filters = []
+        for index, actuator in enumerate(actuators):
+            if actuator.delay_s:
+                self._filters.append((index, DelayFilter(actuator.delay_s, self.sample_rate_hz)))
+            if actuator.transfer is not None:
+                self._filters.append((index, TransferFilter(actuator.transfer, self.sample_rate_hz)))
 
     def run(self, displacement: Array) -> tuple[Array, Array]:
         """Acceleration (time, point) in m/s^2 and zone energy (zone,) summed over the stretch.
@@ -89,8 +91,8 @@ class TransientPlant:
         modes = len(self.basis.square_omega)
         if self._filters:
             displacement = displacement.copy()
-            for index, transfer in self._filters.items():
-                displacement[:, index] = transfer.run(displacement[:, index])
+            for index, each in self._filters:
+                displacement[:, index] = each.run(displacement[:, index])
         before = np.vstack([self._last, displacement[:-1]])
         rate = (displacement - before) / step_s
         pole, spring, damper = model.pole[kept], model.spring[kept], model.damper[kept]

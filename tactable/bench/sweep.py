@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from base.arrays import Array, Points, Single
 from engine.device import Device
 from precompute.model.assembly import BarPlant, assemble_bar
+from precompute.model.transfers import transfers_at
 from precompute.sweep.grid import GridResponse, compute_grid_response, zone_points
 from precompute.sweep.tabulate import PairSweep, prepare_pair_sweep
 
@@ -126,7 +127,8 @@ def solve_point(plant: BarPlant, position_m: Points, pair_hz: Array, amplitude: 
             full[3 + k, : plant.size - k] = band[3 - k, k:]
         load = np.zeros(plant.size, dtype=np.complex128)
         load[dof] = actuator.spring_force_n + 1j * omega * actuator.damper_force_n_s
-        factor = 1.0 if actuator.transfer is None else actuator.transfer.at(np.atleast_1d(hz))[0]
+        factors = transfers_at([actuator], 1j * np.atleast_1d(omega))
+        factor = 1.0 if factors is None else factors[0, 0]
         field = weight * factor * scipy.linalg.solve_banded((3, 3), full, load)
         local = omega * field[plant.element_dof]
         element = np.einsum("ei,eij,ej->e", local.conj(), plant.element_integral, local).real

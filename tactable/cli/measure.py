@@ -302,6 +302,10 @@ def summary_of(device: "Device", records: "tuple[StopRecord, ...]") -> dict[str,
         "faults": {name: faults.count(name) for name in sorted(set(faults))},
         "repeated": {name: repeated.count(name) for name in sorted(set(repeated))},
         "seconds": sum(reading.seconds for reading in readings),
+        "channels": {
+            actuator.name: {"gain": each.gain, "delay_s": each.delay_s}
+            for actuator, each in zip(device.actuators, records[0].channels, strict=False)
+        },
         "drift_ppm": 1e6 * readings[-1].drift,
         "latency_s": [min(late), max(late)] if late else None,
         "noise_m_per_s2": max(record.rest.noise for record in records),
@@ -341,6 +345,13 @@ def _print_summary(summary: dict[str, Any]) -> None:
         f"converter: clock {summary['drift_ppm']:+.1f} ppm, latency {latency}; at rest noise "
         f"{summary['noise_m_per_s2']:.2g} m/s^2, hum {summary['hum_m_per_s2']:.2g} m/s^2"
     )
+    first, *others = summary["channels"] or [""]
+    for name in others:
+        late_us, gain = 1e6 * summary["channels"][name]["delay_s"], summary["channels"][name]["gain"]
+        say(
+            f"channels, by their loopbacks: {name} plays {late_us:+.1f} us after {first}, with {gain:.4f} of its gain; "
+            'both are in the responses, and calibrate --also "actuator[...].delay" fits them'
+        )
     for name, count in summary["faults"].items():
         of = "" if Fault[name] is Fault.LATENCY else f"{count} readings: "
         say(f"{of}{Fault[name].value}")

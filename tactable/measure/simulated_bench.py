@@ -19,6 +19,7 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.synthesis import Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
+from precompute.model.transfers import DelayFilter
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
@@ -40,7 +41,8 @@ class ConverterFlaws:
 
     drift: pace of its clock over the board's, less 1. gain: less 1. noise: root mean square. hum: amplitude of the
     mains line at hum_hz, with a third of it at the third harmonic. clips_at: greatest magnitude of the acceleration.
-    drops_per_s: how often samples are lost without a trace. stalls_at_s: from when on the sensor repeats its value.
+    drops_per_s: how often samples are lost without a trace. late_s: delay of the last actuator's
+    output. stalls_at_s: from when on the sensor repeats its value.
     has_gravity: the sensor lies level and shows gravity, as sensors that pass direct current do.
     """
 
@@ -55,6 +57,7 @@ class ConverterFlaws:
     clips_at_m_per_s2: float = math.inf
     drops_per_s: float = 0.0
     stalls_at_s: float = math.inf
+    late_s: float = 0.0
     has_gravity: bool = False
 
     @classmethod
@@ -72,6 +75,7 @@ class ConverterFlaws:
 _WORDS = {
     "latency": ("latency_s", "s"),
     "jitter": ("jitter_s", "s"),
+    "late": ("late_s", "s"),
     "drift": ("drift", "ppm"),
     "gain": ("gain", ""),
     "offset": ("offset_m_per_s2", "m/s^2"),
@@ -150,6 +154,7 @@ class SimulatedBench(VirtualLine):
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._plant = TransientPlant(basis, np.zeros(1), sample_rate_hz * (1 + flaws.drift) * self._plant_samples)
+        self._late = DelayFilter(flaws.late_s, self._plant.sample_rate_hz) if flaws.late_s else None
         self._synthesis, self._taken_events = Synthesis(), 0
         self._ready: list[tuple[int, Array]] = []
         self._made_us = 0.0
@@ -217,6 +222,8 @@ class SimulatedBench(VirtualLine):
         else:
             drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
             drive = drive if drive.shape[1] else np.zeros((len(drive), count))  # nothing was ever driven
+        if self._late is not None:
+            drive = np.column_stack([drive[:, :-1], self._late.run(drive[:, -1])])
         index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
         felt = self._upright * (self._plant.accelerate(drive)[:, 0] + self._gravity_m_per_s2)
         kept = index % self._plant_samples == 0

@@ -26,6 +26,7 @@ from precompute.measurements.parameters import default_names
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tactable.measure.apparatus import Apparatus
+from tactable.measure.channels import Channel, compare_channels
 from tactable.measure.faults import Fault
 from tactable.measure.stepped_sine import (
     WINDOW_S,
@@ -41,7 +42,7 @@ from tactable.measure.tone_fit import is_beside_hum
 FREQUENCIES = 12  # with 8 places and 2 actuators 192 readings: 15 min at 4.7 s each (docs/results.md)
 PLACES = 8
 _CLEAR = 1.5  # windows; a reading has two or more, and a clock that drifts moves the tone a little
-_FORM = 2
+_FORM = 3
 _IDENTITY = "measurement.json"
 _DAMAGES = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, RuntimeError, BadZipFile, zlib.error)
 """What NumPy and zipfile raise for files that are cut or of which bits are flipped."""
@@ -57,12 +58,16 @@ class Stop:
 
 @dataclass(frozen=True)
 class StopRecord:
-    """Readings of a stop. latency_s: from drive to samples, None without loopback."""
+    """Readings of a stop. latency_s: from drive to samples, None without loopback.
+
+    channels: by actuator, as the loopbacks show them at the first stop; none where they do not tell.
+    """
 
     position_m: complex
     rest: AtRest
     latency_s: float | None
     readings: tuple[Reading, ...]
+    channels: tuple[Channel, ...] = ()
 
 
 def even_walk(device: Device, places: int, frequencies_hz: Sequence[float] | None = None) -> tuple[Stop, ...]:
@@ -174,7 +179,7 @@ def measure_walk(
     on_reading: Callable[[Stop, Reading], None] = lambda _stop, _reading: None,
 ) -> tuple[StopRecord, ...]:
     """Go from stop to stop, the sensor guided from one to the next. The board is armed at a stop only."""
-    records, decay_per_s = [], slowest_decay_per_s(device)
+    records, decay_per_s = list[StopRecord](), slowest_decay_per_s(device)
     for stop in walk:
         record = raw.read(stop)
         if record is None:
@@ -182,12 +187,13 @@ def measure_walk(
             with apparatus.open_driven() as driven:
                 stepped = SteppedSine(device, driven, apparatus.sensor, method.stepped, decay_per_s)
                 rest, latency_s = stepped.listen(), stepped.measure_latency()
+                channels = () if records else compare_channels(stepped)
                 readings, samples = list[Reading](), list[Array]()
                 for reading, values in _read_stop(stop, stepped, method.sweep):
                     on_reading(stop, reading)
                     readings.append(reading)
                     samples += values
-            record = StopRecord(stop.position_m, rest, latency_s, tuple(readings))
+            record = StopRecord(stop.position_m, rest, latency_s, tuple(readings), channels)
             raw.write(stop, record, samples)
         records.append(record)
     return tuple(records)
@@ -210,7 +216,10 @@ def _read_stop(stop: Stop, stepped: SteppedSine, sweep: SweepOptions | None) -> 
 def measurements_of(
     records: Sequence[StopRecord], device: Device, sensor_mass_kg: float, kind: Kind, *, is_simulated: bool
 ) -> Measurements:
-    """The readings as `calibrate` takes them: responses, or their magnitudes as peaks. Raises MeasurementError."""
+    """The readings as `calibrate` takes them: responses, or their magnitudes as peaks. Raises MeasurementError.
+
+    Where the loopbacks tell the channels apart, readings are of the commands, the first channel's delay and gain aside.
+    """
     rows = [
         (record.position_m, reading)
         for record in records
@@ -222,7 +231,13 @@ def measurements_of(
     actuator = np.array([reading.actuator for _, reading in rows])
     driven = actuator[:, None] == np.arange(len(device.actuators))
     hz, amplitude = (np.array([getattr(r, key) for _, r in rows]) for key in ("frequency_hz", "amplitude"))
-    acceleration = np.array([reading.acceleration for _, reading in rows])
+    channels = records[0].channels
+    acceleration = np.array(
+        [
+            reading.acceleration * (channels[reading.actuator].factor(reading.frequency_hz) if channels else 1.0)
+            for _, reading in rows
+        ]
+    )
     return Measurements(
         kind=kind,
         position_m=np.array([position_m for position_m, _ in rows]),
@@ -260,5 +275,6 @@ def _record_of(values: dict[str, Any]) -> StopRecord:
         )
         for each in values["readings"]
     )
-    position_m = point_of_json(values["position_m"])
-    return StopRecord(**values | {"position_m": position_m, "rest": AtRest(**values["rest"]), "readings": readings})
+    channels = tuple(Channel(**each) for each in values["channels"])
+    made = {"position_m": point_of_json(values["position_m"]), "rest": AtRest(**values["rest"])}
+    return StopRecord(**values | made | {"readings": readings, "channels": channels})

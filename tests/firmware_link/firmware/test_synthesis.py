@@ -105,6 +105,24 @@ def test_a_click_is_what_its_weights_are_defined_to_be_bit_for_bit(
     np.testing.assert_array_equal(device.take(), wanted)
 
 
+@unhurried
+@given(st.integers(0, 8_000), st.sampled_from([8_000, 20_000, 48_000]), drives.map(lambda pair: pair[0]))
+def test_all_channels_start_on_one_sample(wait_us: int, rate_hz: int, drive: ChannelDrive) -> None:
+    """What is asked of both is the same, by PLAY and by SET: so are all samples of both, from the first on."""
+    hump = np.sin(np.linspace(0, np.pi, 100))
+    clicks = Clicks(rate_hz, [np.outer(hump, [1.0, 1.0])])
+    for is_click in (True, False):
+        device = Played(rate_hz, (FULL_SCALE_WORD,) * ACTUATORS, 200, clicks.basis)
+        device.wait(wait_us)
+        now = reference(device.now_us)
+        steady = encode_drive((drive,) * ACTUATORS, RESOLUTION_HZ)
+        device.send(clicks.play(0, now) if is_click else Set(now, SetFlag.WRITE_PHASE, 40, steady))
+        device.wait(30_000)
+        left, right = device.take().T
+        assert left.any() or not (is_click or drive.amplitude)
+        np.testing.assert_array_equal(left, right)
+
+
 def test_a_click_whose_basis_goes_stands_still_and_fades_on() -> None:
     ramp = np.minimum(np.arange(400), np.arange(400)[::-1]) / 327.67
     clicks = Clicks(RATE_HZ, [np.outer(ramp, [1.0, -1.0])])

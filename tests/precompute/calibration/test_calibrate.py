@@ -9,6 +9,7 @@ import pyuff
 
 from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.misfit import Loss
+from precompute.calibration.remedy import find_remedy
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.parameters import ParameterError, default_names, paper_names, with_changes
 from precompute.measurements.simulate import Flaws
@@ -62,6 +63,24 @@ def test_the_length_that_bolts_clamp_is_found_beside_stiffness_modulus_and_masse
     assert unsaid.estimates[0].value == pytest.approx(0.02, rel=1e-4)
     with pytest.raises(ParameterError, match=r"actuator\.clamp: is 0 in the description, .* give bounds"):
         calibrate(DEVICE, read_bar(device, {}), ["actuator.clamp"])
+
+
+def test_the_delay_of_a_channel_is_found_from_responses_and_named_where_it_was_not_fitted() -> None:
+    truth = {"actuator[2].delay": 125e-6, "actuator[1].stiffness": 20e3}
+    hz = np.arange(60.0, 301.0, 20.0)
+    alone = [[each, NAN] for each in hz] + [[NAN, each] for each in hz]
+    read = read_bar(DEVICE, truth, alone, Flaws(noise=0.02), kind=Kind.RESPONSE, points=8)
+    delays = "actuator[1].delay", "actuator[2].delay"
+    found = calibrate(DEVICE, read, (*default_names(DEVICE), *delays), starts=1)
+    early, late = found.estimates[-2:]
+    assert late.low < 125e-6 < late.high < late.low + 10e-6 and late.known is Known.WELL
+    assert early.low == 0.0 and early.known is Known.AT_MOST and early.high < 5e-6
+    names = ["actuator.damping", "actuator[1].stiffness", "bar.youngs_modulus"]
+    unsaid = calibrate(DEVICE, read, names, starts=1)
+    remedy = find_remedy(DEVICE, unsaid, {})
+    assert remedy is not None and remedy.name == "actuator[2].delay"
+    peaks = calibrate(DEVICE, read_bar(DEVICE, {}, [[150.0, NAN]]), ["actuator[1].delay"], starts=1)
+    assert peaks.estimates[0].known is Known.NOT
 
 
 def test_each_actuator_has_its_own_full_scale_unless_it_stood_still() -> None:

@@ -36,7 +36,7 @@ def test_the_usual_ones_are_the_papers_six() -> None:
 
 @pytest.mark.parametrize("name", known_names(DEVICE))
 def test_every_name_changes_what_it_says_and_starts_where_the_device_is(name: str) -> None:
-    device = with_actuators(DEVICE, clamp_m=0.02)
+    device = with_actuators(DEVICE, clamp_m=0.02, delay_s=4e-5)
     (parameter,) = find_parameters(device, [name], {}, 2e-3)
     assert parameter.low <= parameter.start <= parameter.high
     changed = with_changes(device, {name: 1.5 * parameter.start})

@@ -10,8 +10,8 @@ from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import SampledPlants
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.model.response import solve_response
-from precompute.model.transfers import TransferFilter, moved_bases
+from precompute.model.response import blocked_force, solve_response
+from precompute.model.transfers import DelayFilter, TransferFilter, moved_bases
 from precompute.model.transient import TransientPlant
 from precompute.predict.rise_time import compute_rise_model, compute_rise_time
 from precompute.sampling.plants import sample_scenarios
@@ -30,6 +30,8 @@ def with_transfers(device: Device = BARE) -> Device:
 
 
 DEVICE = with_transfers()
+LATE_S = 133e-6  # 6.4 samples at 48 kHz
+LATE = replace(DEVICE, actuators=(DEVICE.actuators[0], replace(DEVICE.actuators[1], delay_s=LATE_S)))
 
 
 def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:
@@ -42,8 +44,36 @@ def test_responses_are_those_of_the_bar_times_the_transfer_functions() -> None:
     assert found[:, 2:] == pytest.approx(bare[:, 2:], rel=1e-12)  # forces at places go through no driver
 
 
-def test_the_bar_in_time_settles_to_the_response_in_frequency() -> None:
-    hz, plant = 173.0, assemble(DEVICE)
+def test_a_delay_turns_the_response_and_a_click_by_its_phase() -> None:
+    hz = np.array([60.0, 121.3, 300.0])
+    found, early = (solve_response(assemble(d), hz, PLACES_M).acceleration(PLACES_M) for d in (LATE, DEVICE))
+    turned = early.copy()
+    turned[:, 1] *= np.exp(-2j * np.pi * hz * LATE_S)[:, None]
+    assert found == pytest.approx(turned, rel=1e-12)
+    assert blocked_force(LATE.actuators, hz) / blocked_force(DEVICE.actuators, hz) == pytest.approx(
+        np.stack([np.ones(3), np.exp(-2j * np.pi * hz * LATE_S)], axis=1), rel=1e-12
+    )
+    lines = lines_for(DEVICE, 0.03)
+    late, soon = (SampledPlants(sample_scenarios(d, 2, seed=1), lines, modes=24) for d in (LATE, DEVICE))
+    fingers = late.scenarios.place(PLACES_M.tolist())
+    ratio = late.transfer(fingers) / soon.transfer(fingers)
+    assert ratio[:, :, 0] == pytest.approx(1.0, rel=1e-5)
+    assert abs(ratio[:, :, 1] / np.exp(-lines.s_per_s * LATE_S) - 1).max() < 1e-5
+
+
+def test_a_delay_in_time_is_the_course_later_whatever_stretches_it_comes_in() -> None:
+    time_s, hz = np.arange(4800) / RATE_HZ, 211.0
+    course = np.sin(2 * np.pi * hz * time_s)
+    late = DelayFilter(LATE_S, RATE_HZ)
+    found = np.concatenate([late.run(part) for part in np.split(course, [1, 4, 3000])])
+    assert not found[: int(LATE_S * RATE_HZ)].any()
+    assert found[8:] == pytest.approx(np.sin(2 * np.pi * hz * (time_s[8:] - LATE_S)), abs=1e-4)
+    assert DelayFilter(2 / RATE_HZ, RATE_HZ).run(np.array([1.0, 2.0, 3.0, 4.0])).tolist() == [0, 0, 1, 2]
+
+
+@pytest.mark.parametrize("device", [DEVICE, LATE], ids=["transfers", "a delay too"])
+def test_the_bar_in_time_settles_to_the_response_in_frequency(device: Device) -> None:
+    hz, plant = 173.0, assemble(device)
     moving = TransientPlant(compute_basis(plant), PLACES_M, RATE_HZ)
     fingers = [(float(at), DEVICE.finger) for at in PLACES_M]
     moving.touch(fingers)

@@ -20,8 +20,13 @@ def test_fresh_stale_and_broken_tables_are_told_apart(tmp_path: Path) -> None:
     broken = tmp_path / "broken.nc"
     broken.write_bytes(fresh.read_bytes()[:-100])
     checks = check_tables([fresh, stale, broken])
+    delays, checks = (
+        [check for check in checks if "delays" in check.name],
+        [c for c in checks if "delays" not in c.name],
+    )
     assert [(check.passed, check.needed) for check in checks] == [(True, True), (False, False), (False, True)]
     assert f"tactable build reference-a -o {stale}" in checks[1].remedy
+    assert [check.finding.split(",")[:2] for check in delays] == [["left 0 us", " right 0 us"]] * 2
 
 
 def test_kernels_that_are_kept_pass_and_others_say_how(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
