@@ -38,7 +38,8 @@ on with its effect, one that is beside the new bar is gone with it, and one that
 beyond the end is gone, too, and none begins there.
 
 A finger is placed where it came down. It follows the touch once that is FOLLOW_M away, so that the jitter of a resting
-finger changes nothing.
+finger changes nothing. A click is made for where each finger will be at the click's peak (`Finger.ahead_m`): a quiet
+finger at 100 mm/s is 3 mm further on by then, where it would feel 6 dB more. Steady drives follow the reports.
 
 The placement changes only in `take_touches` and `advance_effects`, and `next_change_ns` is the earliest time at which
 `advance_effects` changes it, so the loop can wait for a report or that time, whichever comes first. Time is an
@@ -54,11 +55,14 @@ from engine.effects.control_step import ControlStep, Outcome, Role, SceneSetting
 from engine.effects.effect_play import Play
 from engine.effects.rules import Effects, Rule, Trigger, changed_level
 from engine.touch import Placement, Touch
+from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 
 FOLLOW_M = 0.5e-3  # a finger that drives are made for is followed once it is farther away; drives allow for 1 mm
 STILL_M = 2e-3  # a finger this close to its resting place is still: a fingertip rolls by a millimetre
 DEFAULT_CLICK_NS = 30_000_000  # length of a click for which the table states none
+SPEED_NS = 15_000_000  # a speed is taken over this time, up to twice: of 5 to 18 ms, the least errors in recordings
+FURTHEST_M = 15e-3  # a click is made for a finger at most this far ahead: 500 mm/s; beyond, recordings show no law
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000  # a drag ends when the finger has not travelled the next distance within this time
 
@@ -85,6 +89,8 @@ class EffectPlayer:
         self._begun_ns: float = -math.inf  # of the click that began last
         self._corner_m: complex = math.inf  # of the surface
         self.click_length_ns = click_length_ns  # length of the clicks that begin from now on
+        self.ahead_ns = 0  # from the scan of a report until the peak of a click that it begins; 0: fingers are at rest
+        self._frame_ns = 0  # time of the last frame
         self.joined = self.left_out = 0  # fingers that are one to the bar with another; fingers beyond the most
 
     def _set_rules(self, effects: Effects) -> None:
@@ -96,6 +102,7 @@ class EffectPlayer:
     def take_touches(self, touches: Sequence[Touch], time_ns: int) -> bool:
         """Set the fingers that touch from now on; False where the placement certainly did not change."""
         fingers, has_changed = self.fingers, self.follows_moves
+        self._frame_ns = time_ns
         for touch in touches:
             finger = fingers.get(touch[0])
             if finger is None:
@@ -106,6 +113,9 @@ class EffectPlayer:
                     self._turn_palm(finger, touch, time_ns)
                     has_changed = True
                 finger.touch = touch
+                if time_ns - finger.late_ns >= SPEED_NS:
+                    finger.early_ns, finger.early_m = finger.late_ns, finger.late_m
+                    finger.late_ns, finger.late_m = time_ns, touch[1]
                 if abs(touch[1] - finger.held_m) > FOLLOW_M:
                     finger.held_m = touch[1]
                     has_changed = has_changed or self.level_db is not None
@@ -154,7 +164,7 @@ class EffectPlayer:
         self._corner_m = corner_m
         before, self.fingers = self.fingers, {}
         for touch in touches:
-            finger = self.fingers[touch.contact_id] = before.get(touch.contact_id) or Finger(touch)
+            finger = self.fingers[touch.contact_id] = before.get(touch.contact_id) or Finger(touch, self._frame_ns)
             finger.move_to(touch, corner_m)
         self.lifted = [finger for finger in self.lifted if is_within(finger.held_m, corner_m)]
         self.click_ns = None  # also a click that goes on is placed on the new bar
@@ -244,7 +254,7 @@ class EffectPlayer:
                 for each in self.lifted
                 if each.touch.contact_id != _NO_CONTACT or abs(each.held_m - asked.position_m) >= CLOSEST_M
             ]
-            finger = Finger(Touch(_NO_CONTACT, asked.position_m, None))
+            finger = Finger(Touch(_NO_CONTACT, asked.position_m, None), time_ns)
             self.lifted.append(finger)
         change_db, length_ns = asked.level_change_db, self.click_length_ns
         finger.play = Play(
@@ -273,7 +283,7 @@ class EffectPlayer:
         )
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
-        finger = self.fingers[touch.contact_id] = Finger(touch)
+        finger = self.fingers[touch.contact_id] = Finger(touch, time_ns)
         rule = None if touch.is_palm else _first(self._rules[Trigger.TOUCH], touch)
         if rule is not None:
             self._begin(finger, rule, time_ns, None)
@@ -317,6 +327,7 @@ class EffectPlayer:
             rule = None if finger.is_kept_quiet else _first(self._rules[Trigger.LIFT], finger.touch)
             if rule is not None:
                 finger.hold_rule = None
+                finger.early_m = finger.touch.position_m  # it is felt where it was
                 self._begin(finger, rule, time_ns, None)
                 self.lifted.append(finger)
 
@@ -341,27 +352,40 @@ class EffectPlayer:
                     next_ns = finger.hold_ns
         self.next_change_ns = next_ns
         if click_ns is None or click_ns != self.click_ns:
-            self.placement = self._place(felt) if felt else None
+            self.placement = self._place(felt, click_ns) if felt else None
             self.effect = felt[0].play.effect.name if felt and felt[0].play is not None else ""
             self.level_db, self.click_ns = changed_level(level_db, self.settings.level_change_db), click_ns
             self._begun_ns = begun_ns if click_ns is None else click_ns
 
-    def _place(self, felt: "list[Finger]") -> Placement:
-        """The felt fingers, which may have lifted, and all others that touch."""
+    def _place(self, felt: "list[Finger]", click_ns: int | None) -> Placement:
+        """The felt fingers, which may have lifted, and all others that touch; for a click, where they will be."""
         quiet = [finger for finger in self.fingers.values() if finger not in felt]
-        placed = [(finger.held_m, True) for finger in felt] + [(finger.held_m, False) for finger in quiet]
-        position_m, is_felt, self.joined = merged(placed[:MOST_FINGERS])
-        self.left_out = max(0, len(placed) - MOST_FINGERS)
+        fingers = [(finger, True) for finger in felt] + [(finger, False) for finger in quiet]
+        self.left_out, fingers = max(0, len(fingers) - MOST_FINGERS), fingers[:MOST_FINGERS]
+        if click_ns is not None and self.ahead_ns:
+            late_ns = click_ns - self._frame_ns
+            ahead_ns = self.ahead_ns + late_ns if late_ns <= FRAME_SILENCE_NS else 0
+            ahead = [(finger.ahead_m(self._frame_ns, ahead_ns, self._corner_m), feels) for finger, feels in fingers]
+            position_m, is_felt, self.joined = merged(ahead)
+            if not self.joined:  # fingers do not pass through each other
+                return Placement(position_m, is_felt)
+        position_m, is_felt, self.joined = merged((finger.held_m, feels) for finger, feels in fingers)
         return Placement(position_m, is_felt)
 
 
 class Finger:
     """One finger, its effect under way, and the hold that it waits for."""
 
-    __slots__ = ("held_m", "hold_ns", "hold_rule", "mark_m", "play", "quiet_for", "rest_m", "rest_rule", "touch")
+    __slots__ = (
+        *("early_m", "early_ns", "held_m", "hold_ns", "hold_rule", "late_m", "late_ns"),
+        *("mark_m", "play", "quiet_for", "rest_m", "rest_rule", "touch"),
+    )
 
-    def __init__(self, touch: Touch) -> None:
+    def __init__(self, touch: Touch, time_ns: int) -> None:
         self.touch = touch
+        # Where it was at two earlier frames at least SPEED_NS apart; its speed is taken from the earlier one.
+        self.early_ns = self.late_ns = time_ns
+        self.early_m = self.late_m = touch.position_m
         self.held_m = touch.position_m  # where it is placed
         self.play: Play | None = None
         self.mark_m = touch.position_m  # the position at which the last distance of a drag was complete
@@ -378,6 +402,27 @@ class Finger:
         self.held_m = clip_points(self.held_m + moved_m, corner_m)
         self.mark_m += moved_m
         self.rest_m += moved_m
+        self.early_m += moved_m
+        self.late_m += moved_m
+
+    def ahead_m(self, frame_ns: int, ahead_ns: int, corner_m: complex) -> complex:
+        """Where it will be `ahead_ns` after the last frame, at `frame_ns`: at most FURTHEST_M on, and on the surface.
+
+        Its speed is a difference over 15 to 30 ms: least squares over five reports predict no better, and arrival
+        times as well as scan times (docs/results.md). A step up to FOLLOW_M is none, so that the noise of a resting
+        finger does not shake its place.
+        """
+        span_ns, position_m = frame_ns - self.early_ns, self.touch.position_m
+        if span_ns < SPEED_NS:
+            return self.held_m
+        step_m = (position_m - self.early_m) * (ahead_ns / span_ns)
+        way_m = abs(step_m)
+        if way_m <= FOLLOW_M:
+            return self.held_m
+        if way_m > FURTHEST_M:
+            step_m *= FURTHEST_M / way_m
+        ahead_m: complex = clip_points(position_m + step_m, corner_m).item()
+        return ahead_m
 
     @property
     def is_kept_quiet(self) -> bool:

@@ -165,7 +165,7 @@ class Pipeline:
         self.rendering, self.device = rendering, device
         fit_releases(self.digitizer, device)
         self.touches = self.tracker.change_bar(device)
-        player.click_length_ns = rendering.click_length_ns
+        player.click_length_ns, player.ahead_ns = rendering.click_length_ns, rendering.click_ahead_ns
         player.change_bar(self.touches, device.surface.corner_m)
         self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
         self.answerer.change_renderer(rendering.renderer, self.wanted)

@@ -109,6 +109,7 @@ class Live:
         rules = effects, self.renderer, clock.now_ns, rendering.click_length_ns
         pipeline = open_pipeline(source, table.device, *rules, source.report_id)
         self._pipeline = pipeline
+        pipeline.player.ahead_ns = rendering.click_ahead_ns
         pipeline.answerer.patience_ns = options.patience_ns
         self.digitizer = pipeline.digitizer
         dispatcher = Dispatcher(self._session, clock.now_ns)

@@ -7,6 +7,7 @@ import ctypes
 import re
 from typing import Any
 
+from engine.effects.effect_player import SPEED_NS
 from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.messages import Play, encode_play, encode_play_body
@@ -37,6 +38,7 @@ CONSTANTS = {
     "TOUCH": 0,
     "LIFT": 1,  # triggers of rules
     "FRAME_SILENCE_NS": FRAME_SILENCE_NS,
+    "SPEED_NS": SPEED_NS,
 }
 NONE = CONSTANTS["NONE"]
 
@@ -54,8 +56,8 @@ STRUCTURES = {
     "Rule": ["int64_t trigger zones level is_click has_region", "Point start stop"],
     "Command": ["int64_t kind size", "uint8_t body[LONGEST_BODY]"],
     "Active": ["int64_t contact_id place[SIDES] tip seen"],
-    # `held` is the position that drives are made for.
-    "Finger": ["int64_t contact_id zone level click_ns", "Point position held"],
+    # `held` is the position that drives are made for; `early` and `late` are where it was, for its speed.
+    "Finger": ["int64_t contact_id zone level click_ns early_ns late_ns", "Point position held early late"],
     # A side of the surface: how the digitizer lies along it (`zero` is the logical place of its start), and the places
     # of clicks along it. Where there is no second side, all of it is 0, but for one place and a pitch.
     "Side": ["int64_t zero places", "double start_m m_per_unit length_m pitch_m"],
@@ -67,8 +69,8 @@ STRUCTURES = {
         # the surface, the rules,
         "Side side[SIDES]",
         "Point zone_start[MOST_ZONES] zone_stop[MOST_ZONES]",
-        "double follow_m closest_m reach_m",
-        "int64_t zones rules follows_moves",
+        "double follow_m furthest_m closest_m reach_m",
+        "int64_t zones rules follows_moves ahead_ns",
         "Rule rule[MOST_RULES]",
         # the clicks: a row, NONE without a click, by the codes of two fingers (0 for no finger, else 1 + 2 * place +
         # is_felt); of each row its set, fraction bits and number of weights, and the weights; amplitudes by level and

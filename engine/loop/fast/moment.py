@@ -7,7 +7,7 @@ import ctypes
 from collections.abc import Sequence
 from typing import Any
 
-from engine.effects.effect_player import FOLLOW_M
+from engine.effects.effect_player import FOLLOW_M, FURTHEST_M
 from engine.effects.rules import Effects, Rule, Segment, Trigger, changed_level
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
@@ -73,6 +73,7 @@ class Moment:
         _set_surface(self.fast, pipeline)
         self._table, fast = table, self.fast
         fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
+        fast.ahead_ns = pipeline.player.ahead_ns
         for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
         _set_table(fast, table)
@@ -158,6 +159,9 @@ class Moment:
             place.contact_id, place.level = touch.contact_id, levels[level_db]
             _set_point(place.position, touch.position_m)
             _set_point(place.held, finger.held_m)
+            _set_point(place.early, finger.early_m)
+            _set_point(place.late, finger.late_m)
+            place.early_ns, place.late_ns = finger.early_ns, finger.late_ns
             place.zone = NONE if touch.zone is None else touch.zone
             place.click_ns = NONE if click_ns is None else click_ns
         fast.actives, fast.fingers, fast.lifted = len(frame.active), len(player.fingers), len(player.lifted)
@@ -201,7 +205,7 @@ def _set_point(place: Any, at_m: complex) -> None:
 def _set_surface(fast: Any, pipeline: Pipeline) -> None:
     zones, sides = pipeline.device.zones, pipeline.tracker.position.sides
     fast.zones = len(zones)
-    fast.follow_m, fast.closest_m, fast.reach_m = FOLLOW_M, CLOSEST_M, REACH_M
+    fast.follow_m, fast.furthest_m, fast.closest_m, fast.reach_m = FOLLOW_M, FURTHEST_M, CLOSEST_M, REACH_M
     for start, stop, zone in zip(fast.zone_start, fast.zone_stop, zones, strict=False):
         _set_point(start, zone.start_m)
         _set_point(stop, zone.stop_m)

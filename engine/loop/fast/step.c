@@ -128,12 +128,11 @@ static double along(const Side *side, int64_t place) {
     return side->start_m + (double)(place - side->zero) * side->m_per_unit;
 }
 
+static double clipped(double m, double length_m) { return m >= 0.0 && m <= length_m ? m : m < 0.0 ? 0.0 : length_m; }
+
 static Point point_of(const Fast *fast, const int64_t *place) {
     Point point;
-    for (int i = 0; i < SIDES; i++) {
-        const double m = along(&fast->side[i], place[i]), length_m = fast->side[i].length_m;
-        point.m[i] = m >= 0.0 && m <= length_m ? m : m < 0.0 ? 0.0 : length_m;
-    }
+    for (int i = 0; i < SIDES; i++) point.m[i] = clipped(along(&fast->side[i], place[i]), fast->side[i].length_m);
     return point;
 }
 
@@ -164,14 +163,14 @@ static int64_t zone_of(const Fast *fast, Point point) {
 
 /* ---- fingers to what is felt, as engine/effects/effect_player.py ---- */
 
-typedef struct { Point held; int64_t level, click_ns, touches; } Present;
+typedef struct { Point held, ahead; int64_t level, click_ns, touches; } Present; /* `ahead` is what clicks are made for */
 
 /* What the fingers bring: the wanted level, when its click began, and the fingers, those that have lifted included. */
 typedef struct { int64_t level, click_ns, count; Present finger[3 * MOST_CONTACTS]; } Felt;
 
 /* The click that began last is all that is felt; of equal ones, and of steady levels, the greatest level. */
-static void feel(Felt *felt, Point held, int64_t level, int64_t click_ns, int64_t touches) {
-    felt->finger[felt->count++] = (Present){held, level, click_ns, touches};
+static void feel(Felt *felt, Point held, Point ahead, int64_t level, int64_t click_ns, int64_t touches) {
+    felt->finger[felt->count++] = (Present){held, ahead, level, click_ns, touches};
     if (level == NONE) return;
     if (click_ns == felt->click_ns) {
         if (level > felt->level) felt->level = level;
@@ -195,6 +194,23 @@ static Point held_of(const Fast *fast, const Finger *finger, Point point) {
     return distance_m(point, finger->held) > fast->follow_m ? point : finger->held;
 }
 
+/* Where the finger will be at the peak of a click that begins now, as Finger.ahead_m. */
+static Point ahead_of(const Fast *fast, const Finger *finger, Point point, int64_t time_ns) {
+    const int is_late = time_ns - finger->late_ns >= SPEED_NS;
+    const int64_t span_ns = time_ns - (is_late ? finger->late_ns : finger->early_ns);
+    const Point from = is_late ? finger->late : finger->early, held = held_of(fast, finger, point);
+    if (!fast->ahead_ns || span_ns < SPEED_NS) return held;
+    const double spans = (double)fast->ahead_ns / (double)span_ns;
+    Point step = {{(point.m[0] - from.m[0]) * spans, (point.m[1] - from.m[1]) * spans}};
+    const double way_m = hypot(step.m[0], step.m[1]), part = fast->furthest_m / way_m;
+    if (way_m <= fast->follow_m) return held;
+    for (int i = 0; i < SIDES; i++) {
+        if (way_m > fast->furthest_m) step.m[i] *= part;
+        step.m[i] = clipped(point.m[i] + step.m[i], fast->side[i].length_m);
+    }
+    return step;
+}
+
 /* Whether a finger came or lifted; `felt` is what the contacts bring. */
 static int follow(const Fast *fast, const Active *active, int count, int64_t time_ns, Felt *felt) {
     /* Fingers that touch: their effect, or the one that a touch rule gives them. */
@@ -210,11 +226,12 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
         here[touching++] = active[i].contact_id;
         if (finger != NULL) {
             if (fast->follows_moves && distance_m(point, finger->position) != 0.0) return 0; /* a drag, or the end of a hold */
-            feel(felt, held_of(fast, finger, point), finger->level, finger->click_ns, 1);
+            const Point ahead = ahead_of(fast, finger, point, time_ns);
+            feel(felt, held_of(fast, finger, point), ahead, finger->level, finger->click_ns, 1);
         } else {
             const Rule *rule = rule_for(fast, TOUCH, zone_of(fast, point), point);
             changed = 1;
-            feel(felt, point, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 1);
+            feel(felt, point, point, rule ? rule->level : NONE, rule && rule->is_click ? time_ns : NONE, 1);
         }
     }
     /* Fingers that have just lifted, by their lift rule; then those lifted before, whose effect goes on. */
@@ -227,9 +244,9 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
             changed = 1;
             const Rule *rule = rule_for(fast, LIFT, finger->zone, finger->position);
             if (rule == NULL) continue;
-            feel(felt, finger->held, rule->level, rule->is_click ? time_ns : NONE, 0);
+            feel(felt, finger->held, finger->held, rule->level, rule->is_click ? time_ns : NONE, 0);
         } else {
-            feel(felt, finger->held, finger->level, finger->click_ns, 0);
+            feel(felt, finger->held, finger->held, finger->level, finger->click_ns, 0);
         }
     }
     return changed;
@@ -252,18 +269,18 @@ static int64_t place_of(const Fast *fast, Point point) {
 static int64_t row_of(const Fast *fast, const Felt *felt) {
     /* The felt fingers, and all others that touch; code 0 stands for no finger, 1 + 2 * place + is_felt for one. The
      * finger that came last has the last code: `warm` has brought the row of the code before it. */
-    Point held[MOST_FINGERS] = {0};
+    Point ahead[MOST_FINGERS] = {0};
     int64_t code[MOST_FINGERS] = {0}, count = 0;
     for (int i = 0; i < felt->count; i++) {
         const Present *finger = &felt->finger[i];
         const int is_felt = finger->level != NONE && finger->click_ns == felt->click_ns;
         if (!finger->touches && !is_felt) continue;
         if (count == MOST_FINGERS) return NONE;
-        held[0] = held[1], code[0] = code[1], count++;
-        held[1] = finger->held, code[1] = 1 + 2 * place_of(fast, finger->held) + is_felt;
+        ahead[0] = ahead[1], code[0] = code[1], count++;
+        ahead[1] = finger->ahead, code[1] = 1 + 2 * place_of(fast, finger->ahead) + is_felt;
     }
-    /* Fingers that are too close are one to the surface. */
-    if (count == MOST_FINGERS && distance_m(held[0], held[1]) < fast->closest_m) return NONE;
+    /* Fingers that are too close are one to the surface, or will not be there. */
+    if (count == MOST_FINGERS && distance_m(ahead[0], ahead[1]) < fast->closest_m) return NONE;
     return fast->pair[code[0] * (2 * fast->places + 1) + code[1]]; /* in either order */
 }
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.effect_player import EffectPlayer
+from engine.effects.effect_player import FOLLOW_M, FURTHEST_M, EffectPlayer
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS
@@ -345,3 +345,74 @@ def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
     assert placement is not None
     assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
     assert placement.position_m[-1] == 0.23 and 0.17 not in placement.position_m
+
+
+# Where fingers will be: an island of its own, on a bar of 250 mm whose clicks have their peak 30 ms after a report.
+LAST_CLICKS = Effects((Rule(Trigger.TOUCH, click(20.0), zones=frozenset({4})),))
+
+
+def made_for(*course: tuple[float, float], comes_mm: float = 240.0, effects: Effects = LAST_CLICKS) -> Placement:
+    """The placement of a click of a finger that comes down in the last frame of another's course, (ms, mm)."""
+    player = EffectPlayer(effects)
+    player.change_bar((), 0.25)
+    player.ahead_ns = 30 * MS
+    *before, (last_ms, last_mm) = course
+    for time_ms, place_mm in before:
+        player.take_touches([touch(1, place_mm)], round(time_ms * MS))
+    player.take_touches([touch(1, last_mm), touch(2, comes_mm)], round(last_ms * MS))
+    assert player.placement is not None and player.click_ns == round(last_ms * MS)
+    return player.placement
+
+
+@given(st.floats(-1500.0, 1500.0), st.sampled_from((4.0, 8.0, 12.0, 25.0)))
+def test_a_click_is_made_for_where_a_finger_that_slides_evenly_will_be(mm_per_s: float, period_ms: float) -> None:
+    frames = [(n * period_ms, 100.0 + mm_per_s * n * period_ms / 1000) for n in range(int(50 / period_ms) + 1)]
+    here_mm = frames[-1][1]
+    frames = [(time_ms, min(max(place_mm, 0.0), 220.0)) for time_ms, place_mm in frames]
+    quiet_m = made_for(*frames).position_m[0]
+    assert 0.0 <= quiet_m.real <= 0.25
+    if 0.0 <= here_mm <= 220.0 and abs(mm_per_s) * 0.03 > 0.51:
+        step_mm = max(-15.0, min(15.0, 0.03 * mm_per_s))
+        if here_mm + step_mm < 230.0:
+            assert quiet_m.real == pytest.approx(max(0.0, here_mm + step_mm) * MM, abs=1e-9)
+
+
+@given(st.lists(st.floats(-0.1, 0.1), min_size=1, max_size=30))
+def test_the_noise_of_a_finger_at_rest_does_not_move_its_place(noise_mm: list[float]) -> None:
+    frames = [(8.0 * n, 100.0 + each) for n, each in enumerate(noise_mm)]
+    frames[0] = (0.0, 100.0)
+    assert made_for(*frames).position_m[0] == 100.0 * MM
+    assert 2 * 0.1 * MM * 30 / 15 < FOLLOW_M < FURTHEST_M
+
+
+def test_of_a_finger_that_has_just_come_no_speed_is_known() -> None:
+    assert made_for((0.0, 100.0), (14.0, 102.0)).position_m[0] == 102.0 * MM
+    assert made_for((0.0, 100.0), (15.0, 102.0)).position_m[0] == pytest.approx(106.0 * MM)
+
+
+def test_a_finger_is_not_where_it_would_run_into_another() -> None:
+    frames = [(8.0 * n, 210.0 + 2.0 * n) for n in range(8)]
+    assert made_for(*frames, comes_mm=235.0).position_m == (224.0 * MM, 235.0 * MM)
+
+
+def test_a_steady_drive_is_made_for_where_fingers_are() -> None:
+    held = Effects((Rule(Trigger.TOUCH, Effect("held", (Segment(None, 20.0),)), zones=frozenset({4})),))
+    player = EffectPlayer(held)
+    player.ahead_ns = 30 * MS
+    for n in range(8):
+        player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 7)], 8 * n * MS)
+    assert player.placement == Placement((107.0 * MM, 240.0 * MM), (False, True))
+
+
+def test_a_click_that_time_begins_counts_the_time_since_the_last_frame_and_not_after_a_silence() -> None:
+    for wait_ms, quiet_mm in ((20, 110.0), (60, 105.0)):  # 5 mm in 40 ms; then 50 ms ahead, or a panel that is silent
+        late = Effect("late", (Segment(wait_ms * MS, None), Segment(None, 20.0, is_click=True)))
+        effects = Effects((Rule(Trigger.TOUCH, late, zones=frozenset({4})),))
+        player = EffectPlayer(effects)
+        player.change_bar((), 0.25)
+        player.ahead_ns = 20 * MS
+        for n in range(6):
+            player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 5)], 8 * n * MS)
+        player.advance_effects((40 + wait_ms) * MS)
+        assert player.placement is not None
+        assert player.placement.position_m[0] == pytest.approx(quiet_mm * MM, abs=1e-9)

@@ -48,6 +48,7 @@ NO_CLICKS = made_clicks(DEVICE, ())
 SLOTS = 4
 DESCRIPTOR = application(*(finger(flags="0942 0932 0947") for _ in range(SLOTS)), CONTACT_COUNT, BLOB)
 BIT_RATE_HZ = 1_000_000
+CLICK_AHEAD_NS = 28_000_000  # as of reference-a
 
 Touch = tuple[int, complex]
 """Contact id and place, as fractions of the sides of the touch area; a real one lies in its middle across."""
@@ -100,7 +101,8 @@ def rendering_of(
     steady, rendered = MadeSteady(device, always_hz=always_hz), RenderedClicks(clicks, basis, refuses=False)
     renderer = Renderer(capabilities, steady, rendered, effects.levels_db)
     configuration = replace(configuration, basis=basis.basis)
-    made = Rendering(device, renderer, configuration, DEFAULT_CLICK_NS, BoardFit((1.0, 1.0)))
+    ahead_ns = 0 if basis.basis is None else CLICK_AHEAD_NS
+    made = Rendering(device, renderer, configuration, DEFAULT_CLICK_NS, ahead_ns, BoardFit((1.0, 1.0)))
     return with_fast_table(made, capabilities)
 
 
@@ -155,11 +157,13 @@ class Rig:
         zones = None if self.rows is None else ZoneDrives(device, capabilities, self.rows, refuses, (1.0, 1.0))
         self.renderer = Renderer(capabilities, zones or self.steady, clicks, self.effects.levels_db)
         pipeline = open_pipeline(source, device, self.effects, self.renderer, self.line.now_ns)
+        ahead_ns = pipeline.player.ahead_ns = 0 if basis.basis is None else CLICK_AHEAD_NS
         dispatcher = Dispatcher(session, self.line.now_ns)
         self.observers = Observers(self.trace, timing, self.ring)
         edges: tuple[Source, Clock, Observer] = (source, self.line, self.observers)
         self.rendering = with_fast_table(
-            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS, BoardFit((1.0, 1.0))), capabilities
+            Rendering(device, self.renderer, configuration, DEFAULT_CLICK_NS, ahead_ns, BoardFit((1.0, 1.0))),
+            capabilities,
         )
         if self.library is not None:
             fast = VirtualFastPath(

@@ -90,14 +90,16 @@ def report(fingers: Fingers, lifted: Sequence[int] = (), palms: Collection[int] 
 
 
 def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, bytes]]:
-    """Fingers that come, move, jitter and lift; of up to four, mostly one or two."""
+    """Fingers that come, slide, jump, jitter and lift; of up to four, mostly one or two."""
     time_s, fingers, frames = 0.0, dict[int, float](), list[tuple[float, bytes]]()
+    pause_s, speeds = 0.0, dict[int, float]()  # of a finger, in bars per second
     palms, has_palms = set[int](), random.random() < 0.2
     for _ in range(steps):
         before = dict(fingers)
         wanted = int(random.choice(SLOTS + 1, p=(0.15, 0.35, 0.3, 0.1, 0.1)))
         for contact in list(fingers):
-            if random.random() < 0.3:
+            fingers[contact] = float(np.clip(fingers[contact] + speeds[contact] * pause_s, 0, 1))
+            if random.random() < 0.2:
                 # A digitizer unit is 0.28 mm: some moves are jitter, some are followed.
                 fingers[contact] = float(
                     np.clip(fingers[contact] + random.choice((-0.1, -0.003, -0.001, 0.001, 0.05)), 0, 1)
@@ -107,13 +109,14 @@ def random_frames(random: np.random.Generator, steps: int) -> list[tuple[float, 
         while len(fingers) < wanted:
             near = [place + random.uniform(-0.04, 0.04) for place in fingers.values()]
             place = near[0] if near and random.random() < 0.2 else random.uniform(-0.0, 1.0)
-            fingers[int(random.choice([each for each in range(1, 9) if each not in fingers]))] = float(
-                np.clip(place, 0, 1)
-            )
+            contact = int(random.choice([each for each in range(1, 9) if each not in fingers]))
+            fingers[contact] = float(np.clip(place, 0, 1))
+            speeds[contact] = float(random.choice((0.0, 0.1, -0.4, 1.0, 3.0)))
         if fingers and has_palms and random.random() < 0.2:
             palms ^= {int(random.choice(list(fingers)))}
         frames.append((time_s, report(fingers, [contact for contact in before if contact not in fingers], palms)))
-        time_s += float(random.choice((0.002, 0.008, 0.025, 0.06)))
+        pause_s = float(random.choice((0.002, 0.008, 0.025, 0.06)))
+        time_s += pause_s
     return [*frames, (time_s + 0.1, report({}, list(fingers)))]
 
 

@@ -222,6 +222,18 @@ def test_a_finger_counts_where_it_is_held_not_where_it_jitters(units: int, place
     assert position_mm[0] == round((49 + units * place_m) * 0.2794, 1)
 
 
+@pytest.mark.parametrize(("bars_per_s", "ahead_mm"), [(0.0, 0.0), (0.125, 1.0), (-0.5, -3.9), (1.0, 7.8), (2.5, 15.0)])
+def test_a_click_is_made_for_where_a_finger_that_slides_will_be(bars_per_s: float, ahead_mm: float) -> None:
+    """A finger slides over the bar, 279.4 mm long, and another comes down; the click's peak is 28 ms after that."""
+    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
+    frames = [(0.1 + t_s, report({1: 0.3 + bars_per_s * t_s})) for t_s in np.arange(7) * 0.008]
+    at = 0.3 + bars_per_s * 0.056
+    frames += [(0.156, report({1: at, 2: 0.95})), (0.3, report({}, [1, 2]))]
+    ((position_mm, is_felt),) = answered_whole(frames, only_last)
+    assert is_felt == (False, True) and position_mm[1] == 265.4
+    assert position_mm[0] == pytest.approx(279.4 * at + ahead_mm, abs=0.31)
+
+
 def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_loop() -> None:
     """Places are 100 units of the digitizer apart: it is the upper one, but for rounding."""
     frames: Frames = []
