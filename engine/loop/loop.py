@@ -60,6 +60,16 @@ class SystemClock:
         return select.select(readable, writable, (), timeout_s)[0]
 
 
+class Listener(Protocol):
+    """Takes what the link heard, such as the samples of the board's accelerometer."""
+
+    def begin_stream(self) -> None:
+        """A stream of samples begins."""
+
+    def take_event(self, event: Event) -> None:
+        """Take an event."""
+
+
 class StopRequest(Protocol):
     """What ends a run; `threading.Event` has it. The loop looks at each wake-up, at most 80 ms apart."""
 
@@ -87,7 +97,7 @@ class Loop:
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
     (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.table_swap`), and
     with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`). With `control` programs decide
-    who feels what (`engine.loop.program_steps`).
+    who feels what (`engine.loop.program_steps`). With `listener` the board streams the samples of its accelerometer.
     """
 
     def __init__(
@@ -103,12 +113,13 @@ class Loop:
         updates: Updates | None = None,
         solving: ClickSolving | None = None,
         control: ControlSlot | None = None,
+        listener: Listener | None = None,
     ) -> None:
         session = dispatcher.session
         self.counters = dispatcher.counters
         self._pipeline, self._dispatcher, self._session = pipeline, dispatcher, session
         self._source, self._clock, self._observer = source, clock, observer
-        self._now_ns = clock.now_ns
+        self._now_ns, self._listener = clock.now_ns, listener
         self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
         taking = (pipeline, self.counters, self._hand_over)
         self._swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
@@ -125,6 +136,7 @@ class Loop:
         Raises LinkError when the port or the device fails; counters and records are final then too.
         """
         try:
+            self._begin_stream()
             while not self._is_over(stop):
                 readable = self._wait()
                 self._read_touches()
@@ -269,6 +281,14 @@ class Loop:
             self._swap.act_on(event)
         if isinstance(event, Armed):
             self._dispatcher.resume()
+            self._begin_stream()
+        elif self._listener is not None:
+            self._listener.take_event(event)
+
+    def _begin_stream(self) -> None:
+        if self._listener is not None:
+            self._listener.begin_stream()
+            self._session.link.start_sensing(self._now_ns())
 
     def _table_changed(self) -> None:
         """Play a steady drive, or a command that waits, from the new table; a click that sounds ends as it began.

@@ -14,6 +14,7 @@ from typer import Argument, Option
 
 from base.child import Child
 from base.files import identity_of
+from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import Effects
 from engine.loop.command_latency import Stage
@@ -44,8 +45,11 @@ from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
 from tactable.run.live_run import Live, LiveOptions, ring_for
 from tactable.run.table_watch import TableWatch, Watched
+from tactable.run.track_status import read_status, track_text
 from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_table, named_effects
+from tactable.track.track_process import TrackedSensor, TrackProcess
 
+_Values = Callable[[], dict[str, Any]]
 _NS_PER_S = 1_000_000_000
 
 TouchName = Annotated[
@@ -70,6 +74,13 @@ RingPath = Annotated[
 ]
 Watch = Annotated[bool, Option(help="Change over to a new table that replaces this one, once it is verified.")]
 Solve = Annotated[bool, Option("--solve/--no-solve", help="Solve clicks that the table lacks, in another process.")]
+Track = Annotated[
+    str | None,
+    Option(
+        metavar="SENSOR",
+        help="Follow drift and fingers by a sensor that stays, as board:35mm or PIPE@35mm,mass=2g (docs/tracking.md).",
+    ),
+]
 FastPathWanted = Annotated[bool, Option("--fast-path/--no-fast-path", help="Answer reports in one compiled step.")]
 
 
@@ -103,25 +114,28 @@ def run(
     watch: Watch = True,
     solve: Solve = True,
     page: Annotated[bool, Option("--page", help="Show the run to browsers, by another process.")] = False,
-    page_host: Annotated[str | None, Option(help="Bind the page to this address; default: this machine.")] = None,
-    page_port: Annotated[int | None, Option(min=0, max=65_535, help="The page's port; 0: any.")] = None,
+    page_at: Annotated[
+        str | None, Option(metavar="HOST:PORT", help="Where to bind the page, as 0.0.0.0:8080 or :8080; default: here.")
+    ] = None,
     control: Annotated[bool, Option("--control", help="Let other programs decide who feels what.")] = False,
     control_socket: options.ControlSocket = None,
     control_port: options.ControlPort = None,
     control_osc: options.ControlOsc = None,
     fast: FastPathWanted = True,
+    track: Track = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Play a table: turn touches into commands for the firmware.
 
     Ctrl-C ends the run; the firmware falls silent, and a summary is printed.
     """
-    options.need_switch(context, "--page", page, "page_host", "page_port")
+    options.need_switch(context, "--page", page, "page_at")
     options.need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
-    clock, table_path = SystemClock(), find_table(table_path)
-    identity = identity_of(table_path) if table_path.is_file() else (0, 0, 0)
+    page_host, page_port = _read_address(page_at or "")
+    clock, named = SystemClock(), find_table(table_path)
+    identity = identity_of(named) if named.is_file() else (0, 0, 0)
     device = None if device_name is None else find_device(device_name)
-    with Table.open(table_path, device=device) as table, ExitStack() as stack:
+    with Table.open(named, device=device) as table, ExitStack() as stack:
         effects = _effects(rules_path, table.device, drives, with_others=control)
         realtime = real_time_steps(steps)
         with _opened(machine_of(context), touch) as source:
@@ -132,7 +146,13 @@ def run(
         compile_steady_solver(remark)
         live_options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
         source = stack.enter_context(_opened(machine_of(context), touch))
-        ring = stack.enter_context(ring_for(ring_path, is_needed=page or control))
+        tracked = None if track is None else TrackedSensor.parse(track, table.device)
+        ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or tracked is not None))
+        table_path, tracking = named, None
+        if tracked is not None and ring is not None:
+            folder = stack.enter_context(work_folder("track"))
+            tracking = stack.enter_context(TrackProcess(table, folder, ring.path, tracked))
+            table_path, identity = tracking.played, tracking.identity
         stop = stack.enter_context(stop_at_signal())
         zones = tuple(zone.name for zone in table.device.zones)
 
@@ -147,22 +167,38 @@ def run(
             socket = control_socket or default_socket()
             served = ControlOf(socket, ring.path, table_path, control_port, control_osc, watch)
             slot = stack.enter_context(ControlProcess(served))
-        live = Live(table, source, port, clock, live_options, ring, found_again, watching, solving, control=slot)
+        listener = tracking if tracking is not None and tracking.is_listening else None
+        beside = ring, found_again, watching, solving
+        live = Live(table, source, port, clock, live_options, *beside, control=slot, listener=listener)
+        if tracking is not None:
+            tracking.begin_tracking(live.capabilities, live.fit.scales)
         if slot is not None:
             slot.begin_steps(live.capabilities)
         if ring is not None and page:
-            shown = stack.enter_context(_page(live, ring, table_path, page_host or "127.0.0.1", page_port or 0))
+            shown = stack.enter_context(_page(live, ring, table_path, page_host, page_port))
             _note_all(shown.read()["lines"])
         _note_all([] if slot is None else slot.lines)
         _announce(source, port, live, refuses)
-        where = {"table": str(table_path), "device": table.device.name, "port": port.path}
+
+        def where() -> dict[str, Any]:
+            track = None if tracking is None else read_status(table_path)
+            return {"table": str(named), "device": table.device.name, "port": port.path, "track": track}
+
         _play(live, source, clock, stop, seconds, where, as_json)
 
 
+def _read_address(text: str) -> tuple[str, int]:
+    """Host and port of --page-at, by default this machine and any port. Raises OptionError."""
+    host, _, port = text.rpartition(":") if ":" in text else (text, "", "")
+    if port and not (port.isdecimal() and int(port) < 65_536):
+        raise options.OptionError(f"--page-at {text}: expected HOST:PORT, as 0.0.0.0:8080, [::1]:8080 or :8080")
+    return host.strip("[]") or "127.0.0.1", int(port or 0)
+
+
 def _play(
-    live: Live, source: Source, clock: Clock, stop: StopRequest, seconds: float, where: dict[str, Any], as_json: bool
+    live: Live, source: Source, clock: Clock, stop: StopRequest, seconds: float, where: _Values, as_json: bool
 ) -> None:
-    """Run until `stop` or for `seconds`, and print the summary in any case; `where` are its first values."""
+    """Run until `stop` or for `seconds`, and print the summary in any case; `where` gives its first values."""
     start_ns, digitizer = clock.now_ns(), live.digitizer
     digitizer.on_foreign = note
     try:
@@ -170,7 +206,7 @@ def _play(
     finally:
         if digitizer.foreign_notice and digitizer.counters.foreign_reports < FOREIGN_NOTICED:
             note(digitizer.foreign_notice)  # too few came for it to be given before
-        summary = where | run_json(live, source, clock.now_ns() - start_ns)
+        summary = where() | run_json(live, source, clock.now_ns() - start_ns)
         show(summary, as_json, lambda _, summary: _print_summary(summary))
 
 
@@ -324,6 +360,8 @@ def _print_summary(summary: dict[str, Any]) -> None:
     OUT.print(f"{summary['duration_s']:.1f} s: {', '.join(told)}", highlight=False, soft_wrap=True)
     if not summary["reports"]:
         note(f"no report came from {summary['touches']}: touch it, or see with `tactable record` what it sends")
+    if text := track_text(summary["track"]):
+        OUT.print(text, highlight=False, soft_wrap=True)
     for step in summary["realtime"]:
         if not step["in_force"]:
             OUT.print(f"{step['step']}: {step['finding']}; {step['remedy']}", soft_wrap=True)

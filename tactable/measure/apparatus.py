@@ -99,7 +99,8 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
             port, bit_rate_hz = bench, options.bit_rate_hz
         clock = bench or SystemClock()
         own = open_board_sensor(device, port, clock, bit_rate_hz) if is_own else None
-        sensor = own or (SimulatedSensor(bench) if isinstance(bench, SimulatedBench) else _open_sensor(options, device))
+        made = SimulatedSensor(bench) if isinstance(bench, SimulatedBench) else None
+        sensor = own or made or open_sensor(options.sensor, device)
         stack.callback(sensor.close)
         most = [options.most] * len(device.actuators)
 
@@ -115,8 +116,8 @@ def open_apparatus(device: Device, options: ApparatusOptions, ask: Callable[[str
         )
 
 
-def _open_sensor(options: ApparatusOptions, device: Device) -> SampleStream:
-    name = options.sensor
+def open_sensor(name: str, device: Device) -> SampleStream:
+    """The sound card of that name, or the file or pipe of samples. Raises AudioError and SensorError."""
     return AudioSensor(name, device) if is_audio(name) else SampleStream(Path(name), device)
 
 

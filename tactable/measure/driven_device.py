@@ -9,31 +9,20 @@ board by STOP, whether the block ended by itself, by an error or by Ctrl-C.
 import contextlib
 from collections.abc import Container, Sequence
 from dataclasses import replace
-from typing import Protocol, Self
+from typing import Self
 
 from engine.device import Device
-from engine.loop.loop import Clock, connect
+from engine.loop.loop import Clock, Listener, connect
 from engine.render.board_fit import check_frequencies, fit_board
 from engine.render.chosen_basis import choose_basis, scaled
 from engine.render.limits import Drive, encode_scaled, link_configuration
 from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link import Link
-from firmware_link.host.link_values import BOARD_EMULATED, Event, LinkConfiguration, LinkState
+from firmware_link.host.link_values import BOARD_EMULATED, LinkConfiguration, LinkState
 from firmware_link.host.session import Port, Session
 from firmware_link.protocol.basis import Basis
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Fault, Status
-
-
-class Listener(Protocol):
-    """Takes what the link heard, such as the samples of the board's accelerometer."""
-
-    def begin_stream(self) -> None:
-        """A stream of samples begins."""
-
-    def take_event(self, event: Event) -> None:
-        """Take an event."""
-
 
 _BLOCKED_LINE_NS = 5_000_000  # a line that takes nothing is tried again this often
 _NS_PER_US = 1_000

@@ -18,6 +18,7 @@ from tactable.page.ring_drive import RingDrive
 from tactable.page.view import View, device_json
 from tactable.rig.promises import SampledPromises
 from tactable.run.table_watch import LOOK_S
+from tactable.run.track_status import read_status, track_text
 
 BEHIND_NS = 30_000_000  # age of the picture; ring records are written after their command
 _NS_PER_US = 1000
@@ -35,7 +36,7 @@ class LiveBackend(PageBackend):
     ) -> None:
         self._reader, self._table_path, self._resolution_hz = reader, table_path, frequency_resolution_hz
         self._full_scales_m = tuple(full_scales_m)
-        self._identity = identity_of(table_path)
+        self._identity, self._tracked = identity_of(table_path), ""
         self._take_up(Table.open(table_path, verify=False))
 
     def _take_up(self, table: Table) -> None:
@@ -56,6 +57,7 @@ class LiveBackend(PageBackend):
             "clicks": len(self._table.clicks),
             "plays": {},
             "choice": {},
+            "tracked": self._tracked,
         }
 
     def tick(self) -> tuple[list[bytes], bool]:
@@ -78,6 +80,9 @@ class LiveBackend(PageBackend):
                 if self._view.spreads is None and self._table.clicks:
                     self._view.spreads = await asyncio.to_thread(SampledPromises, self._table)
             await asyncio.sleep(LOOK_S)
+            if (tracked := track_text(read_status(self._table_path))) != self._tracked:
+                self._tracked = tracked
+                self.scene_number += 1
             with contextlib.suppress(
                 OSError, TableError, RendererError
             ):  # being replaced, or not usable: the run ignores it too

@@ -240,7 +240,7 @@ def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPo
         listening.listen()
     except OSError as error:
         listening.close()
-        remedy = "give another --page-port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
+        remedy = "give another port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
         raise AddressError(f"{host}, port {port}: no page can be served there ({error.strerror}); {remedy}") from error
     return listening, AccessPolicy(host, listening.getsockname()[1], token)
 

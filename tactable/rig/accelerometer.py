@@ -2,8 +2,9 @@
 
 SIMULATED. The part is an ADXL345 at 3200 samples a second, by its data sheet (revision E): 256 counts per g in full
 resolution, whose last bit is always 0 at this rate, a range of 16 g, and across the chip 1.1 counts of noise at 100
-samples a second, which is white and so grows with the root of the rate. Its oscillator is its own. It passes direct
-current: lying level it shows gravity.
+samples a second, which is white and so grows with the root of the rate. `quiet` makes it one like an ADXL355, by its
+data sheet: 25 ug/sqrt(Hz), a range of 2 g of which the upper 16 bits are read. Its oscillator is its own. It passes
+direct current: lying level it shows gravity.
 
 Theory of operation. Time passes in blocks. The core is advanced to the end of a block; then its drive within the block
 is known, the surface is moved by it, and the samples are handed to the core with the displacements of their instants,
@@ -33,6 +34,8 @@ RATE_HZ = 3_200.0  # its fastest, see above
 SCALE_M_PER_S2 = GRAVITY_M_PER_S2 / 256
 GREATEST, STEP = 4_095, 2  # 13 bits for 16 g; the last bit is 0
 NOISE_M_PER_S2 = 1.1 * SCALE_M_PER_S2 * math.sqrt(RATE_HZ / 100)
+QUIET_SCALE_M_PER_S2, QUIET_GREATEST = 2 * GRAVITY_M_PER_S2 / 32_768, 32_767
+QUIET_NOISE_M_PER_S2 = 25e-6 * GRAVITY_M_PER_S2 * math.sqrt(RATE_HZ / 2)
 _PLANT_SAMPLES = 8
 """Samples of the plant in one of the accelerometer: 25.6 kHz, at which straight lines cost 0.005 dB of 300 Hz."""
 _BLOCK_US = 10_000  # a full frame of two actuators, 32 samples
@@ -48,7 +51,7 @@ class EmulatedAccelerometer:
     """Place of the part, and its deviations from its data sheet.
 
     drift: pace of its oscillator over the nominal one, less 1. gain: less 1. noise: root mean square, beside that of
-    the part.
+    the part. quiet: 1 for the quiet part, see above. finger_m: where a standard finger rests all the time, or None.
     """
 
     at_m: complex
@@ -57,6 +60,13 @@ class EmulatedAccelerometer:
     gain: float = 0.0
     offset_m_per_s2: float = 0.0
     noise_m_per_s2: float = 0.0
+    quiet: float = 0.0
+    finger_m: complex | None = None
+
+    @property
+    def scale_m_per_s2(self) -> float:
+        """Acceleration of a count."""
+        return QUIET_SCALE_M_PER_S2 if self.quiet else SCALE_M_PER_S2
 
     @classmethod
     def parse(cls, text: str) -> "EmulatedAccelerometer":
@@ -80,17 +90,23 @@ _WORDS = {
     "gain": ("gain", ""),
     "offset": ("offset_m_per_s2", "m/s^2"),
     "noise": ("noise_m_per_s2", "m/s^2"),
+    "quiet": ("quiet", "number"),
+    "finger": ("finger_m", "point"),
 }
 assert [name for name, _ in _WORDS.values()] == [field.name for field in fields(EmulatedAccelerometer)]
 
 
-def with_accelerometer(configuration: DeviceConfiguration) -> DeviceConfiguration:
-    """The configuration of a board with the part."""
+def with_accelerometer(
+    configuration: DeviceConfiguration, part: EmulatedAccelerometer | None = None
+) -> DeviceConfiguration:
+    """The configuration of a board with the part; None: an ADXL345."""
+    is_quiet = part is not None and part.quiet
+    scale_m_per_s2 = SCALE_M_PER_S2 if part is None else part.scale_m_per_s2
     return replace(
         configuration,
         sensor_rate_mhz=round(1_000 * RATE_HZ),
-        sensor_scale_nm_per_s2=round(1e9 * SCALE_M_PER_S2),
-        sensor_greatest=GREATEST,
+        sensor_scale_nm_per_s2=round(1e9 * scale_m_per_s2),
+        sensor_greatest=QUIET_GREATEST if is_quiet else GREATEST,
     )
 
 
@@ -104,7 +120,7 @@ class SensedSurface:
 
     def boot(self, configuration: DeviceConfiguration) -> "SensedBoard":
         """A board that has just booted; the surface is at rest. Raises AccelerometerError for a place off it."""
-        core = EmulatedFirmware(with_accelerometer(configuration))
+        core = EmulatedFirmware(with_accelerometer(configuration, self._accelerometer))
         return SensedBoard(core, self._device, self._accelerometer, self._seed, self._basis)
 
 
@@ -134,13 +150,16 @@ class SensedBoard:
     def place(self, position_m: complex) -> None:
         """Put the accelerometer here; the surface comes to rest meanwhile."""
         kind, corner_m = self._device.surface.kind, self._device.surface.corner_m
-        if not is_within(position_m, corner_m) or isinstance(position_m, complex) != isinstance(corner_m, complex):
-            text, size = point_text(position_m), point_text(corner_m)
-            raise AccelerometerError(f"{text} is off the {kind} of {size}; put it on the {kind}")
+        lies_m, finger = self._part.finger_m, self._device.finger
+        for at_m in (position_m, position_m if lies_m is None else lies_m):
+            if not is_within(at_m, corner_m) or isinstance(at_m, complex) != isinstance(corner_m, complex):
+                text, size = point_text(at_m), point_text(corner_m)
+                raise AccelerometerError(f"{text} is off the {kind} of {size}; put it on the {kind}")
         weight = {"mass_kg": self._part.mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
         self._plant.rest()
         self._plant.look_at(np.array([position_m]))
-        self._plant.touch([(position_m, replace(self._device.finger, **weight))])
+        lying = [] if lies_m is None else [(lies_m, finger)]
+        self._plant.touch([(position_m, replace(finger, **weight)), *lying])
 
     def turn_over(self) -> None:
         """Turn the accelerometer over: what it reads changes its sign."""
@@ -211,7 +230,8 @@ class SensedBoard:
     def _counts(self, acceleration: Array) -> Integers:
         """Counts of the part for accelerations (sample,) in m/s^2."""
         part = self._part
-        noise = math.hypot(NOISE_M_PER_S2, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
+        own, step, most = (QUIET_NOISE_M_PER_S2, 1, QUIET_GREATEST) if part.quiet else (NOISE_M_PER_S2, STEP, GREATEST)
+        noise = math.hypot(own, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
         read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
-        counts: Integers = STEP * np.rint(read / (STEP * SCALE_M_PER_S2)).astype(np.int64)
-        return np.clip(counts, -GREATEST, GREATEST)
+        counts: Integers = step * np.rint(read / (step * part.scale_m_per_s2)).astype(np.int64)
+        return np.clip(counts, -most, most)

@@ -175,6 +175,7 @@ export class Panel {
       else if (scene.clicks) parts.push(`The table plays, and this machine makes ready to solve more: ${what}`);
       else parts.push(`Building the table of ${nameOf(building.device)}, once: ${what}`);
     } else if (scene.status === "running" && !scene.clicks && scene.mode === "demo") parts.push("Steady drives play; this bar has no table of clicks");
+    if (scene.tracked) parts.push(scene.tracked);
     if (scene.compared?.device === scene.device.name) parts.push(`The table built here plays: ${scene.compared.text}`);
     notice.hidden = !parts.length;
     say(notice, parts.join(" · "));

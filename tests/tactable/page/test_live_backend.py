@@ -84,7 +84,7 @@ def page_of(process: "subprocess.Popen[str]") -> int:
 
 def test_a_run_is_shown_to_a_page_that_looks_on_and_outlives_it(folder: Path, emulator: RunningEmulator) -> None:
     words = ["bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--no-watch", "--no-solve"]
-    refused = run_here(folder, "run", *words, "--page", "--page-host", "192.0.2.1")  # before it begins
+    refused = run_here(folder, "run", *words, "--page", "--page-at", "192.0.2.1")  # before it begins
     assert refused.returncode == 1 and refused.stderr.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
     with started(folder, emulator, "--page", "--json") as process:
         address = address_of(process)

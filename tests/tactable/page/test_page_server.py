@@ -257,7 +257,7 @@ def test_a_backend_that_breaks_ends_the_server_with_its_error() -> None:
 
 def test_a_port_that_is_taken_and_an_address_of_another_machine_are_named() -> None:
     listening, access = listen_at("127.0.0.1", 0, "token")
-    with listening, pytest.raises(AddressError, match=rf"port {access.port}: .* in use.* another --page-port"):
+    with listening, pytest.raises(AddressError, match=rf"port {access.port}: .* in use.* another port"):
         listen_at("127.0.0.1", access.port, "token")
     with pytest.raises(AddressError, match=r"192\.0\.2\.1, port 0: .* an address of this machine"):
         listen_at("192.0.2.1", 0, "token")

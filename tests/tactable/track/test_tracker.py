@@ -1,0 +1,119 @@
+"""Blocks and touches to windows, and windows to what is told and done."""
+
+import numpy as np
+import pytest
+
+from base.arrays import Array
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+from tactable.run.track_status import track_text
+from tactable.track.tracker import STEP, Tracker
+from tests.engine.loop.rig import DEVICE
+from tests.tactable.track.samples import AT_M, MASS_KG, RATE_HZ, burst_at, drifted, sampled
+
+NAMES = [actuator.name for actuator in DEVICE.actuators]
+FINGER_M, TOUCH_S = 0.06, 0.25
+MS = 1_000_000
+
+
+class FakeSensor:
+    """A sensor of which only form and pace are asked."""
+
+    form = SensorForm(RATE_HZ, (ACCELERATION, *(LOOPBACK + name for name in NAMES)), (9.0, np.inf, np.inf), True)
+
+    def fileno(self) -> int:
+        return -1
+
+    def read(self) -> Block | None:
+        return None
+
+    def pace(self) -> float:
+        return 0.0
+
+    def close(self) -> None:
+        pass
+
+
+class Loopless(FakeSensor):
+    form = SensorForm(RATE_HZ, (ACCELERATION, LOOPBACK + NAMES[0]), (9.0, np.inf), True)
+
+
+def tracker() -> Tracker:
+    return Tracker(DEVICE, FakeSensor(), AT_M, MASS_KG)
+
+
+def taps(scale: float, count: int) -> Array:
+    """Samples of taps every 400 ms, each answered by a burst 5 ms later."""
+    drive = sum(burst_at(TOUCH_S + 0.4 * tap + 5e-3, 0.4 * (count + 1), tap) for tap in range(count))
+    return sampled(drifted(scale), [(FINGER_M, 1.0)], np.asarray(drive))
+
+
+def feed(tracked: Tracker, samples: Array, taps: int, step: int = 32) -> int:
+    """Blocks of 10 ms as a board sends them, touches as they come; how many blocks brought a window."""
+    made, began_ns = 0, 1_000 * MS
+    taken = [(TOUCH_S + 0.4 * tap + late_s, late_s == 0) for tap in range(taps) for late_s in (0.0, 0.3)]
+    changes = [(began_ns + round(1e9 * time_s), is_down) for time_s, is_down in taken]
+    for stop in range(step, len(samples) + 1, step):
+        now_ns = began_ns + round(stop / RATE_HZ * 1e9) + 5 * MS
+        while changes and changes[0][0] <= now_ns:
+            time_ns, is_down = changes.pop(0)
+            tracked.take_touches(time_ns, {time_ns: FINGER_M} if is_down else {})
+        made += tracked.take_block(Block(samples[stop - step : stop], now_ns))
+    return made
+
+
+def test_taps_become_windows_with_their_finger_and_a_table_is_due_once_the_drift_is_more_than_a_step() -> None:
+    tracked, count = tracker(), 8
+    assert feed(tracked, taps(1.015, count), count) == count
+    found = tracked.estimate
+    assert found is not None and len(found.loads) == 1
+    assert found.drift == pytest.approx(0.015, abs=3 * found.drift_error)
+    assert found.drift - 2 * found.drift_error > STEP
+    due = tracked.due_device()
+    assert due is not None and due.bar.youngs_modulus_pa > DEVICE.bar.youngs_modulus_pa
+    tracked.note_made(found.drift, 3_000 * MS)
+    assert tracked.due_device() is None
+    text = track_text(tracked.status())
+    assert "SIMULATED" in text and f"from {count} windows, 0 refused; table re-scaled to +1." in text
+
+
+def test_what_is_not_driven_is_no_window_and_no_drift_asks_for_no_table() -> None:
+    tracked = tracker()
+    assert track_text(tracked.status()) == "" and tracked.due_device() is None
+    silent = taps(1.0, 3)
+    silent[:, 1:] = 0.0
+    assert feed(tracked, silent, 3) == 0
+    still = tracker()
+    assert feed(still, taps(1.0, 3), 3) == 3
+    assert still.due_device() is None
+
+
+def test_windows_with_lost_samples_are_left_out() -> None:
+    samples, tracked = taps(1.0, 3), tracker()
+    lost = round((TOUCH_S + 0.4 + 0.02) * RATE_HZ)
+    samples[lost : lost + 3] = np.nan
+    assert feed(tracked, samples, 3) == 2
+
+
+def test_a_finger_that_moves_begins_a_new_window() -> None:
+    samples, tracked = taps(1.0, 1), tracker()
+    tracked.take_touches(0, {1: FINGER_M})
+    tracked.take_touches(1, {1: FINGER_M + 1e-3})  # as near as it was
+    count = round((TOUCH_S + 0.02) * RATE_HZ)
+    tracked.take_touches(round(1e9 * count / RATE_HZ), {1: FINGER_M + 5e-3})
+    tracked.take_block(Block(samples[:count], round(1e9 * count / RATE_HZ)))
+    assert tracked.estimate is None, "the window with the burst is not whole when the finger moves"
+
+
+def test_a_table_is_left_and_that_is_said_after_many_refusals() -> None:
+    count, samples = 9, taps(1.0, 9)
+    samples[:, 0] *= 4.0
+    tracked = tracker()
+    assert feed(tracked, samples, count) == count
+    status = tracked.status()
+    assert status["refused"] == count and status["windows"] == 0 and tracked.due_device() is None
+    assert "the table is left as it is" in track_text(status)
+
+
+def test_a_sensor_without_the_drive_beside_it_is_refused() -> None:
+    with pytest.raises(SensorError, match=f"no loopback of actuator {NAMES[1]}"):
+        Tracker(DEVICE, Loopless(), AT_M, MASS_KG)
