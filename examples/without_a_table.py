@@ -14,7 +14,7 @@ print(drive)  # one frequency; an amplitude and a phase for each actuator
 print(f"contrast {drive.contrast_db:.1f} dB in the model, {drive.expected_contrast_db:.1f} dB over sampled fingers")
 
 click = tactable.solve_click(device, felt=felt, quiet=quiet)
-print(click)  # as strong as it can be, while the other finger feels nothing
+print(click)  # as strong as it can be, while the other finger feels nothing, for the spread of the device
 
 for thickness in ("0.7 mm", "0.9 mm"):  # a design is another device: nothing is built for it
     bar = device.with_values({"bar.thickness": thickness})

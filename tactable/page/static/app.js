@@ -100,7 +100,7 @@ function linkScene() {
 
 // One sentence: the outcome of the last command; the tour's own words before the first and at its end.
 function tell() {
-  const promised = byId("promised"), said = promiseOf(wire.picture, fingers.surface);
+  const promised = byId("promised"), said = promiseOf(wire.picture, fingers.surface, scene?.device.spread);
   if (promised.textContent !== said) {
     promised.textContent = said;
     fit(promised);

@@ -64,8 +64,9 @@ export function outcomeOf(picture, paper, isTour) {
 }
 
 // What sampled bars and fingers give of the last command, from 5th to 95th percentile, and whether this bar kept it;
-// empty where it is not known. A felt finger may feel more than that, and a quiet one less.
-export function promiseOf(picture, surface) {
+// empty where it is not known. A felt finger may feel more than that, and a quiet one less. `spread`: of the device, in
+// words that begin with its name.
+export function promiseOf(picture, surface, spread) {
   const made = picture.made.slice(0, picture.madeCount);
   if (!picture.command || !isSettled(picture) || made.some(({ low }) => low === NOTHING) || !made.length) return "";
   const rangeOf = (fingers) => {
@@ -78,7 +79,7 @@ export function promiseOf(picture, surface) {
   const judged = made.filter(({ simulated }) => simulated !== NOTHING), isJudged = judged.length && !picture.isLate && !picture.isMixed;
   const isKept = judged.every(({ role, simulated, low, high }) => (role === Role.FELT ? simulated >= low : simulated <= high));
   const verdict = isJudged ? (isKept ? ": kept" : `: not kept, as by one ${surface} in ten`) : "";
-  return `Promised over sampled ${surface}s and fingers, 5 to 95\u00a0%: ${ranges.join(", ")}${verdict}.`;
+  return `Promised over sampled ${surface}s and fingers (${spread.split(":")[0]}), 5 to 95\u00a0%: ${ranges.join(", ")}${verdict}.`;
 }
 
 export class Courses {
