@@ -184,7 +184,8 @@ def _distinct(ordered: Sequence[Places], step_m: float) -> Iterator[Places]:
 
 def _is_buildable(device: Device, at: Places) -> bool:
     corner_m, slack_m = device.surface.corner_m, 1e-6
-    apart_m = APART * corner_m.real - slack_m
+    clamped_m = max(actuator.clamp_m for actuator in device.actuators)
+    apart_m = max(APART * corner_m.real, clamped_m + MARGIN * corner_m.real if clamped_m else 0.0) - slack_m
     inside = all(is_within(each_m - MARGIN * corner_m, (1 - 2 * MARGIN) * corner_m, slack_m) for each_m in at)
     return inside and all(abs(one_m - other_m) >= apart_m for one_m, other_m in itertools.combinations(at, 2))
 

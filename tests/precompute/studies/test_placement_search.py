@@ -8,6 +8,7 @@ import pytest
 
 from base.points import is_within, order_of
 from engine.device import Device
+from engine.device.description import check_clamps
 from precompute.studies.placement_search import (
     APART,
     MARGIN,
@@ -21,7 +22,7 @@ from precompute.studies.placement_search import (
 )
 from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
 from precompute.studies.zone_resolution import with_equal_zones
-from tests.precompute.devices import coarsely_swept, shipped
+from tests.precompute.devices import coarsely_swept, shipped, with_actuators
 
 pytestmark = pytest.mark.long
 
@@ -73,6 +74,14 @@ def test_a_plate_s_grid_and_moves_are_in_two_dimensions_and_can_be_built(count: 
         assert list(at) == sorted(at, key=order_of) and len(set(at)) == count
         assert all(is_within(each_m - MARGIN * corner_m, (1 - 2 * MARGIN) * corner_m, 1e-9) for each_m in at)
         assert all(abs(one_m - other_m) >= apart_m - 2e-6 for one_m, other_m in combinations(at, 2))
+
+
+def test_clamps_of_placements_do_not_meet() -> None:
+    device = with_actuators(shipped("reference-a"), clamp_m=0.03)
+    grid, _ = grid_of(device, 3, 300)
+    assert len(grid) > 20
+    for at in grid:
+        check_clamps("a placement", device.surface, with_actuators_at(device, at).actuators)
 
 
 def test_what_is_found_is_screened_as_no_worse_than_any_placement_of_the_grid(found: PlacementSearch) -> None:
