@@ -74,6 +74,7 @@ _SIGNED, _MOST_PPM = ("drift", "gain", "offset"), 100_000
 _LONGEST_TEXT = 64  # "2.5000000e-3 kg/m^3" has 19 letters; bounds the work of the patterns on hostile files
 _POINTS = {1: "35mm", 2: "35x60mm"}
 _SHOWN = {"N/m": (1e3, "kN/m"), "m": (1e-6, "µm"), "kg": (1e-3, "g"), "Pa": (1e9, "GPa"), "": (0.01, "%")}
+_MILLIMETRE = 1e-3  # m: lengths from here on are shown in it, shorter ones, as full scales, in µm
 
 
 class QuantityError(ValueError):
@@ -200,12 +201,19 @@ def read_angle_rad(text: object) -> float:
 
 def quantity_text(value: float, unit: str, digits: int = 4) -> str:
     """The SI value as people write it and `read_quantity` reads it: "18.9 kN/m" for 18900.0 and "N/m"."""
-    scale, shown = _SHOWN.get(unit, (1.0, unit))
+    scale, shown = _shown(unit, value)
     return f"{value / scale:.{digits}g} {shown}"
 
 
 def interval_text(ends: Sequence[float], unit: str, digits: int = 4) -> str:
     """The interval between two SI values, such as "18.9 to 19.1 kN/m"."""
-    scale, shown = _SHOWN.get(unit, (1.0, unit))
     low, high = ends
+    scale, shown = _shown(unit, high)
     return f"{low / scale:.{digits}g} to {high / scale:.{digits}g} {shown}"
+
+
+def _shown(unit: str, greatest: float) -> tuple[float, str]:
+    """Scale and unit that values of up to `greatest` are shown in."""
+    if unit == "m" and abs(greatest) >= _MILLIMETRE:
+        return _MILLIMETRE, "mm"
+    return _SHOWN.get(unit, (1.0, unit))

@@ -30,8 +30,11 @@ from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
 from precompute.measurements.types import Kind, Measurements
 
-_FACTORS = {"full_scale": 1.9, "damping": 10.0}
-"""Greatest credible factor between the fitted value and that of the device file, by the end of the parameter's name."""
+_FACTORS = {"full_scale": 1.9, "damping": 10.0, "clamp": math.inf}
+"""Greatest credible factor between the fitted value and that of the device file, by the end of the parameter's name.
+
+What a bolt clamps is in no data sheet, and a file that does not say it counts as the least of the bounds.
+"""
 _FACTOR = 3.0  # as above: values of sheets, scales and rulers are seldom wrong by more
 _CONSTANTS = (
     (math.sqrt(0.5), 0.04, "RMS values for peak values: multiply them by 1.414"),

@@ -104,6 +104,7 @@ def test_a_device_file_reads_what_is_written(unit: str, share: float) -> None:
 
 def test_quantities_are_written_in_the_units_that_people_use() -> None:
     assert quantity_text(18900.0, "N/m") == "18.9 kN/m"
-    assert quantity_text(0.52e-6, "m") == "0.52 µm"
+    assert quantity_text(0.52e-6, "m") == "0.52 µm" and quantity_text(0.02, "m") == "20 mm"
+    assert interval_text((0.5e-3, 0.0212), "m") == "0.5 to 21.2 mm"
     assert interval_text((70e9, 71.5e9), "Pa") == "70 to 71.5 GPa"
     assert quantity_text(0.045, "N*s/m") == "0.045 N*s/m"

@@ -96,6 +96,7 @@ FULL_SCALE, MODULUS, DAMPING = "actuator[1].full_scale", "bar.youngs_modulus", "
         *((changed(FULL_SCALE, factor), False) for factor in (1.8, 1 / 1.8)),
         *((changed(MODULUS, factor), False) for factor in (2.9, 1 / 2.9)),
         *((changed(DAMPING, factor), factor > 10) for factor in (9.0, 11.0)),  # it was guessed
+        (changed("actuator[1].clamp", 20.0, 1e-3), False),  # no data sheet has it
         (changed(DAMPING, 1.0, before=3.0) | {"before": 0.0}, False),  # 0 has no factor
         # The first calibration of a bar whose damping by mass was all but 0: 10 fitted, from 1 or from 5 on possible.
         *((changed(DAMPING, 1e6, 1e-5, known) | {"knee": 0.3}, known < 0.9) for known in (0.9, 0.5)),
