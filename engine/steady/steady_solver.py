@@ -53,7 +53,7 @@ class SteadySolver:
 
     def __init__(self, device: Device, modes: Modes) -> None:
         self.device, self.frequency_hz, hz = device, modes.frequency_hz, modes.frequency_hz
-        self._errors = lru_cache(maxsize=4)(self._sample_errors)
+        self._errors: dict[int, tuple[Integers, Single, Complex32] | None] = {}  # by the number of cases
         self._kept: dict[tuple[int, ...], list[Single]] = {}
         self._omega: Single = (2 * np.pi * hz).astype(np.float32)
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
@@ -162,7 +162,9 @@ class SteadySolver:
 
     def _disturb(self, loaded: Single) -> None:
         """Put errors of surface and channels, if any, into the cases (case, finger, actuator, 2, frequency)."""
-        errors = self._errors(len(loaded))
+        if len(loaded) not in self._errors:
+            self._errors[len(loaded)] = self._sample_errors(len(loaded))
+        errors = self._errors[len(loaded)]
         if errors is None:
             return
         below, weight, channels = errors

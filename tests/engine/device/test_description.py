@@ -412,3 +412,29 @@ def test_one_clamp_does_not_hold_all_of_the_bar_and_a_plate_has_none() -> None:
     plate = shipped("reference-p").text
     with pytest.raises(DeviceError, match=r"actuator\[1\].clamp: '?20 mm'?: is for bars"):
         Device.parse(plate.replace("[[actuator]]", '[[actuator]]\nclamp = "20 mm"', 1), "text")
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("actuator[2]", "delay", '"125 us"', None),
+        ("actuator[2]", "delay", '"6 ms"', r"actuator\[2\]\.delay: '6 ms': expected up to 5 ms"),
+        ("actuator[2]", "delay", '"-1 us"', r"actuator\[2\]\.delay"),
+        ("actuator[2]", "delay", '"1 mm"', r"actuator\[2\]\.delay: '1 mm'"),
+        ("digitizer", "latency", '"15 ms"', None),
+        ("digitizer", "latency", '"150 ms"', r"digitizer\.latency: '150 ms': expected up to 100 ms"),
+    ],
+)
+def test_what_is_late_is_said_in_seconds_and_within_bounds(
+    section: str, key: str, value: str, message: str | None
+) -> None:
+    text = changed(section, key, value)
+    if message is not None:
+        with pytest.raises(DeviceError, match=message):
+            Device.parse(text, "bar.toml")
+        return
+    device, plain = Device.parse(text, "bar.toml"), Device.parse(TEXT, "bar.toml")
+    assert (device.actuators[1].delay_s, device.touch_axis.latency_s) in ((125e-6, 0.0), (0.0, 0.015))
+    assert (
+        device.fingerprint != plain.fingerprint == Device.parse(changed(section, key, '"0 s"'), "bar.toml").fingerprint
+    )

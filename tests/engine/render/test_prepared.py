@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -46,6 +47,17 @@ def test_a_device_without_waveforms_and_effects_without_clicks_get_steady_drives
         for placement in (*PLACEMENTS, in_zones(REFERENCE, [1], [3, 4])):
             steady = renderer.render(placement, LEVEL_DB)
             assert renderer.render(placement, LEVEL_DB, is_click=True) == steady != SILENCE
+
+
+def test_clicks_are_made_for_fingers_as_late_as_panel_line_and_peak_are(table: Table) -> None:
+    ahead_ns = render_table(table, DEFAULT_EFFECTS, board(), 921_600).click_ahead_ns
+    assert 20 * MS < ahead_ns < 22 * MS  # the peak of both clicks is at 20 ms
+    late = replace(table.device, touch_axis=replace(table.device.touch_axis, latency_s=0.015))
+    parts = SimpleNamespace(device=late, clicks=table.clicks, modes=table.modes, path=table.path)
+    assert render_table(parts, DEFAULT_EFFECTS, board(), 921_600).click_ahead_ns == ahead_ns + 15 * MS  # type: ignore[arg-type]
+    slow = render_table(table, DEFAULT_EFFECTS, board(), 115_200).click_ahead_ns
+    assert slow - 20 * MS == pytest.approx(8 * (ahead_ns - 20 * MS), rel=0.01)
+    assert render_table(table, STEADY, board()).click_ahead_ns == 0
 
 
 def test_a_rendering_survives_the_way_from_another_process(table: Table) -> None:
