@@ -31,7 +31,7 @@ from precompute.studies.plant_in_time import accelerations
 
 FELT_DB, FAINT_DB, CLEAR_DB = 14.0, 1.0, 6.0  # felt by at least the first, quiet at most the second, or the third
 SETS = ("bench", "lab", "hand")  # of spreads that clicks are made for; plants are those of the first
-PLACEMENTS, SEED, RATE_HZ = 50, 34, 4 * SAMPLE_RATE_HZ
+PLACEMENTS, SEED, RATE_HZ = 50, 34, 2 * SAMPLE_RATE_HZ
 MOST_MODES, TOP_HZ = 150, 5000.0  # higher modes change accelerations by 1 % where actuators cancel, else by 0.1 %
 BRANCHES = np.array([(153.7, 1.631), (121.7, 0.3228), (713.7, 0.4733), (206.1, 0.03418), (14203.0, 0.5887)])
 """Springs in series with dampers, N/m and N s/m, for a damper of order 0.7 that loses at 160 Hz what 1 N s/m does."""
@@ -88,6 +88,7 @@ class Kept:
 
     faint: float  # share with the felt finger at FELT_DB or more in 95 % of the plants, the quiet at most at FAINT_DB
     clear: float  # the same with CLEAR_DB
+    quiet: float  # share with the quiet finger at most at CLEAR_DB in 95 %, however much is felt
     low_contrast_db: float  # the 5th percentile over the placements
     contrast_db: float  # the 50th
 
@@ -124,7 +125,8 @@ def kept_of(peaks: Array, felt: Integers) -> Kept:
     felt_db, quiet_db = (np.take_along_axis(level_db, at[None, :, None], 2)[..., 0] for at in (felt, 1 - felt))
     low_db, high_db = np.percentile(felt_db, 5, axis=0), np.percentile(quiet_db, 95, axis=0)
     faint, clear = (float(((low_db >= FELT_DB) & (high_db <= most_db)).mean()) for most_db in (FAINT_DB, CLEAR_DB))
-    return Kept(faint, clear, *np.percentile(low_db - high_db, (5, 50)).tolist())
+    quiet = float((high_db <= CLEAR_DB).mean())
+    return Kept(faint, clear, quiet, *np.percentile(low_db - high_db, (5, 50)).tolist())
 
 
 def peaks_on(
@@ -217,7 +219,7 @@ def _forces(device: Device, waveform: Array, change: Change, random: np.random.G
     out = np.empty((*waveform.shape[:2], len(device.actuators), len(time_s)))
     for index, actuator in enumerate(device.actuators):
         channel = index * channels // len(device.actuators)
-        at = (time_s - change.late_s * (channel == 0)) * SAMPLE_RATE_HZ
+        at = (time_s - actuator.delay_s - change.late_s * (channel == 0)) * SAMPLE_RATE_HZ
         for one in np.ndindex(waveform.shape[:2]):
             course = np.interp(at, sample, waveform[one][channel])
             if actuator.transfer is not None:

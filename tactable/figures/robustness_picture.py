@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from engine.device import Device
 from precompute.studies.robustness import CLEAR_DB, FAINT_DB, FELT_DB, Change, Kept
 from tactable.figures.picture_file import Picture
-from tactable.figures.style import BLUE, ORANGE, finish_picture
+from tactable.figures.style import BLACK, BLUE, ORANGE, finish_picture
 
 
 def plot_robustness(
@@ -23,18 +23,23 @@ def plot_robustness(
         for key, most_db, colour in (("clear", CLEAR_DB, ORANGE), ("faint", FAINT_DB, BLUE)):
             label = f"felt ≥ {FELT_DB:g} dB, quiet ≤ {most_db:g} dB"
             axes.barh(at, [100 * getattr(row, key) for row in rows], 0.75, color=colour, label=label)
+        axes.plot([100 * row.quiet for row in rows], at, "|", color=BLACK, ms=9, label=f"quiet ≤ {CLEAR_DB:g} dB alone")
         for y, row in zip(at.tolist(), rows, strict=True):
-            axes.text(102, y, f"{row.low_contrast_db:.1f}, {row.contrast_db:.1f}", va="center", fontsize="x-small")
+            axes.text(102, y, f"{row.low_contrast_db:z.1f}, {row.contrast_db:z.1f}", va="center", fontsize="x-small")
         axes.set(xlim=(0, 128), ylim=(len(changes) - 0.4, -0.6), xlabel="placements (%)", xticks=range(0, 101, 20))
         axes.set_title(f"clicks made for: {name}", fontsize="small", loc="left")
         axes.set_title("contrast (dB): 5 %, 50 %", fontsize="x-small", loc="right")
     panels[0].set_yticks(at, [change.name for change in changes], fontsize="small")
-    figure.legend(*panels[0].get_legend_handles_labels(), fontsize="x-small", loc="outside lower right", ncols=2)
+    figure.legend(*panels[0].get_legend_handles_labels(), fontsize="x-small", loc="outside lower right", ncols=3)
     of = [(name, change.name, row) for name, rows in kept.items() for change, row in zip(changes, rows, strict=True)]
     found = [{"made_for": name, "different": change, **asdict(row)} for name, change, row in of]
     share = f"placements with felt >= {FELT_DB:g} dB and quiet <= {{:g}} dB (1)"
     headers = ["clicks made for", "what is different", share.format(FAINT_DB), share.format(CLEAR_DB)]
-    headers += ["contrast, 5 % of the placements (dB)", "contrast, median (dB)"]
+    headers += [
+        f"placements with quiet <= {CLEAR_DB:g} dB (1)",
+        "contrast, 5 % of the placements (dB)",
+        "contrast, median (dB)",
+    ]
     return finish_picture(
         figure,
         device,

@@ -13,7 +13,7 @@ from precompute.parallel.pool import WorkerPool
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import Scenarios, sample_scenarios
 from precompute.studies.robustness import BRANCHES, CHANGES, Change, kept_of, peaks_on, study_robustness
-from tests.precompute.devices import any_device, shipped
+from tests.precompute.devices import every_device, shipped
 
 NOTHING = CHANGES[0]
 NO_PROGRESS = lambda _: None  # noqa: E731
@@ -41,7 +41,14 @@ class Played:
         return 20 * np.log10(peaks[:, :, 0])
 
 
-@any_device
+def late(device: Device) -> Device:
+    """With a channel that is known to be late, through an actuator that is known to lag."""
+    fall = [(f, 1 / np.hypot(1, f / 900), -np.degrees(np.arctan(f / 900))) for f in (60, 120, 200, 300)]
+    points: Any = [[f"{f} Hz", f"{100 * size:.4f} %", f"{lag:.4f} deg"] for f, size, lag in fall]
+    return device.with_values({"actuator[1].transfer": points, "actuator[2].delay": "90 us"})
+
+
+@pytest.mark.parametrize("device", [*every_device().values(), late(shipped("reference-a"))])
 def test_on_the_plants_of_the_solver_the_levels_are_the_solvers_own(device: Device) -> None:
     played = Played(device)
     for plant in (0, 5):
@@ -57,15 +64,15 @@ def test_on_the_plants_of_the_solver_the_levels_are_the_solvers_own(device: Devi
 
 def test_with_nothing_changed_clicks_keep_their_promise_on_fresh_plants() -> None:
     played = Played(shipped("reference-a"), 3)
-    scenarios = sample_scenarios(played.solver.device, 400, 7)
-    levels_db = np.array([played.levels_db(scenarios, plant, NOTHING)[0] for plant in range(1, 401)])
+    scenarios = sample_scenarios(played.solver.device, 250, 7)
+    levels_db = np.array([played.levels_db(scenarios, plant, NOTHING)[0] for plant in range(1, 251)])
     for index, (placement, click) in enumerate(zip(played.where, played.clicks, strict=True)):
         promise = click.evaluation
         assert promise.quiet is not None
         felt_db, quiet_db = (levels_db[:, index, role[0]] for role in (placement.felt, placement.quiet))
         assert np.percentile(felt_db, 5) == pytest.approx(promise.felt.low_db, abs=0.2)
-        # Of 400 plants this percentile has a standard error of 0.3 dB.
-        assert np.percentile(quiet_db, 95) == pytest.approx(promise.quiet.high_db, abs=0.9)
+        # Of 250 plants this percentile has a standard error of 0.4 dB.
+        assert np.percentile(quiet_db, 95) == pytest.approx(promise.quiet.high_db, abs=1.0)
 
 
 def test_every_field_of_a_change_changes_levels_and_next_to_nothing_of_it_next_to_nothing() -> None:
@@ -107,7 +114,7 @@ def test_shares_and_contrasts_are_over_placements_of_percentiles_over_plants() -
     level_db = np.tile([[20.0, 0.5], [3.0, 15.0], [13.9, -9.0], [30.0, 6.5]], (40, 1, 1))
     level_db[0] = -level_db[0]  # one plant in forty: no percentile sees it
     kept = kept_of(10 ** (level_db / 20), np.array([0, 1, 0, 0]))
-    assert (kept.faint, kept.clear) == (0.25, 0.5)
+    assert (kept.faint, kept.clear, kept.quiet) == (0.25, 0.5, 0.75)
     assert kept.contrast_db == pytest.approx(np.median([19.5, 12.0, 22.9, 23.5]))
 
 

@@ -84,12 +84,16 @@ def test_the_figure_has_a_line_a_placement_and_hollow_marks_where_a_level_is_mis
 
 
 def test_a_row_is_two_bars_and_its_contrast_and_a_panel_a_set(tmp_path: Path) -> None:
-    kept = {"bench": [Kept(0.9, 0.98, 14.9, 20.9), Kept(0.1, 0.5, 8.0, 15.0)], "lab": [Kept(0.8, 0.9, 12.0, 18.0)] * 2}
+    kept = {
+        "bench": [Kept(0.9, 0.98, 1.0, 14.9, 20.9), Kept(0.1, 0.5, 0.6, 8.0, 15.0)],
+        "lab": [Kept(0.8, 0.9, 0.95, 12.0, 18.0)] * 2,
+    }
     picture = plot_robustness(DEVICE, CHANGES[:2], kept, 200, 50)
     check_picture(picture, DEVICE, ("clicks made for", "what is different"), tmp_path)
     bench, lab = picture.figure.axes
     widths = [[bar.get_width() for bar in axes.patches if isinstance(bar, Rectangle)] for axes in (bench, lab)]
     assert widths == [pytest.approx([98, 50, 90, 10]), pytest.approx([90, 90, 80, 80])]
+    assert [np.asarray(axes.lines[0].get_xdata()).tolist() for axes in (bench, lab)] == [[100, 60], [95, 95]]
     assert [text.get_text() for text in bench.texts] == ["14.9, 20.9", "8.0, 15.0"]
     assert "made for bench: at least 10 % keep quiet ≤ 1 dB, 50 % ≤ 6 dB; made for lab" in picture.caption
     assert list(picture.columns["what is different"]) == [change.name for change in CHANGES[:2]] * 2
