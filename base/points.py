@@ -32,6 +32,12 @@ def clip_points(points: Any, corner_m: complex) -> Any:
     return x + 1j * np.clip(np.imag(points), 0.0, corner_m.imag) if isinstance(corner_m, complex) else x
 
 
+def clip_point(point: complex, corner_m: complex) -> complex:
+    """The nearest point on that surface, without NumPy, whose clip of one number takes 4 us more."""
+    x_m = min(max(point.real, 0.0), corner_m.real)
+    return complex(x_m, min(max(point.imag, 0.0), corner_m.imag)) if isinstance(corner_m, complex) else x_m
+
+
 def point_at(corner_m: complex, along: float, across: float) -> complex:
     """The point at these fractions of the sides of the surface from 0 to `corner_m`; a bar has none across."""
     return complex(along * corner_m.real, across * corner_m.imag) if isinstance(corner_m, complex) else along * corner_m

@@ -50,7 +50,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from base.points import clip_points, is_within
+from base.points import clip_point, is_within
 from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_play import Play
 from engine.effects.rules import Effects, Rule, Trigger, changed_level
@@ -399,7 +399,7 @@ class Finger:
         """Go on at another place of a surface up to `corner_m`, as if it had come down and moved there."""
         moved_m = touch.position_m - self.touch.position_m
         self.touch = touch
-        self.held_m = clip_points(self.held_m + moved_m, corner_m)
+        self.held_m = clip_point(self.held_m + moved_m, corner_m)
         self.mark_m += moved_m
         self.rest_m += moved_m
         self.early_m += moved_m
@@ -421,8 +421,7 @@ class Finger:
             return self.held_m
         if way_m > FURTHEST_M:
             step_m *= FURTHEST_M / way_m
-        ahead_m: complex = clip_points(position_m + step_m, corner_m).item()
-        return ahead_m
+        return clip_point(position_m + step_m, corner_m)
 
     @property
     def is_kept_quiet(self) -> bool:

@@ -416,3 +416,27 @@ def test_a_click_that_time_begins_counts_the_time_since_the_last_frame_and_not_a
         player.advance_effects((40 + wait_ms) * MS)
         assert player.placement is not None
         assert player.placement.position_m[0] == pytest.approx(quiet_mm * MM, abs=1e-9)
+
+
+def sliding(effects: Effects) -> EffectPlayer:
+    """A finger that has slid from 100 to 108 mm in 64 ms."""
+    player = EffectPlayer(effects)
+    player.change_bar((), 0.25)
+    player.ahead_ns = 30 * MS
+    for n in range(9):
+        player.take_touches([touch(1, 100.0 + n)], 8 * n * MS)
+    return player
+
+
+def test_a_finger_that_slides_off_is_felt_where_it_was() -> None:
+    player = sliding(Effects((Rule(Trigger.LIFT, click(20.0)),)))
+    player.take_touches([], 72 * MS)
+    assert player.placement == Placement((108.0 * MM,), (True,))
+
+
+def test_another_bar_moves_no_finger() -> None:
+    player = sliding(LAST_CLICKS)
+    player.change_bar([touch(1, 58.0)], 0.25)
+    player.take_touches([touch(1, 59.0), touch(2, 240.0)], 72 * MS)
+    assert player.placement is not None
+    assert player.placement.position_m[0] == pytest.approx((59.0 + 30 / 8) * MM)

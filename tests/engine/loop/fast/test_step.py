@@ -110,7 +110,7 @@ def test_whatever_fingers_do_and_rules_say_the_run_is_the_same(device: Device, s
     due = sum(len(run.clicks) for run in runs)
     # What is left to the loop: clicks that the table has not, palms, and fingers that move under rules on moves.
     assert due > 20
-    assert 0.5 * due < sum(run.answered for run in runs)
+    assert 0.4 * due < sum(run.answered for run in runs)
 
 
 @pytest.mark.parametrize("drives", Drives)
@@ -232,6 +232,14 @@ def test_a_click_is_made_for_where_a_finger_that_slides_will_be(bars_per_s: floa
     ((position_mm, is_felt),) = answered_whole(frames, only_last)
     assert is_felt == (False, True) and position_mm[1] == 265.4
     assert position_mm[0] == pytest.approx(279.4 * at + ahead_mm, abs=0.31)
+
+
+def test_a_step_of_less_than_a_finger_is_followed_by_is_none() -> None:
+    """It moves by 0.28 mm in 16 ms, 0.49 mm until the peak; two places meet where it is, and it is held before that."""
+    only_last = Effects((Rule(Trigger.TOUCH, click(LEVEL_DB), zones=frozenset({4})),))
+    frames = [(0.1, report({1: 0.049})), (0.116, report({1: 0.05, 2: 0.9})), (0.3, report({}, [1, 2]))]
+    ((position_mm, _),) = answered_whole(frames, only_last)
+    assert position_mm[0] == 13.7
 
 
 def test_a_finger_midway_between_two_places_belongs_to_the_same_one_as_in_the_loop() -> None:
