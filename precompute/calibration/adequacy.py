@@ -38,6 +38,7 @@ UNLIKELY = 0.005
 SMALLEST_MISFIT = 0.005  # docs/calibration.md: 0.04 dB, below what any accelerometer is good for
 _NOISY = 0.03  # relative noise from which a convention is looked for: accelerometers and their places are better
 _MANY_WRONG = 0.08  # share of wrong readings from which it is, too: an actuator of a few that is turned
+_LESS = 0.9  # of the typical misfit: what falls less is told of the greater ones
 _LEAST_REPEATS = 5
 """Degrees of freedom of repeated readings below which they say too little."""
 
@@ -110,10 +111,13 @@ def adequacy_report(device: Device, calibration: Calibration, bounds: Mapping[st
     """
     found = assess(calibration)
     dampings = [each.value for each in calibration.estimates if each.parameter.key.endswith("damping")]
-    is_off = calibration.noise > _NOISY or calibration.is_wrong.mean() > _MANY_WRONG
+    has_many_wrong = calibration.is_wrong.mean() > _MANY_WRONG
+    is_off = calibration.noise > _NOISY or has_many_wrong
     is_doubtful = is_off or not found.is_noise or (dampings and not any(dampings))
     convention = find_convention(device, calibration, bounds) if is_doubtful else None
-    remedy = None if convention or found.misfit < SMALLEST_MISFIT else find_remedy(device, calibration, bounds)
+    # A channel that is late spoils its own phases alone, a quarter of two channels' data: no typical misfit shows it.
+    is_fit = found.misfit < SMALLEST_MISFIT and not has_many_wrong
+    remedy = None if convention or is_fit else find_remedy(device, calibration, bounds)
     return {
         **to_plain(found),
         "remedy": to_plain(remedy),
@@ -147,7 +151,7 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
             f"{why}. No single further parameter or length explains it; check positions, drives and the sensor's mass"
         )
     fall = "the greater misfits would fall"
-    if remedy.misfit < found.misfit:
+    if remedy.misfit < _LESS * found.misfit:
         fall = f"the typical misfit, {100 * found.misfit:.2g} %, would fall to {100 * remedy.misfit:.2g} %"
     if remedy.length_m is not None:
         text = point_text(remedy.length_m, 4)

@@ -11,8 +11,9 @@ from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.doubts import LARGEST_MISFIT
 from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
+from precompute.measurements.types import Kind
 from tests.precompute.devices import shipped, with_actuators, with_bar
-from tests.precompute.measured import PAIRS_HZ, TRUTH, read_bar
+from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
 from tests.studies.physics.wrong_bars import report_about
 
 pytestmark = pytest.mark.long
@@ -58,6 +59,20 @@ def test_a_length_that_was_misread_is_named_with_its_value() -> None:
     assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
     millimetres = f"{1e3 * report['remedy']['length_m']:.4g} mm"
     assert f"Measure bar.length again: with {millimetres} in the device file" in report["doubt"]
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.02])
+def test_a_channel_that_is_late_is_named_though_it_spoils_its_own_phases_alone(noise: float) -> None:
+    """With little noise the typical misfit stays at the noise, and the late channel's readings are taken for wrong."""
+    hz = np.arange(60.0, 301.0, 24.0)
+    alone = [[each, NAN] for each in hz] + [[NAN, each] for each in hz]
+    late = {"actuator[2].delay": 125e-6}
+    read = read_bar(DEVICE, late, alone, Flaws(noise=noise), kind=Kind.RESPONSE, points=5)
+    found = calibrate(DEVICE, read, default_names(DEVICE), starts=1)
+    report = adequacy_report(DEVICE, found, {})
+    assert report["remedy"]["name"] == "actuator[2].delay"
+    assert "Try --also actuator[2].delay: the" in report["doubt"]
+    assert report["doubt"].endswith("the greater misfits would fall") == (noise < 0.01)
 
 
 def test_bolts_that_the_file_does_not_mention_are_named_with_the_width_that_they_clamp() -> None:
