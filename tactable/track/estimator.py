@@ -3,9 +3,9 @@
 Theory of operation
 -------------------
 What is not known are logarithms of factors: of Young's modulus, as temperature changes it; of the sensor's gain; of the
-density; of the stiffness and the mass of every actuator; and for every contact of the standard finger's impedance. They
-are estimated window after window by regularised least squares (an iterated extended Kalman filter): what is known
-after a window is the prior of the next. The first priors are the device's [spread].
+density; of all damping; of the stiffness and the mass of every actuator; and for every contact of the standard finger's
+impedance. They are estimated window after window by regularised least squares (an iterated extended Kalman filter):
+what is known after a window is the prior of the next. The first priors are the device's [spread].
 
 1. The *drift* is that of Young's modulus over the density, whose root natural frequencies follow. A light sensor tells
    it far better than either: a surface whose stiffnesses and masses are all 1 % greater moves alike.
@@ -37,6 +37,7 @@ MOST_DRIFT = 0.03
 """Greatest drift that is believed: an ESTIMATE. Glass and metals lose 0.01 to 0.05 % of E per kelvin."""
 _DRIFT_AT_FIRST, _DRIFT_PER_ROOT_S = 0.01, 1.3e-4  # beside the spread; then 0.1 % a minute (ESTIMATES)
 _GAIN_AT_FIRST = 0.05  # sensitivity of the sensor and full scale of the board together (ESTIMATE)
+_DAMPING_AT_FIRST = 0.2  # of surface and actuators, where the spread does not ask for more (ESTIMATE)
 _FINGER_PER_WINDOW = 0.03  # how far a finger's impedance wanders from one window to the next (ESTIMATE)
 _WITHIN_95, _CREDIBLE = 1.96, 4.0  # standard deviations
 _LEAST = 1e-4  # standard deviation of what the spread says to be known
@@ -46,7 +47,7 @@ _FINE_HZ = 25_600.0  # of straight lines in the drive: 0.005 dB of 300 Hz, as in
 _SETTLES_S = 0.025  # of the drive before the window, for filters of actuators and of the interpolation
 _JACOBIANS, _DAMPINGS, _STARTS = 8, (0.0, 0.01, 0.1, 1.0), 24
 _STEP, _ENOUGH = 1e-4, 0.05  # of unknowns; of the sum of squares, whose expectation is the number of samples
-_MODULUS, _GAIN, _DENSITY, _ACTUATORS = range(4)
+_MODULUS, _GAIN, _DENSITY, _DAMPING, _ACTUATORS = range(5)
 """Places among the unknowns: from the last on stiffness and mass of each actuator, then the fingers."""
 Contacts = Mapping[int, complex]  # points of the fingers, by contact
 
@@ -81,7 +82,8 @@ class LoadEstimator:
         self._sensor_m, self._fine = sensor_m, math.ceil(_FINE_HZ / rate_hz)
         self._sensor = (sensor_m, replace(device.finger, mass_kg=mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0))
         stiffness, mass = device.spread.stiffness, device.spread.mass
-        of_surface = [math.hypot(_DRIFT_AT_FIRST, stiffness), _GAIN_AT_FIRST, mass]
+        damping = max(device.spread.damping, _DAMPING_AT_FIRST)
+        of_surface = [math.hypot(_DRIFT_AT_FIRST, stiffness), _GAIN_AT_FIRST, mass, damping]
         self._first = np.maximum([*of_surface, *[stiffness, mass] * len(device.actuators)], _LEAST)
         self._finger_error = max(math.log(device.finger.spread) / _WITHIN_95, _LEAST)
         self._own = len(self._first)
@@ -173,9 +175,15 @@ class LoadEstimator:
             device.surface,
             youngs_modulus_pa=device.surface.youngs_modulus_pa * factors[_MODULUS],
             density_kg_per_m3=device.surface.density_kg_per_m3 * factors[_DENSITY],
+            mass_damping_per_s=device.surface.mass_damping_per_s * factors[_DAMPING],
+            stiffness_damping_s=device.surface.stiffness_damping_s * factors[_DAMPING],
         )
-        own = zip(device.actuators, factors[_ACTUATORS::2], factors[_ACTUATORS + 1 :: 2], strict=False)
-        return replace(device, surface=surface, actuators=tuple(each.scaled(k, m) for each, k, m in own))
+        of_actuators = zip(device.actuators, factors[_ACTUATORS::2], factors[_ACTUATORS + 1 :: 2], strict=False)
+        actuators = (
+            replace(each.scaled(stiffness, mass), damping_n_s_per_m=each.damping_n_s_per_m * factors[_DAMPING])
+            for each, stiffness, mass in of_actuators
+        )
+        return replace(device, surface=surface, actuators=tuple(actuators))
 
     def _model(self, unknown: Array, fingers: Sequence[complex]) -> ModalModel:
         """The surface with sensor and fingers."""
