@@ -27,6 +27,7 @@ from engine.loop.program_steps import Controls, ControlSlot
 from engine.loop.reconnect import Reconnection, Reopening
 from engine.loop.table_swap import TableSwap, Updates
 from engine.render.link_commands import SILENCE, Command
+from engine.steady.cases import MeasuredFinger
 from engine.touch.sources import Source
 from firmware_link.host.link_values import Armed, Capabilities, Event, LinkState
 from firmware_link.host.session import Session
@@ -70,6 +71,20 @@ class Listener(Protocol):
         """Take an event."""
 
 
+class Measuring(Listener, Protocol):
+    """Measures fingers beside the loop, perhaps by the board's accelerometer."""
+
+    @property
+    def is_listening(self) -> bool:
+        """Whether the board is to stream its samples."""
+
+    def fileno(self) -> int:
+        """Readable when `poll` has something to do."""
+
+    def poll(self) -> Sequence[MeasuredFinger] | None:
+        """All fingers that are known now, where that is news; None: it is not. Never waits."""
+
+
 class StopRequest(Protocol):
     """What ends a run; `threading.Event` has it. The loop looks at each wake-up, at most 80 ms apart."""
 
@@ -97,7 +112,8 @@ class Loop:
     stopped itself is greeted and armed again; with `reopening` a lost port is waited for while touches are read
     (`engine.loop.reconnect`). With `updates` the loop changes to each table that comes (`engine.loop.table_swap`), and
     with `solving` it gets the clicks that no table holds (`engine.loop.awaited_clicks`). With `control` programs decide
-    who feels what (`engine.loop.program_steps`). With `listener` the board streams the samples of its accelerometer.
+    who feels what (`engine.loop.program_steps`). With `measuring` steady drives are solved for fingers as it measured
+    them.
     """
 
     def __init__(
@@ -113,21 +129,22 @@ class Loop:
         updates: Updates | None = None,
         solving: ClickSolving | None = None,
         control: ControlSlot | None = None,
-        listener: Listener | None = None,
+        measuring: Measuring | None = None,
     ) -> None:
         session = dispatcher.session
         self.counters = dispatcher.counters
         self._pipeline, self._dispatcher, self._session = pipeline, dispatcher, session
         self._source, self._clock, self._observer = source, clock, observer
-        self._now_ns, self._listener = clock.now_ns, listener
+        self._now_ns, self._measuring = clock.now_ns, measuring
         self._reconnection = Reconnection(session, self.counters, reconnect, reopening)
         taking = (pipeline, self.counters, self._hand_over)
         self._swap = None if updates is None else TableSwap(updates, pipeline, session, self._table_changed)
         self._awaited = None if solving is None else AwaitedClicks(solving, *taking)
         self._controls = None if control is None else Controls(control, *taking)
-        beside = (each for each in (self._swap, self._awaited, self._controls) if each is not None)
+        self._measured: Sequence[MeasuredFinger] = ()
+        beside = [each.descriptor for each in (self._swap, self._awaited, self._controls) if each is not None]
         # Those that may be read beside the port.
-        others = (source.fileno(), *(each.descriptor for each in beside))
+        others = (source.fileno(), *beside, None if measuring is None else measuring.fileno())
         self._others = tuple(descriptor for descriptor in others if descriptor is not None)
 
     def run(self, stop: StopRequest | None = None) -> None:
@@ -147,6 +164,8 @@ class Loop:
                     self._swap.look(readable)
                 if self._controls is not None:
                     self._take_control(self._controls, readable)
+                if self._measuring is not None:
+                    self._take_fingers(self._measuring, readable)
                 self._notify()
             self._silence()
             self._stop()
@@ -223,6 +242,15 @@ class Loop:
         finally:  # the next run takes the next step of the same process
             controls.tell_outcome()
 
+    def _take_fingers(self, measuring: Measuring, readable: Container[int] | None) -> None:
+        """Solve for the fingers that were measured, and play a steady drive anew."""
+        measured = measuring.poll() if readable is None or measuring.fileno() in readable else None
+        if measured is not None:
+            self._measured, wanted = measured, self._pipeline.wanted
+            self._pipeline.answerer.renderer.steady.take_fingers(measured)
+            if wanted.level_db is not None and wanted.click_ns is None:
+                self._hand_over(self._pipeline.command())
+
     def _hand_over(self, command: Command, *, ends_click: bool = False) -> None:
         """A command that no report caused."""
         fate = self._dispatcher.hand_over(command, ends_click=ends_click)
@@ -282,12 +310,12 @@ class Loop:
         if isinstance(event, Armed):
             self._dispatcher.resume()
             self._begin_stream()
-        elif self._listener is not None:
-            self._listener.take_event(event)
+        elif self._measuring is not None and self._measuring.is_listening:
+            self._measuring.take_event(event)
 
     def _begin_stream(self) -> None:
-        if self._listener is not None:
-            self._listener.begin_stream()
+        if self._measuring is not None and self._measuring.is_listening:
+            self._measuring.begin_stream()
             self._session.link.start_sensing(self._now_ns())
 
     def _table_changed(self) -> None:
@@ -296,6 +324,7 @@ class Loop:
         A drive ends where its fingers are not on the bar of the new table.
         """
         self.counters.swaps += 1
+        self._pipeline.answerer.renderer.steady.take_fingers(self._measured)
         wanted, dispatcher = self._pipeline.wanted, self._dispatcher
         waits = dispatcher.is_pending and not dispatcher.is_sent
         is_driven = wanted.level_db is not None or dispatcher.held != SILENCE

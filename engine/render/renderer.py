@@ -9,6 +9,7 @@ from typing import Protocol
 
 from engine.render.click_renderer import RenderedClicks
 from engine.render.link_commands import SILENCE, Command, Rendered
+from engine.steady.cases import MeasuredFinger
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 
@@ -18,6 +19,9 @@ class Steady(Protocol):
 
     def prepare(self) -> None:
         """Load or compile what solving takes."""
+
+    def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:
+        """Know these fingers from now on."""
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
         """The drive for these fingers at this level; held_hz: frequency of the drive that they have, and moved."""

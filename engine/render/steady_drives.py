@@ -13,6 +13,7 @@ from engine.device import Device
 from engine.render.limits import clamp, encode_scaled
 from engine.render.link_commands import SILENCE, DriveCommand, Rendered
 from engine.steady import Modes
+from engine.steady.cases import MeasuredFinger
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
 from engine.touch.finger_tracker import zone_finder
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from engine.steady.plain_solver import PlainSolver
     from engine.steady.steady_solver import SteadySolver
 
+_SAME_M = 8e-3  # a measured finger that is nearer than that is the one: half a fingertip's width
 MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
 
 
@@ -44,7 +46,16 @@ class SteadyDrives:
         self._solver = _solver_of(device, modes, has_kernels=has_kernels)
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._scales = tuple(scales)
-        self._remembered: dict[tuple[Placement, float, float | None], Rendered] = {}
+        self._remembered: dict[tuple[Placement, float, float | None, _Known], Rendered] = {}
+        self._measured: Sequence[MeasuredFinger] = ()
+
+    def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:
+        """Solve for these fingers as they were measured, where they lie, and for all others as the device has them."""
+        self._measured = measured
+
+    def _known_at(self, at_m: complex) -> MeasuredFinger | None:
+        near = [each for each in self._measured if abs(each.position_m - at_m) < _SAME_M]
+        return min(near, key=lambda each: abs(each.position_m - at_m), default=None)
 
     def prepare(self) -> None:
         """Load or compile what a solve needs, so that no touch waits for that."""
@@ -52,20 +63,25 @@ class SteadyDrives:
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
         """The drive for these fingers at this level; held_hz as for `SteadySolver.solve`."""
-        key = (placement, level_db, held_hz)
+        known = tuple(self._known_at(at_m) for at_m in placement.position_m) if self._measured else ()
+        key = (placement, level_db, held_hz, known)
         found = self._remembered.get(key)
         if found is None:
             if len(self._remembered) == MOST_REMEMBERED:
                 del self._remembered[next(iter(self._remembered))]
-            found = self._remembered[key] = self._solve(placement, level_db, held_hz)
+            found = self._remembered[key] = self._solve(*key)
         return found
 
-    def _solve(self, placement: Placement, level_db: float, held_hz: float | None) -> Rendered:
-        solved = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz)
+    def _solve(self, placement: Placement, level_db: float, held_hz: float | None, known: "_Known") -> Rendered:
+        solved = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz, known)
         if self._refuses and not solved.achieved:
             return Rendered(SILENCE, is_achieved=False)
         drive = encode_scaled(clamp(solved, self._device), self._scales, self._resolution_hz)
         return Rendered(DriveCommand(drive, solved.frequency_hz), solved.achieved)
+
+
+_Known = tuple[MeasuredFinger | None, ...]
+"""What was measured of each finger; empty: nothing of any."""
 
 
 def _solver_of(device: Device, modes: Modes, *, has_kernels: bool) -> "PlainSolver | SteadySolver":
@@ -89,6 +105,9 @@ class ZoneDrives:
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
         self._zone_at, self._scales = zone_finder(device).zone_at, tuple(scales)
         self._remembered: dict[tuple[int, float], Rendered] = {}
+
+    def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:
+        """Nothing: the sweep is that of the surface without fingers."""
 
     def prepare(self) -> None:
         """Nothing: the table holds all of it."""

@@ -1,7 +1,10 @@
 """Sampled cases of the fingers of a placement, and of the surface and the channels where a set of spreads has these."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +14,17 @@ from engine.device import Device
 
 SEED = 20230247606  # fixed: tables repeat bit for bit; other cases move expected contrasts by up to 4 dB (reference-a)
 _TRIES = 64  # mean correlation of three fingers: 0.148 of 8 tries, 0.139 of 64, 0.132 of 512 (50 ms)
+
+
+_WITHIN_95 = 1.96  # standard errors
+
+
+class MeasuredFinger(NamedTuple):
+    """A finger that was measured where it lies: logarithm of its impedance over the standard one's, standard error."""
+
+    position_m: complex
+    load: float
+    error: float
 
 
 @dataclass(frozen=True)
@@ -64,14 +78,24 @@ def axes_of(corner_m: complex) -> int:
     return 1 + isinstance(corner_m, complex)
 
 
-def cases_at(position_m: Points, deviations: Deviations, device: Device) -> FingerCases:
-    """The cases of fingers at points (finger,), kept on the surface."""
+def cases_at(
+    position_m: Points, deviations: Deviations, device: Device, measured: Sequence[MeasuredFinger | None] = ()
+) -> FingerCases:
+    """The cases of fingers at points (finger,), kept on the surface; measured: what is known of each, if of any.
+
+    The standard case has a measured finger as it was measured, the others vary it within 95 % of its error.
+    """
     finger, offset_m = device.finger, device.spread.reach_m * deviations.offset
     rank = np.argsort(np.argsort(position_m, kind="stable"), kind="stable")
     standard = np.array([finger.stiffness_n_per_m, finger.damping_n_s_per_m, finger.mass_kg])
+    width = np.full((len(position_m), 1), math.log(finger.spread))
+    load = np.zeros((len(position_m), 1))
+    for number, known in enumerate(measured):
+        if known is not None:
+            load[number], width[number] = known.load, min(width[number, 0], _WITHIN_95 * known.error)
     return FingerCases(
         position_m=np.ascontiguousarray(clip_points(position_m + offset_m[:, rank], device.surface.corner_m)),
-        impedance=standard * finger.spread ** deviations.exponent[:, rank],
+        impedance=standard * np.exp(load + width * deviations.exponent[:, rank]),
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from base.arrays import Array, Complex, Mask
 from engine.device import Device
-from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
+from engine.steady.cases import FingerCases, MeasuredFinger, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes, energy_points, held_zones
 from engine.steady.plain_loading import PlainLoading
 from engine.steady.steady_drive import SteadyDrive
@@ -56,6 +56,7 @@ class PlainSolver:
         felt: Sequence[bool],
         level_db: float,
         held_hz: float | None = None,  # noqa: ARG002  # the frequency may jump where a finger moves
+        measured: Sequence[MeasuredFinger | None] = (),
     ) -> SteadyDrive:
         """A drive for fingers at these points, at least one of them `felt`, at a level over threshold.
 
@@ -64,7 +65,7 @@ class PlainSolver:
         position_m, is_felt = np.array(positions_m), np.array(felt, dtype=np.bool_)
         limit = self.device.limits.amplitude
         deviations = _deviations(len(position_m), _CASES, axes_of(self.device.surface.corner_m))
-        cases = cases_at(position_m, deviations, self.device)
+        cases = cases_at(position_m, deviations, self.device, measured)
         loaded = self._loading.loaded(cases) * self._usable.T[:, None]
         rows = loaded[0][:, is_felt]
         index, amplitude, value, objective = -1, np.zeros(loaded.shape[3], dtype=np.complex128), 0.0, "level"

@@ -26,7 +26,7 @@ from base.arrays import Complex32, Integers, Points, Single
 from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
-from engine.steady.cases import FingerCases, PlantErrors, axes_of, cases_at, sample_deviations
+from engine.steady.cases import FingerCases, MeasuredFinger, PlantErrors, axes_of, cases_at, sample_deviations
 from engine.steady.condensed import CondensedModes
 from engine.steady.drive_search import find_drive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers, fill_shapes
@@ -76,20 +76,25 @@ class SteadySolver:
             self.solve(position_m, [finger == 0 for finger in range(fingers)], 0.0)
 
     def solve(
-        self, positions_m: Sequence[complex], felt: Sequence[bool], level_db: float, held_hz: float | None = None
+        self,
+        positions_m: Sequence[complex],
+        felt: Sequence[bool],
+        level_db: float,
+        held_hz: float | None = None,
+        measured: Sequence[MeasuredFinger | None] = (),
     ) -> SteadyDrive:
         """The best drive for fingers at these positions, `felt` or else quiet, at a level in dB over threshold.
 
         An infinite level asks for the loudest drive. held_hz: frequency of the drive that these fingers have, which
-        moved since; its peak is kept where that is good enough. Raises SteadyError for positions that are not on the
-        bar, no felt finger, or more than MOST_FINGERS.
+        moved since; its peak is kept where that is good enough. measured: what is known of each finger. Raises
+        SteadyError for positions that are not on the bar, no felt finger, or more than MOST_FINGERS.
         """
         self._check(positions_m, felt, level_db)
         device = self.device
         fingers = len(positions_m)
         count = _CASES if fingers <= _FEW_FINGERS else _FEW_CASES
         deviations = _deviations(fingers, count, axes_of(device.surface.corner_m))
-        cases = cases_at(np.array(positions_m), deviations, device)
+        cases = cases_at(np.array(positions_m), deviations, device, measured)
         return self.solve_cases(cases, tuple(felt), level_db, held_hz)
 
     def solve_cases(

@@ -167,9 +167,8 @@ def run(
             socket = control_socket or default_socket()
             served = ControlOf(socket, ring.path, table_path, control_port, control_osc, watch)
             slot = stack.enter_context(ControlProcess(served))
-        listener = tracking if tracking is not None and tracking.is_listening else None
         beside = ring, found_again, watching, solving
-        live = Live(table, source, port, clock, live_options, *beside, control=slot, listener=listener)
+        live = Live(table, source, port, clock, live_options, *beside, control=slot, measuring=tracking)
         if tracking is not None:
             tracking.begin_tracking(live.capabilities, live.fit.scales)
         if slot is not None:

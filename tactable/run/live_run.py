@@ -16,7 +16,7 @@ from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.fast_session import FastLink, FastSession
 from engine.loop.fast.fast_table import with_fast_table
 from engine.loop.fast.library import FastPathError, compile_fast_path
-from engine.loop.loop import Clock, Listener, Loop, StopRequest, connect
+from engine.loop.loop import Clock, Loop, Measuring, StopRequest, connect
 from engine.loop.observer import Observer, Observers, Timing
 from engine.loop.pipeline import open_pipeline
 from engine.loop.program_steps import ControlSlot
@@ -64,7 +64,7 @@ class Live:
 
     With `reopening` a run outlasts the loss of its port: the device is greeted and armed again once it is back. With
     `watch`, called with the device's capabilities, it changes to new tables; with `solving` it gets the clicks that the
-    table does not hold, with `control` the steps of programs, and `listener` the samples of the board's accelerometer.
+    table does not hold, with `control` the steps of programs, and `measuring` the samples of the board's accelerometer.
     `observer` gets the records of the run
     beside its own `timing`. The parts hold the counters, during the run and after it. Raises what they raise:
     DigitizerError, DescriptorError, LinkError, LimitError, RendererError.
@@ -83,7 +83,7 @@ class Live:
         solving: ClickSolving | None = None,
         fast_path: Callable[..., FastPath] = FastPath,
         control: ControlSlot | None = None,
-        listener: Listener | None = None,
+        measuring: Measuring | None = None,
     ) -> None:
         effects = options.effects
         self.wants_clicks = effects.have_clicks
@@ -133,7 +133,7 @@ class Live:
             updates=None if watch is None else watch(self.capabilities),
             solving=solving if self.clicks else None,
             control=control,
-            listener=listener,
+            measuring=measuring,
         )
 
     @property

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from base.child import Parent
+from base.child import Parent, decode_line
 from base.errors import TactableError
 from base.files import identity_of, write_text
 from base.printable import write_note
@@ -27,6 +27,7 @@ from engine.device import Device
 from engine.device.quantity import QuantityError, read_point_on, read_quantity
 from engine.loop.loop import SystemClock
 from engine.loop.ring import RingReader
+from engine.steady.cases import MeasuredFinger
 from engine.table import Table, TableError
 from firmware_link.host.link_values import AccelerometerDescribed, Capabilities, Event
 from firmware_link.protocol.messages import Acceleration
@@ -39,6 +40,7 @@ if TYPE_CHECKING:  # the tracker needs scipy, which the run does not
     from tactable.measure.sample_stream import SampleStream
     from tactable.track.tracker import Tracker
 
+_NAME, _READ_BYTES = "tracking", 1 << 16
 _NICE, _LOOK_S = 10, 0.05  # the run comes first
 _MASS = "2 g"  # as `measure` takes it
 
@@ -77,8 +79,26 @@ class TrackProcess(BesideLoop):
         shutil.copyfile(table.path, self.played)
         self.identity = identity_of(self.played)
         arguments = {"played": str(self.played), "ring": str(ring), "tracked": tracked}
-        super().__init__("tactable.track.track_process", arguments, "tracking")
+        super().__init__("tactable.track.track_process", arguments, _NAME)
         os.set_blocking(self._descriptor, False)
+        self._has_ended, self._received = False, bytearray()
+
+    def poll(self) -> Sequence[MeasuredFinger] | None:
+        """The newest fingers that the child has told; none once it has ended; None: it has told nothing."""
+        try:
+            part = os.read(self._descriptor, _READ_BYTES)
+        except BlockingIOError:
+            return None
+        except ConnectionResetError:
+            part = b""
+        if not part:
+            self._has_ended = True
+            self._fall_silent("drift and fingers are no longer measured: the process has ended")
+            return ()
+        *lines, rest = (self._received + part).split(b"\n")
+        self._received = bytearray(rest)
+        told = [decode_line(bytes(line), _NAME)["fingers"] for line in lines]
+        return [MeasuredFinger(*each) for each in told[-1]] if told else None
 
     def begin_tracking(self, capabilities: Capabilities, scales: Sequence[float]) -> None:
         """Tell the child the board, and how the device's amplitudes are played on it."""
@@ -94,6 +114,8 @@ class TrackProcess(BesideLoop):
             self._say(event)
 
     def _say(self, event: Event | None) -> None:
+        if self._has_ended:
+            return
         with contextlib.suppress(BlockingIOError):
             self._child.write({"event": event, "heard_ns": SystemClock.now_ns()})
 
@@ -134,6 +156,8 @@ class Service:
                 own = replace(block, arrived_ns=self._heard_ns) if self._heard_ns else block
                 if self._tracker.take_block(own):
                     self._act_on(self._tracker)
+            if self._tracker is not None and (fingers := self._tracker.due_fingers()) is not None:
+                self._parent.say({"fingers": fingers})
 
     def _take_sensor(self, sensor: Sensor) -> None:
         from tactable.track.tracker import Tracker

@@ -14,6 +14,7 @@ import numpy as np
 
 from base.arrays import Array
 from engine.device import Device
+from engine.steady.cases import MeasuredFinger
 from tactable.measure.sensor import Block, Sensor, SensorError
 from tactable.track.estimator import Contacts, Estimate, LoadEstimator
 
@@ -24,6 +25,11 @@ _PATIENCE = 8  # refused windows in a row after which the table is said to be le
 _LENGTH_S = 0.1  # 30 ms of a click and its ringing; of a steady drive 6 periods of 60 Hz and more
 _DRIVEN = 1e-3  # of full scale: 60 dB below it
 _SAME_M = 1.5e-3  # a finger that moves farther within a window is another placement
+_KNOWN = 4.0  # a finger is known whose standard error is a quarter of its spread's logarithm: half of what it was
+_LOAD_STEP, _NEAR_M = (
+    0.2,
+    3e-3,
+)  # of a finger that was told, after which it is told anew (ESTIMATES)
 _NS_PER_S = 1_000_000_000
 
 
@@ -46,6 +52,8 @@ class Tracker:
         self._columns = [form.acceleration, *(index for index in loopbacks if index is not None)]
         self._rows = np.empty((0, len(self._columns)))
         self._began_ns = self._end_ns = self._last_ns = self._used = self._refused = self._in_a_row = 0
+        self._known = math.log(device.finger.spread) / _KNOWN
+        self._told = dict[int, MeasuredFinger]()
         self._touches = deque[tuple[int, Contacts]]([(0, {})])
 
     def take_touches(self, time_ns: int, contacts: Contacts) -> None:
@@ -92,6 +100,19 @@ class Tracker:
             return None
         return found.device
 
+    def due_fingers(self) -> list[MeasuredFinger] | None:
+        """The fingers that lie there and are known, to be told where one is not as it was told; else None."""
+        loads, found = {} if self.estimate is None else self.estimate.loads, dict[int, MeasuredFinger]()
+        for contact, at_m in self._touches[-1][1].items():
+            load, error = loads.get(contact, (0.0, math.inf))
+            if error < self._known:
+                found[contact] = MeasuredFinger(at_m, load, error)
+        pairs = [(each, self._told.get(contact)) for contact, each in found.items()]
+        if len(found) == len(self._told) and all(was is not None and _is_alike(each, was) for each, was in pairs):
+            return None
+        self._told = found
+        return list(found.values())
+
     def note_made(self, drift: float, now_ns: int) -> None:
         """A table for this drift plays from now on."""
         self.made_for = drift
@@ -110,3 +131,7 @@ class Tracker:
             "trouble": found.refusal if found is not None and self._in_a_row >= _PATIENCE else "",
             "rescaled": self._rescaled,
         }
+
+
+def _is_alike(one: MeasuredFinger, other: MeasuredFinger) -> bool:
+    return abs(one.load - other.load) < _LOAD_STEP and abs(one.position_m - other.position_m) < _NEAR_M

@@ -21,7 +21,7 @@ CONSTANTS = {
     "MOST_ZONES": 16,
     "SIDES": 2,  # of a plate; a bar has the first one
     "MOST_RULES": 64,
-    "MOST_WAITED": 5,  # the touches, the port, new tables, solved clicks, control steps
+    "MOST_WAITED": 6,  # the touches, the port, new tables, solved clicks, control steps, measured fingers
     "LONGEST_BODY": 250,  # of a command; up to here COBS has one block without a zero
     "PACKET_SIZE": 4096,
     "ROOM_BEHIND": 16,  # a field is read as eight bytes from the one that it begins in

@@ -15,7 +15,7 @@ from engine.loop.awaited_clicks import ClickSolving
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_session import FastLink, FastSession
 from engine.loop.fast.fast_table import with_fast_table
-from engine.loop.loop import Clock, Loop, connect
+from engine.loop.loop import Clock, Loop, Measuring, connect
 from engine.loop.observer import Observer, Observers, Timing, Trace
 from engine.loop.pipeline import open_pipeline
 from engine.loop.program_steps import ControlSlot
@@ -133,6 +133,7 @@ class Rig:
     solving: ClickSolving | None = None
     control: ControlSlot | None = None
     updates: Updates | None = None
+    measuring: Measuring | None = None
     library: ClassVar[ctypes.CDLL | None] = None
     """Of the fast path: the loop's tests hold with it and without."""
 
@@ -179,6 +180,7 @@ class Rig:
             solving=self.solving,
             control=self.control,
             updates=self.updates,
+            measuring=self.measuring,
         )
 
     def run(self) -> Rig:

@@ -10,6 +10,7 @@ from engine.render.click_renderer import RenderedClicks
 from engine.render.limits import clamp
 from engine.render.link_commands import SILENCE, DriveCommand, Rendered
 from engine.render.renderer import Renderer
+from engine.steady.cases import MeasuredFinger
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import encode_drive
@@ -34,6 +35,10 @@ class MadeSteady:
         self.solved: list[tuple[Placement, float]] = []
         self.held_hz: list[float | None] = []
         self.prepared = 0
+        self.measured: Sequence[MeasuredFinger] = ()
+
+    def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:
+        self.measured = measured
 
     def prepare(self) -> None:
         self.prepared += 1
@@ -43,7 +48,8 @@ class MadeSteady:
             return self.always_hz
         states = placement.zone_states(self.device)
         felt = sum(1 << zone for zone, state in enumerate(states) if state is ZoneState.FELT)
-        return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB)
+        known = 0.06 * len(self.measured)
+        return 100.0 + felt + 0.25 * bool(placement.quiet) + 0.5 * (level_db != LEVEL_DB) + known
 
     def rendered(self, placement: Placement, level_db: float, held_hz: float | None = None) -> Rendered:
         assert all(is_within(at_m, self.device.surface.corner_m) for at_m in placement.position_m)

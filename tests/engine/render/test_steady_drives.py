@@ -3,11 +3,13 @@
 from functools import cache
 from math import inf
 
+import numpy as np
 import pytest
 
 from engine.render.link_commands import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Modes
+from engine.steady.cases import MeasuredFinger, cases_at, sample_deviations
 from engine.steady.steady_solver import SteadySolver
 from engine.table.best_rows import BestRows
 from engine.touch import Placement
@@ -44,6 +46,33 @@ def test_the_command_is_what_the_solver_finds_to_a_step_of_the_wire() -> None:
             assert channel.frequency_hz == pytest.approx(solved.frequency_hz, abs=0.005)
             assert channel.amplitude == pytest.approx(amplitude, abs=1e-5)
             assert abs((channel.phase_rad - phase_rad + 3) % 6.283185307 - 3) < 1e-4
+
+
+def test_a_measured_finger_is_solved_for_where_it_lies_and_no_other() -> None:
+    drives, device = drives_of(), DEVICE
+    before = drives.rendered(PLACEMENT, 20.0)
+    drives.take_fingers([MeasuredFinger(PLACEMENT.position_m[1] + 9e-3, 1.0, 0.1)])
+    assert drives.rendered(PLACEMENT, 20.0) == before
+    known = MeasuredFinger(PLACEMENT.position_m[1] + 2e-3, 1.0, 0.1)
+    drives.take_fingers([known])
+    solved = SteadySolver(device, modes()).solve(PLACEMENT.position_m, PLACEMENT.is_felt, 20.0, None, [None, known])
+    command, _ = drives.rendered(PLACEMENT, 20.0)
+    assert isinstance(command, DriveCommand) and command.frequency_hz == solved.frequency_hz
+    assert command != before.command
+    drives.take_fingers([])
+    assert drives.rendered(PLACEMENT, 20.0) == before
+
+
+def test_the_cases_of_a_measured_finger_are_about_what_was_measured() -> None:
+    deviations = sample_deviations(2, 8)
+    plain = cases_at(np.array(PLACEMENT.position_m), deviations, DEVICE).impedance
+    known = MeasuredFinger(PLACEMENT.position_m[0], 0.5, 0.1)
+    found = cases_at(np.array(PLACEMENT.position_m), deviations, DEVICE, [known, None]).impedance
+    assert (found[:, 1] == plain[:, 1]).all()
+    ratio = np.log(found[:, 0] / plain[0, 0])
+    assert ratio[0] == pytest.approx(0.5) and abs(ratio - 0.5).max() == pytest.approx(0.196 * 7 / 8, rel=0.15)
+    unsure = cases_at(np.array(PLACEMENT.position_m), deviations, DEVICE, [known._replace(load=0.0, error=9.0), None])
+    assert unsure.impedance == pytest.approx(plain), "never wider than the device's own spread"
 
 
 def test_a_level_out_of_reach_is_silence_where_it_is_refused() -> None:

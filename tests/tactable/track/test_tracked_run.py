@@ -14,6 +14,7 @@ import pytest
 from engine.device import Device
 from engine.device.values import restated
 from engine.loop.observer import CommandRecord, LoopCounters
+from engine.steady.cases import MeasuredFinger
 from engine.table import Table
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import write_recording
@@ -58,6 +59,17 @@ class Following:
         self.sensor: BoardSensor | None = None
         self.tracker: Tracker | None = None
         self.streams = 0
+        self.told = list[list[MeasuredFinger]]()
+        self.is_listening = True
+
+    def fileno(self) -> int:
+        return self.line.fileno()
+
+    def poll(self) -> list[MeasuredFinger] | None:
+        fingers = None if self.tracker is None else self.tracker.due_fingers()
+        if fingers is not None:
+            self.told.append(fingers)
+        return fingers
 
     def begin_stream(self) -> None:
         self.streams += 1
@@ -87,7 +99,7 @@ def test_a_run_in_virtual_time_finds_the_drift_of_the_bar_that_it_plays(table: T
     strokes = [Stroke(1 + 0.5 * tap, 1.3 + 0.5 * tap, FINGER, FINGER) for tap in range(12)]
     options = LiveOptions(bit_rate_hz=BIT_RATE_HZ, has_kernels=False)
     source = Playback(make_recording(strokes))
-    live = following.live = Live(table, source, line, line, options, observer=following, listener=following)
+    live = following.live = Live(table, source, line, line, options, observer=following, measuring=following)
     live.run()
     assert following.streams == 1 and following.tracker is not None
     status, found = following.tracker.status(), following.tracker.estimate
@@ -101,7 +113,7 @@ def test_a_board_without_an_accelerometer_ends_the_run_with_the_remedy(table: Ta
     line = VirtualLine(EmulatedFirmware(configuration_of(table.device)))
     source = Playback(make_recording([Stroke(0.1, 0.2, FINGER, FINGER)]))
     options = LiveOptions(bit_rate_hz=BIT_RATE_HZ, has_kernels=False)
-    live = Live(table, source, line, line, options, listener=Following(table.device, line))
+    live = Live(table, source, line, line, options, measuring=Following(table.device, line))
     with pytest.raises(LinkError, match="no accelerometer: choose another sensor"):
         live.run()
 

@@ -76,6 +76,23 @@ def test_taps_become_windows_with_their_finger_and_a_table_is_due_once_the_drift
     assert "SIMULATED" in text and f"from {count} windows, 0 refused; table re-scaled to +1." in text
 
 
+def test_a_finger_is_told_once_it_is_known_anew_where_it_moves_and_no_more_when_it_lifts() -> None:
+    samples, tracked = sampled(DEVICE, [(FINGER_M, 1.8)], burst_at(TOUCH_S, 0.6, 1)), tracker()
+    tracked.take_touches(1, {7: FINGER_M})
+    assert tracked.due_fingers() is None
+    tracked.take_block(Block(samples, round(1e9 * len(samples) / RATE_HZ)))
+    told = tracked.due_fingers()
+    assert told is not None and len(told) == 1 and told[0].position_m == FINGER_M
+    assert told[0].load == pytest.approx(np.log(1.8), abs=3 * told[0].error) and told[0].error < 0.3
+    assert tracked.due_fingers() is None
+    for at_m, expected in ((FINGER_M + 2e-3, None), (FINGER_M + 4e-3, [FINGER_M + 4e-3])):
+        tracked.take_touches(2_000 * MS, {7: at_m})
+        found = tracked.due_fingers()
+        assert (None if found is None else [each.position_m for each in found]) == expected
+    tracked.take_touches(2_100 * MS, {})
+    assert tracked.due_fingers() == []
+
+
 def test_what_is_not_driven_is_no_window_and_no_drift_asks_for_no_table() -> None:
     tracked = tracker()
     assert track_text(tracked.status()) == "" and tracked.due_device() is None
