@@ -61,8 +61,8 @@ class SafeConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-OUT = SafeConsole(markup=False)  # lines and grids as they are: brackets in names are no markup
-ERRORS = SafeConsole(stderr=True, markup=False)
+OUT = SafeConsole(markup=False, emoji=False)  # as they are: neither brackets nor ":x:" in names are markup
+ERRORS = SafeConsole(stderr=True, markup=False, emoji=False)
 _Result = TypeVar("_Result")
 Progress = Callable[[str, float], None]
 

@@ -131,6 +131,8 @@ def run(
     """
     options.need_switch(context, "--page", page, "page_at")
     options.need_switch(context, "--control", control, "control_socket", "control_port", "control_osc")
+    if track is not None and not watch:
+        raise options.OptionError("--no-watch: --track makes tables, which the run must adopt: leave one of both out")
     page_host, page_port = _read_address(page_at or "")
     clock, named = SystemClock(), find_table(table_path)
     identity = identity_of(named) if named.is_file() else (0, 0, 0)

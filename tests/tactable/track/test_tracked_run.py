@@ -29,6 +29,7 @@ from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
 from tactable.track.track_process import TrackedSensor
 from tactable.track.tracker import Tracker
+from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
@@ -149,6 +150,19 @@ def test_the_text_of_a_sensor_says_its_name_place_and_mass(
 def test_a_sensor_without_a_place_is_refused(table: Table, text: str, why: str) -> None:
     with pytest.raises(SensorError, match=f"^--track {text}: .*{why}"):
         TrackedSensor.parse(text, table.device)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--track", "board:35mm", "--no-watch"), "--no-watch: --track makes tables"),
+        (("--page", "--page-at", "here:x"), "--page-at here:x: expected HOST:PORT"),
+        (("--page", "--page-at", ":65536"), "--page-at :65536: expected HOST:PORT"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(tmp_path: Path, words: tuple[str, ...], why: str) -> None:
+    done = run_here(tmp_path, "run", "bar.nc", "--touch", "simulated", "--port", "none", *words)
+    assert done.returncode == 1 and done.stderr.startswith(f"tactable: {why}")
 
 
 @pytest.mark.machine(stall_s=None)
