@@ -14,7 +14,8 @@ what is known after a window is the prior of the next. The first priors are the 
 3. What the surface did before the window is not known. Free decays of all modes below half the sample rate, gravity and
    a slope are projected out, so that a window may begin at any time, even just after a finger has landed.
 4. Errors of the model are no noise: `_MODEL_ERROR` of the signal counts as if it were, and a residual of more than
-   `_REFUSED_AT` times both refuses the window, as do values that lie beyond belief.
+   `_REFUSED_AT` times both refuses the window, as do values that lie beyond belief. Under the same fingers the model
+   errs the same way again, so the k-th window since they came counts for 1/k^2 of the first.
 
 A contact that lifts is forgotten.
 """
@@ -42,6 +43,7 @@ _FINGER_PER_WINDOW = 0.03  # how far a finger's impedance wanders from one windo
 _WITHIN_95, _CREDIBLE = 1.96, 4.0  # standard deviations
 _LEAST = 1e-4  # standard deviation of what the spread says to be known
 _MODEL_ERROR, _REFUSED_AT = 0.02, 3.0
+_MOST_ALIKE = 10  # windows under the same fingers, after which all count as little (ESTIMATE)
 _DIFFERENCES = 8  # of samples: 300 Hz of 3200 samples a second are a hundredth of white noise of the same size in them
 _FINE_HZ = 25_600.0  # of straight lines in the drive: 0.005 dB of 300 Hz, as in the simulated sensor
 _SETTLES_S = 0.025  # of the drive before the window, for filters of actuators and of the interpolation
@@ -88,6 +90,7 @@ class LoadEstimator:
         self._finger_error = max(math.log(device.finger.spread) / _WITHIN_95, _LEAST)
         self._own = len(self._first)
         self._contacts: tuple[int, ...] = ()
+        self._alike = 0  # windows with the same fingers
         self._mean, self._covariance = np.zeros(self._own), np.diag(self._first**2)
         self.margin = math.ceil(_SETTLES_S * rate_hz)
         """Samples before a window of which only the drive is read."""
@@ -103,7 +106,8 @@ class LoadEstimator:
         drive, measured = resample_poly(samples[:, 1:], self._fine, 1, axis=0), samples[self.margin :, 0]
         noise = np.std(np.diff(measured, _DIFFERENCES)) / math.sqrt(math.comb(2 * _DIFFERENCES, _DIFFERENCES))
         size = float(np.std(measured))
-        scale = math.hypot(noise, _MODEL_ERROR * size)
+        once = math.hypot(noise, _MODEL_ERROR * size)
+        scale = math.hypot(noise, _MODEL_ERROR * size * self._alike)
         root, prior = np.linalg.cholesky(np.linalg.inv(self._covariance)).T, self._mean
 
         def misfit_of(unknown: Array) -> Array:
@@ -128,7 +132,7 @@ class LoadEstimator:
             if cost - misfit @ misfit < _ENOUGH:
                 break
         rms = float(np.sqrt(np.mean(misfit[: len(measured)] ** 2)))
-        refusal = self._refusal(mean, rms)
+        refusal = self._refusal(mean, rms * scale / once)
         if not refusal:
             self._mean, self._covariance = mean, np.linalg.inv(square)
         return self._estimate(rms * scale / size, refusal)
@@ -137,6 +141,7 @@ class LoadEstimator:
         """Forget contacts that lifted, give new ones the prior, and let time widen what is known."""
         kept = [contact for contact in self._contacts if contact in contacts]
         come = [contact for contact in contacts if contact not in self._contacts]
+        self._alike = 1 if come or len(kept) < len(self._contacts) else min(self._alike + 1, _MOST_ALIKE)
         at = [*range(self._own), *(self._own + self._contacts.index(contact) for contact in kept)]
         covariance = self._covariance[np.ix_(at, at)] + np.diag([0.0] * self._own + [_FINGER_PER_WINDOW**2] * len(kept))
         covariance[_MODULUS, _MODULUS] += _DRIFT_PER_ROOT_S**2 * elapsed_s

@@ -185,6 +185,7 @@ class Service:
         if status["trouble"] and not self._told:
             write_note(f"tracking: the table is left as it is: {status['trouble']}")
         self._told = status["trouble"]
+        write_text(self._played.with_name(STATUS), json.dumps(status))
         if device is not None:
             try:
                 _build(device, self._played)
@@ -192,7 +193,7 @@ class Service:
             except TactableError as error:
                 write_note(f"tracking: the table is left as it is: {error}")
             tracker.note_made(status["drift"], SystemClock.now_ns())
-        write_text(self._played.with_name(STATUS), json.dumps(tracker.status()))
+            write_text(self._played.with_name(STATUS), json.dumps(tracker.status()))
 
 
 def _build(device: Device, played: Path) -> None:

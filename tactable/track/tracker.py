@@ -20,6 +20,7 @@ from tactable.track.estimator import Contacts, Estimate, LoadEstimator
 
 STEP = 0.005
 """Change of the drift after which a table is made again (docs/tracking.md)."""
+_FEWEST_TOUCHES = 3
 _SURE = 2.0  # standard errors
 _PATIENCE = 8  # refused windows in a row after which the table is said to be left
 _LENGTH_S = 0.1  # 30 ms of a click and its ringing; of a steady drive 6 periods of 60 Hz and more
@@ -52,6 +53,7 @@ class Tracker:
         self._columns = [form.acceleration, *(index for index in loopbacks if index is not None)]
         self._rows = np.empty((0, len(self._columns)))
         self._began_ns = self._end_ns = self._last_ns = self._used = self._refused = self._in_a_row = 0
+        self._agreeing, self._last_touch = 0, dict[int, complex]().keys()  # touches with a window since the last table
         self._known = math.log(device.finger.spread) / _KNOWN
         self._told = dict[int, MeasuredFinger]()
         self._touches = deque[tuple[int, Contacts]]([(0, {})])
@@ -92,11 +94,20 @@ class Tracker:
         self._last_ns, is_refused = stop_ns, bool(self.estimate.refusal)
         self._used, self._refused = self._used + (not is_refused), self._refused + is_refused
         self._in_a_row = self._in_a_row + 1 if is_refused else 0
+        if not is_refused and contacts.keys() != self._last_touch:
+            self._last_touch, self._agreeing = contacts.keys(), self._agreeing + 1
 
     def due_device(self) -> Device | None:
-        """The device that a new table is due for: the drift has left that of the table by more than a step."""
+        """The device that a new table is due for: the drift has left that of the table by more than a step.
+
+        Several touches must have told of it since the last table: under one the model errs the same way all the time.
+        """
         found = self.estimate
-        if found is None or abs(found.drift - self.made_for) < max(STEP, _SURE * found.drift_error):
+        if (
+            found is None
+            or self._agreeing < _FEWEST_TOUCHES
+            or abs(found.drift - self.made_for) < max(STEP, _SURE * found.drift_error)
+        ):
             return None
         return found.device
 
@@ -115,7 +126,7 @@ class Tracker:
 
     def note_made(self, drift: float, now_ns: int) -> None:
         """A table for this drift plays from now on."""
-        self.made_for = drift
+        self.made_for, self._agreeing = drift, 0
         self._rescaled.append({"after_s": (now_ns - self._began_ns) / _NS_PER_S, "drift": drift})
 
     def status(self) -> Mapping[str, Any]:
