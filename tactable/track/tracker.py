@@ -53,7 +53,7 @@ class Tracker:
         self._columns = [form.acceleration, *(index for index in loopbacks if index is not None)]
         self._rows = np.empty((0, len(self._columns)))
         self._began_ns = self._end_ns = self._last_ns = self._used = self._refused = self._in_a_row = 0
-        self._agreeing, self._last_touch = 0, dict[int, complex]().keys()  # touches with a window since the last table
+        self._agreeing, self._last_touch = 0, frozenset[int]()  # touches with a window since the last table
         self._known = math.log(device.finger.spread) / _KNOWN
         self._told = dict[int, MeasuredFinger]()
         self._touches = deque[tuple[int, Contacts]]([(0, {})])
@@ -95,7 +95,7 @@ class Tracker:
         self._used, self._refused = self._used + (not is_refused), self._refused + is_refused
         self._in_a_row = self._in_a_row + 1 if is_refused else 0
         if not is_refused and contacts.keys() != self._last_touch:
-            self._last_touch, self._agreeing = contacts.keys(), self._agreeing + 1
+            self._last_touch, self._agreeing = frozenset(contacts), self._agreeing + 1
 
     def due_device(self) -> Device | None:
         """The device that a new table is due for: the drift has left that of the table by more than a step.

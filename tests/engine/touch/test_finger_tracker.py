@@ -18,6 +18,8 @@ from tests.precompute.devices import shipped
 REFERENCE = shipped("reference-a")
 LENGTH_M = REFERENCE.bar.length_m
 SURFACE = read_surfaces(application(finger(), finger()))[0]  # x and y from 0 to 1000
+OTHER_Y = bytes.fromhex("169cff 26bc02 0931")  # a logical range of its own
+UNEQUAL = read_surfaces(application(finger().replace(b"\x09\x31", OTHER_Y)))[0]  # y from -100 to 700
 LAST = 1000
 logical = st.integers(0, LAST)
 fractions = st.floats(0, 1)
@@ -60,11 +62,11 @@ def frame_of(*contacts: Contact) -> TouchFrame:
 
 @given(touch_axes(), logical, logical)
 def test_a_position_is_where_the_touch_area_has_it_or_nearest_on_the_bar(axis: TouchAxis, x: int, y: int) -> None:
-    position_m = touch_position(with_axis(axis), SURFACE).position_m(Contact(1, x, y, True)).real
+    position_m = touch_position(with_axis(axis), UNEQUAL).position_m(Contact(1, x, y, True)).real
     assert 0 <= position_m <= LENGTH_M
-    value = x if axis.axis == "x" else y
+    value, first, last = (x, 0, LAST) if axis.axis == "x" else (y, -100, 700)
     active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
-    fraction = (LAST - value if axis.flip else value) / LAST
+    fraction = (last - value if axis.flip else value - first) / (last - first)
     touched_m = axis.start_margin_m + fraction * active_m
     assert position_m == pytest.approx(sorted([0.0, touched_m, LENGTH_M])[1], abs=1e-12)
 
