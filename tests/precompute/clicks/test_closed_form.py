@@ -1,6 +1,6 @@
 """Laws of clicks in closed form: within their limits, as promised on other plants, near the linear program's."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -112,20 +112,23 @@ def test_what_is_promised_holds_on_other_plants(name: str) -> None:
 @pytest.mark.long
 def test_it_loses_little_against_the_linear_program() -> None:
     """Felt by each placement, and kept quiet in their mean: what a percentile of one errs by is a law of its own."""
-    quiet_db = list[float]()
+    quiet_db, within_m = list[float](), 4e-3
+    options = replace(DEFAULT_OPTIONS, tolerance_m=within_m)
     for name, letters in (("reference-a", "-qFq-"), ("reference-t", "qF-F-")):
         placement = placed(shipped(name), letters)
-        own = solver_of(name, DEFAULT_OPTIONS).solve(placement).waveform
-        judge = strongest_click(shipped(name), DEFAULT_OPTIONS, placement)
-        (felt, quiet), (judged, _) = (levels_on_fresh_plants(name, placement, waveform) for waveform in (own, judge))
+        own = solver_of(name, options).solve(placement).waveform
+        judge = strongest_click(shipped(name), options, placement)
+        (felt, quiet), (judged, _) = (levels_on_fresh_plants(name, placement, each, within_m) for each in (own, judge))
         assert felt >= judged - 3.0 and quiet <= 1.2
         quiet_db.append(quiet)
     assert np.mean(quiet_db) <= 0.7
 
 
-def levels_on_fresh_plants(name: str, placement: Placement, waveform: Array) -> tuple[float, float]:
+def levels_on_fresh_plants(
+    name: str, placement: Placement, waveform: Array, within_m: float | None = None
+) -> tuple[float, float]:
     """Level in dB of the weakest felt finger in 5 %, and of the strongest quiet one in 95 % of 1000 plants."""
-    fresh = fresh_responses(name, placement, 1000)
+    fresh = fresh_responses(name, placement, 1000, within_m)
     felt, quiet = (decibels(fresh.peaks(waveform, fingers)[1:]) for fingers in (placement.felt, placement.quiet))
     return float(np.percentile(felt.min(axis=1), 5)), float(np.percentile(quiet.max(axis=1), 95))
 
