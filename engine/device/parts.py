@@ -108,7 +108,7 @@ class Actuator:
     delay_s: float = 0.0  # from a command to the base, beside the transfer function
 
     def clamped_m(self, length_m: float) -> tuple[float, float]:
-        """The ends of the stretch that does not bend, on a bar of this length; beyond an end there is none."""
+        """Start and stop, m, of the rigid stretch about this actuator, cut off at the ends of a bar of `length_m`."""
         place_m = self.position_m.real
         return max(place_m - self.clamp_m / 2, 0.0), min(place_m + self.clamp_m / 2, length_m)
 

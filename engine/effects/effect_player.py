@@ -409,7 +409,7 @@ class Finger:
         """Where it will be `ahead_ns` after the last frame, at `frame_ns`: at most FURTHEST_M on, and on the surface.
 
         Its speed is a difference over 15 to 30 ms: least squares over five reports predict no better, and arrival
-        times as well as scan times (docs/results.md). A step up to FOLLOW_M is none, so that the noise of a resting
+        times as well as scan times (docs/results.md). A step up to FOLLOW_M is ignored, so that the noise of a resting
         finger does not shake its place.
         """
         span_ns, position_m = frame_ns - self.early_ns, self.touch.position_m

@@ -243,7 +243,7 @@ class Loop:
             controls.tell_outcome()
 
     def _take_fingers(self, measuring: Measuring, readable: Container[int] | None) -> None:
-        """Solve for the fingers that were measured, and play a steady drive anew."""
+        """Hand new measurements of fingers to the solver of steady drives, and solve the drive that plays again."""
         measured = measuring.poll() if readable is None or measuring.fileno() in readable else None
         if measured is not None:
             self._measured, wanted = measured, self._pipeline.wanted

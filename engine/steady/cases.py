@@ -113,9 +113,10 @@ class PlantErrors:
 
     @classmethod
     def sample(cls, device: Device, cases: int) -> "PlantErrors | None":
-        """Seeded errors of that many cases (odd) within the device's spread; None where drives are for fingers alone.
+        """Seeded errors of `cases` cases (odd) within the device's spread.
 
-        Half of the cases have the opposite errors. A calibrated surface is taken to be stretched by nothing.
+        Half of the cases have the opposite errors. The natural frequencies of a calibrated surface are taken as known.
+        The result is None for a spread of fingers alone, such as "bench".
         """
         spread, half, actuators = device.spread, (cases - 1) // 2, len(device.actuators)
         if not spread.is_of_bars:

@@ -164,8 +164,8 @@ def compute_powers(plant: Plant, cases: FingerCases, frequency_hz: Array, amplit
 def sample_bars(device: Device, count: int) -> tuple[list[Plant], Scenarios | None]:
     """`count` plants within what is not known of surface and channels, and their scenarios, the nominal one first.
 
-    None where drives are for other fingers alone: with no calibration that says how well the device is known, and a
-    spread such as "bench". What was fitted varies as the calibration has left it, the rest within the device's spread.
+    The list is empty, and the scenarios are None, for a device without a calibration whose spread varies fingers alone,
+    such as "bench". What was fitted varies as the calibration has left it, the rest within the device's spread.
     """
     if device.uncertainty is None and not device.spread.is_of_bars:
         return [], None

@@ -89,7 +89,7 @@ class Scenarios:
         return replace(base, surface=surface, actuators=actuators)
 
     def channels(self, s_per_s: Complex) -> Complex | None:
-        """Delays of the channels as a factor (scenario, actuator, line); None where there are none."""
+        """Factor exp(-s delay) of every channel (scenario, actuator, line), or None for channels without a delay."""
         if not self.delay_s.any():
             return None
         return np.asarray(np.exp(-self.delay_s[..., None] * s_per_s), dtype=np.complex128)

@@ -36,7 +36,7 @@ def tap_surface(
     frequency_hz: list[float] | None,
     as_json: bool,
 ) -> None:
-    """Take taps at so many places and write what they show; `spec` is the text of --hammer."""
+    """Measure by taps of a hammer at `places` places, and write responses or modes; `spec` is the text of --hammer."""
     hz = device.sweep.frequency_hz if frequency_hz is None else np.array(frequency_hz)
     if any(path.suffix != ".csv" for path in (output, modes) if path is not None) or len(hz) < 2:
         raise options.OptionError("--hammer: give files that end in .csv, and --frequencies a range such as 60:300:1")

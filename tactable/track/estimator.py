@@ -13,9 +13,9 @@ what is known after a window is the prior of the next. The first priors are the 
    clicks and their transients are treated alike, and neither a clock nor a latency enters.
 3. What the surface did before the window is not known. Free decays of all modes below half the sample rate, gravity and
    a slope are projected out, so that a window may begin at any time, even just after a finger has landed.
-4. Errors of the model are no noise: `_MODEL_ERROR` of the signal counts as if it were, and a residual of more than
-   `_REFUSED_AT` times both refuses the window, as do values that lie beyond belief. Under the same fingers the model
-   errs the same way again, so the k-th window since they came counts for 1/k^2 of the first.
+4. Errors of the model count as noise of `_MODEL_ERROR` of the signal. A residual of more than `_REFUSED_AT` times noise
+   and model error refuses the window, as does a value too far from its prior (`_CREDIBLE`). Under the same fingers the
+   model errs the same way again, so the k-th window since they came counts for 1/k^2 of the first.
 
 A contact that lifts is forgotten.
 """
@@ -116,7 +116,7 @@ class LoadEstimator:
 
         mean = prior
         for number in range(_JACOBIANS):
-            # Of decays that are fitted anew for every trial, noise alone would seem to tell something.
+            # The decays are fitted once an iteration: fitted for every trial, they would follow the noise.
             free = _free_decays(self._model(mean, fingers).pole, self.rate_hz, len(measured))
             tried = [(each, misfit_of(each)) for each in (mean + self._starts() if number == 0 else [mean])]
             mean, misfit = min(tried, key=lambda found: float(found[1] @ found[1]))
@@ -160,8 +160,8 @@ class LoadEstimator:
         checks = {
             f"the residual is {rms:.1f} times what noise and model explain": rms > _REFUSED_AT,
             f"a drift of {100 * drift:+.1f} % is beyond {100 * MOST_DRIFT:g} %": abs(drift) > MOST_DRIFT,
-            "gain or actuators beyond belief": (abs(mean[_GAIN:own]) > _CREDIBLE * self._first[_GAIN:]).any(),
-            "a finger beyond belief": (abs(mean[own:]) > _CREDIBLE * self._finger_error).any(),
+            "gain or actuators are not credible": (abs(mean[_GAIN:own]) > _CREDIBLE * self._first[_GAIN:]).any(),
+            "the load of a finger is not credible": (abs(mean[own:]) > _CREDIBLE * self._finger_error).any(),
         }
         return next((text for text, is_wrong in checks.items() if is_wrong), "")
 

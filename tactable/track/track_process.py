@@ -1,10 +1,10 @@
 """Follows a run from beside it: samples and touches to the drift, and a table of the surface as it has become.
 
-Theory of operation. The loop must not be loaded, so all of this is a child process. What it needs comes over three
-ways: the touches by the ring of the run; the samples of a sound card or a pipe from itself; those of the board's own
-accelerometer, which the link of the run alone can read, by the loop, which passes each frame on and drops it where the
-pipe is full. The run plays a copy of its table in a folder of its own. A table of the measured device is built in its
-place, and the run adopts it as it adopts any other (table_watch). What is known is a small file beside it.
+Theory of operation. The loop must not be loaded, so all of this is a child process. It reads the touches from the ring
+of the run. It reads a sound card or a pipe of samples itself. Only the link of the run can read the board's own
+accelerometer, so the loop passes each frame on, and drops it where the pipe is full. The run plays a copy of its table
+in a folder of its own. A table of the measured device is built in its place, and the run adopts it as it adopts any
+other (table_watch). What is known is a small file beside it.
 """
 
 import contextlib

@@ -30,7 +30,7 @@ _KNOWN = 4.0  # a finger is known whose standard error is a quarter of its sprea
 _LOAD_STEP, _NEAR_M = (
     0.2,
     3e-3,
-)  # of a finger that was told, after which it is told anew (ESTIMATES)
+)  # changes of a measured finger after which the loop gets it again (ESTIMATES)
 _NS_PER_S = 1_000_000_000
 
 
@@ -112,7 +112,7 @@ class Tracker:
         return found.device
 
     def due_fingers(self) -> list[MeasuredFinger] | None:
-        """The fingers that lie there and are known, to be told where one is not as it was told; else None."""
+        """All measured fingers on the surface, where one of them differs from what this last returned; else None."""
         loads, found = {} if self.estimate is None else self.estimate.loads, dict[int, MeasuredFinger]()
         for contact, at_m in self._touches[-1][1].items():
             load, error = loads.get(contact, (0.0, math.inf))

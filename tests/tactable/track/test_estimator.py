@@ -103,9 +103,9 @@ def test_fingers_that_are_one_to_the_sensor_are_told_with_wide_errors() -> None:
 @pytest.mark.parametrize(
     ("samples", "why"),
     [
-        (window(drifted(1.12), [(ONE_M, 1.0)]), "is beyond 3 %|beyond belief|residual"),
+        (window(drifted(1.12), [(ONE_M, 1.0)]), "is beyond 3 %|not credible|residual"),
         (window(DEVICE, [(ONE_M, 1.0)])[:, [0, 2, 1]], "residual|beyond"),  # the loopbacks are exchanged
-        (window(DEVICE, [(ONE_M, 1.0)]) * [3.0, 1.0, 1.0], "beyond belief|residual"),
+        (window(DEVICE, [(ONE_M, 1.0)]) * [3.0, 1.0, 1.0], "not credible|residual"),
     ],
 )
 def test_what_is_not_believed_is_refused_and_changes_nothing(samples: np.ndarray, why: str) -> None:
