@@ -22,8 +22,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, is_compatible, is_current
 from precompute.builder.table_build import build_table
 from precompute.parallel.pool import available_cores
-from tactable.calibration.job import CalibrationJob
-from tactable.calibration.step_times import Progress, StepTimes
+from tactable.calibration.job import CalibrationJob, Progress, StepTimes
 
 Verify = Callable[[Path], str]  # plays a finished table before it takes its place; the doubt, empty for none
 

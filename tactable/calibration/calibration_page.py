@@ -11,7 +11,7 @@ from rich.table import Table as Grid
 
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.calibration_report import drive_text, open_text, place_text
-from tactable.calibration.step_times import times_text
+from tactable.calibration.job import times_text
 from tactable.explain.words import print_lines
 
 if TYPE_CHECKING:

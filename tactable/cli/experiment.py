@@ -14,7 +14,7 @@ from tactable.cli.console import OUT, note, remark, say
 
 if TYPE_CHECKING:
     from engine.table import Table
-    from tactable.experiment.markers import Mark
+    from tactable.experiment.conduct import Mark
     from tactable.experiment.protocol import Protocol, Task
     from tactable.experiment.session import Session, Stimulus
     from tactable.experiment.stage import Prediction
@@ -69,13 +69,12 @@ def experiment(
         if rows:
             remark(f"goes on after {len(rows)} of {session.total} trials")
         if observer is not None:
-            from tactable.experiment.observer import Observer
-            from tactable.experiment.simulate import answer_all
+            from tactable.experiment.observer import Observer, answer_all
             from tactable.experiment.stage import predicted_columns
 
             answer_all(session, Observer.parse(observer), lambda trial: predicted_columns(table, trial), files.append)
         elif session.done < session.total:
-            from tactable.experiment.markers import no_marks, open_stream
+            from tactable.experiment.conduct import no_marks, open_stream
 
             mark = open_stream(protocol.name, participant) if protocol.has_markers else no_marks
             try:
@@ -119,8 +118,8 @@ def _say_stimuli(found: "Sequence[tuple[Task, Stimulus, Prediction]]", *, is_wan
 
 def _say_precision(protocol: "Protocol", session: "Session") -> None:
     """Say how long the trials take, and how precise thresholds become by simulated observers."""
+    from tactable.experiment.observer import half_widths
     from tactable.experiment.protocol import Kind
-    from tactable.experiment.simulate import half_widths
 
     seconds = sum(
         (_SECONDS[task.kind.has_intervals] + task.duration_s * (1 + task.kind.has_intervals))

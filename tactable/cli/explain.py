@@ -63,7 +63,7 @@ def explain(
 
 
 def _explain_row(table: Table, placement: Placement, level_db: float, as_json: bool) -> None:
-    from tactable.explain.best_row import ExplainedRow, best_row_json, print_best_row
+    from tactable.explain.placed_drive import ExplainedRow, best_row_json, print_best_row
 
     explained = ExplainedRow(table, placement, level_db)
     show(best_row_json(explained), as_json, lambda out, _: print_best_row(out, explained))
@@ -72,9 +72,8 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
 def _explain_click(
     table: Table, placement: Placement, level_db: float, alternatives: bool, summation: str, as_json: bool
 ) -> None:
-    from tactable.explain.click_source import ClickSource
+    from tactable.explain.click_source import ClickSource, Summation
     from tactable.explain.explained_click import click_json, explain_click, print_click
-    from tactable.explain.summation import Summation
 
     source = ClickSource(table, summation=options.read_choice("--summation", summation, Summation))
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):

@@ -18,8 +18,7 @@ from tactable.cli.console import note, say, show
 from tactable.cli.measure import ask
 from tactable.measure.apparatus import ApparatusOptions
 from tactable.measure.sensor import FORCE, REFERENCE
-from tactable.measure.tapping.hammer import HammerOptions, open_taps, responses_text, tap_places
-from tactable.measure.tapping.tap_bench import TapBench
+from tactable.measure.tapping.hammer import HammerOptions, TapBench, open_taps, responses_text, tap_places
 from tactable.measure.tapping.taps import Tap
 
 _WORDS = {"at": ("fixed_m", "point"), "taps": ("taps", "number"), "pause": ("pause_s", "s")}

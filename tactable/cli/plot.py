@@ -318,7 +318,7 @@ def robustness(
     """
     from precompute.parallel.pool import WorkerPool
     from precompute.studies.robustness import CHANGES, PLACEMENTS, SETS, study_robustness
-    from tactable.figures.robustness_picture import plot_robustness
+    from tactable.figures.resolution_picture import plot_robustness
 
     device = find_device(device_name)
     made_for = [device.with_values({"spread": name}) for name in SETS]

@@ -134,8 +134,7 @@ def doctor(
     count as failed.
     """
     from tactable.doctor.layers import layers_of
-    from tactable.doctor.machine import check_machine
-    from tactable.doctor.ports import check_cards
+    from tactable.doctor.ports import check_cards, check_machine
     from tactable.doctor.table_check import check_fast_path, check_kernels, check_tables
     from tactable.doctor.touch_check import examine, rules_text
 

@@ -150,8 +150,8 @@ def _print(summary: dict[str, Any]) -> None:
 
 
 def _draw(summary: dict[str, Any], outputs: "Outputs") -> None:
+    from tactable.figures.calibration import plot_verification
     from tactable.figures.picture_file import write_outputs
-    from tactable.figures.verify_picture import plot_verification
 
     marked = " SIMULATED" if summary["simulated"] else ""
     shown = [point for point in summary["points"] if point["read_m_per_s2"] > 0]

@@ -1,10 +1,12 @@
-"""Checks serial ports for permissions and ModemManager, and sound cards; writes the udev rules of ports."""
+"""Checks serial ports, sound cards, and what the machine allows a real-time loop; writes the udev rules of ports."""
 
 import os
+import resource
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from engine.loop.realtime import DMA_LATENCY_PATH, DMA_LATENCY_REMEDY, LIMITS_REMEDY, PRIORITY
 from engine.touch.sources.hid_discovery import RULE_FILE
 from firmware_link.host.serial_port import PortDescription, permission_remedy
 from tactable.audio.interfaces import Interface
@@ -110,3 +112,49 @@ def port_rules(port: PortDescription) -> tuple[str, ...]:
         return ()
     numbers = f'ATTRS{{idVendor}}=="{port.vendor_id:04x}", ATTRS{{idProduct}}=="{port.product_id:04x}"'
     return (f'{numbers}, ENV{{ID_MM_DEVICE_IGNORE}}="1"', f'SUBSYSTEM=="tty", {numbers}, TAG+="uaccess"')
+
+
+_LOCKED_BYTES = 1 << 29  # more memory than a run uses, with numpy and a table of ten zones
+_FAST = "performance"
+
+
+def check_machine(files: SystemFiles) -> list[Check]:
+    """Checks of everything that can make a run late; none is needed for it to work."""
+    return [
+        _check_sleep(files),
+        _check_limit("priority", resource.RLIMIT_RTPRIO, PRIORITY, "SCHED_FIFO"),
+        _check_limit("locked memory", resource.RLIMIT_MEMLOCK, _LOCKED_BYTES, "mlockall"),
+        _check_processors(),
+        _check_governor(files),
+    ]
+
+
+def _check_sleep(files: SystemFiles) -> Check:
+    path = files.root / DMA_LATENCY_PATH.relative_to("/")
+    if not path.exists():
+        return Check("processor sleep", "this kernel has no cpu_dma_latency")
+    if os.access(path, os.W_OK):
+        return Check("processor sleep", "a run may keep processors awake: --realtime dma-latency")
+    return Check("processor sleep", "a run may not keep processors awake", DMA_LATENCY_REMEDY, needed=False)
+
+
+def _check_limit(name: str, limit: int, wanted: int, what: str) -> Check:
+    _, most = resource.getrlimit(limit)
+    if os.geteuid() == 0 or most == resource.RLIM_INFINITY or most >= wanted:
+        return Check(name, f"a run may have {what}")
+    return Check(name, f"a run may not have {what}: the limit is {most}, {wanted} wanted", LIMITS_REMEDY, needed=False)
+
+
+def _check_processors() -> Check:
+    count = len(os.sched_getaffinity(0))
+    if count > 1:
+        return Check("processors", f"{count}")
+    return Check("processors", "one: everything else runs where the loop does", "use a machine with two", needed=False)
+
+
+def _check_governor(files: SystemFiles) -> Check:
+    slow = files.governors() - {_FAST}
+    if not slow:
+        return Check("governor", ", ".join(files.governors()) or "the kernel sets none")
+    remedy = "run `sudo cpupower frequency-set -g performance`"
+    return Check("governor", f"{', '.join(sorted(slow))}: a processor that rested begins slowly", remedy, needed=False)

@@ -6,10 +6,32 @@ from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, TypeVar
 
 from tactable.control.client import ClientError
-from tactable.experiment.markers import Mark, no_marks
+from tactable.experiment.protocol import ExperimentError
 from tactable.experiment.session import Role, Session, Trial
 from tactable.experiment.stage import LiveStage
 from tactable.experiment.trial_files import SessionFiles, row_of
+
+Mark = Callable[[str], None]
+
+
+def no_marks(_text: str) -> None:
+    """Marks where no stream was asked for."""
+
+
+def open_stream(name: str, participant: str) -> Mark:
+    """Open a stream of texts, for recordings of brain or body beside an experiment; what sends one.
+
+    Raises ExperimentError where pylsl or its library is absent.
+    """
+    try:
+        from pylsl import StreamInfo, StreamOutlet
+    except (ImportError, RuntimeError) as error:
+        raise ExperimentError(
+            f"markers = 'lsl': pylsl cannot be used here ({error}): pip install 'tactable[lsl]'"
+        ) from None
+    outlet = StreamOutlet(StreamInfo(name, "Markers", 1, 0, "string", f"tactable-{name}-{participant}"))
+    return lambda text: outlet.push_sample([text])
+
 
 _FEEDBACK_S = 1.2
 _MOST_SPOILED = 20  # in a row: then something is wrong that another try does not mend

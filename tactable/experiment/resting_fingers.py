@@ -11,7 +11,7 @@ from base.work_folder import work_folder
 from engine.table import Table
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 from tactable.page.choices import Choice
-from tactable.page.demo_processes import EngineProcess, FirmwareProcess
+from tactable.page.processes.asynchronous import EngineProcess, FirmwareProcess
 from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.rig.emulate import configuration_of
 

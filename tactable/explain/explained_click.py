@@ -22,8 +22,7 @@ from engine.touch import Placement
 from precompute.clicks import Click, ClickOptions
 from precompute.clicks.baselines import BASELINES
 from tactable.explain import words
-from tactable.explain.click_source import ClickSource
-from tactable.explain.summation import SAID, Summation
+from tactable.explain.click_source import SAID, ClickSource, Summation
 
 _TIE_DB = 0.05  # half of the last digit that is shown
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}

@@ -1,6 +1,7 @@
-"""A calibration: readings against the fitted model, a panel for each drive (on a bar the paper's Figures 6 and 7)."""
+"""Readings against the fitted model, a panel for each drive (on a bar the paper's Figures 6 and 7), or a promise."""
 
 import io
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from base.arrays import Integers, even_points
+from base.points import point_of_json
 from precompute.calibration.calibrate import Calibration, FittedDevice
 from precompute.calibration.modal_fit import ModalCalibration
+from tactable.figures.picture_file import Picture
 from tactable.figures.response_picture import reading_at
-from tactable.figures.style import BLACK, BLUE, COLOUR_MAP, GREY, VERMILLION, draw_actuators, surface_field
+from tactable.figures.style import (
+    BLACK,
+    BLUE,
+    COLOUR_MAP,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    draw_actuators,
+    position_columns,
+    surface_field,
+)
 
 _DOTS_PER_INCH = 120  # it is held within the report's page: fewer bytes than picture_file.py's 150
 _COLUMNS, _MOST_PANELS = 3, 12  # a page's worth
@@ -114,3 +127,33 @@ def _draw_from_above(axes: Axes, calibration: Calibration, rows: Integers) -> No
     axes.tick_params(labelbottom=True)
     axes.set_xlabel("along the plate (mm)", fontsize="small")
     axes.set_ylabel("across (mm)", fontsize="small")
+
+
+_COLOURS = {"kept": BLACK, "broken": VERMILLION, "not shown": ORANGE, "spoiled": GREY}
+_SIZES = ("promised", "low", "high", "read", "error")
+
+
+def plot_verification(title: str, points: Sequence[Mapping[str, Any]]) -> Picture:
+    """Readings and their errors over the promised peaks with their intervals, from the points of a summary."""
+    promised, low, high, read, error = np.array([[point[f"{k}_m_per_s2"] for point in points] for k in _SIZES])
+    kind, outcome = ([point[key] for point in points] for key in ("kind", "outcome"))
+    figure = Figure(figsize=(9.0, 4.5), layout="constrained")
+    for panel, name in zip(figure.subplots(1, 2), ("drive", "click"), strict=True):
+        chosen = np.array([each == name for each in kind], dtype=bool)
+        panel.set(xscale="log", yscale="log", xlabel="promised, m/s²", ylabel="read, m/s²", title=f"{name}s")
+        if not chosen.any():
+            panel.set_visible(False)
+            continue
+        ends = np.array([promised[chosen].min(), promised[chosen].max()])
+        panel.plot(ends, ends, color=BLACK, lw=0.8)
+        least = 0.5 * read[chosen].min()
+        panel.vlines(promised[chosen], np.maximum(low[chosen], least), high[chosen], color=BLUE, alpha=0.5)
+        for named, colour in _COLOURS.items():
+            these = chosen & np.array([each == named for each in outcome], dtype=bool)
+            off = np.minimum(error[these], 0.999 * read[these]), error[these]  # down to a place on the axis
+            panel.errorbar(promised[these], read[these], off, fmt=".", color=colour, label=named, elinewidth=0.6)
+        panel.legend(fontsize="x-small")
+    figure.suptitle(title, fontsize="medium")
+    sizes = {f"{k} (m/s^2)": values for k, values in zip(_SIZES, (promised, low, high, read, error), strict=True)}
+    at_m = np.array([point_of_json(point["position_m"]) for point in points])
+    return Picture(figure, {"kind": kind, **position_columns(at_m), **sizes, "outcome": outcome}, {}, title)

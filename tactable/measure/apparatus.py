@@ -19,13 +19,12 @@ from tactable.audio.names import PREFIX, is_audio, parse_input, parse_output
 from tactable.audio.names import SIMULATED as SIMULATED_CARD
 from tactable.audio.port import open_port
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
-from tactable.measure.audio_sensor import AudioSensor
-from tactable.measure.board_bench import BoardBench
+from tactable.measure.audio_process import AudioSensor
 from tactable.measure.board_sensor import BoardSensor, Losses, fixed_position_m, is_board, open_board_sensor
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import Sensor, SensorError
-from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench, SimulatedSensor
+from tactable.measure.simulated_bench import BoardBench, ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.shipped import cache_folder
 
 SIMULATED = "simulated"

@@ -8,16 +8,18 @@ import contextlib
 import fcntl
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from base.child import Parent
+from base.child import START_TIMEOUT_S, Child, ChildError, Parent
+from engine.device import Device
 from tactable.audio.board import CardPace
 from tactable.audio.names import AudioError, AudioInput, parse_input
 from tactable.audio.streams import PortAudioStream, Samples, wait_while_called
-from tactable.measure.sample_stream import write_header
-from tactable.measure.sensor import ACCELERATION, LOOPBACK, SensorForm
+from tactable.measure.sample_stream import SampleStream, write_header
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
 
 _BLOCK_S = 0.01  # of a callback; loopback takes the latency out
 _PIPE_SIZE = 1 << 20  # fs.pipe-max-size of Linux: 2.7 s of two channels at 48 kHz
@@ -92,3 +94,45 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     parent.say({"latency_s": stream.latency_s})
     wait_while_called(parent.has_spoken, lambda: taker.blocks, stream.name)
     stream.stop()
+
+
+_CHILD = "tactable.measure.audio_process"
+
+
+class AudioSensor(SampleStream):
+    """The samples of a card, named by a text such as "audio:NAME,acceleration=1,scale=98.1 m/s^2,loopback=2".
+
+    Raises AudioError for a text that leaves something open, SensorError for a card that cannot be used.
+    """
+
+    def __init__(self, text: str, device: Device) -> None:
+        actuators = [actuator.name for actuator in device.actuators]
+        source = parse_input(text, actuators)
+        reader, writer = os.pipe()
+        arguments = {"sensor": text, "actuators": actuators, "pipe": writer}
+        self._child = Child(_CHILD, arguments, name=f"sound card {source.name}", descriptors=(writer,))
+        os.close(writer)
+        try:
+            self._child.read(START_TIMEOUT_S)
+            super().__init__(Path(f"/proc/self/fd/{reader}"), device)
+        except (ChildError, SensorError) as error:
+            self._child.end()
+            raise SensorError(str(error)) from error
+        finally:
+            os.close(reader)
+
+    def read(self) -> Block | None:
+        """New samples, or None. Raises SensorError when the card is gone."""
+        try:
+            return super().read()
+        except SensorError:
+            try:
+                self._child.read(START_TIMEOUT_S)
+            except ChildError as error:
+                raise SensorError(f"{error}: plug the card in and start again") from error
+            raise
+
+    def close(self) -> None:
+        """End the process of the card."""
+        super().close()
+        self._child.end()

@@ -6,6 +6,7 @@ it switchable: latency and its jitter, a clock that drifts, gain error, offset, 
 """
 
 import math
+import select
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -23,8 +24,87 @@ from precompute.model.transfers import DelayFilter
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
-from tactable.measure.virtual_line import SENSOR, VirtualLine
+from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
 from tactable.rig.emulate import configuration_of
+
+PORT, SENSOR = -1, -2  # stand-ins for descriptors
+_LINE_NS = 300_000  # between USB of high and of full speed (0.15 and 1 ms)
+
+
+Board = EmulatedFirmware | SensedBoard | SimulatedCard  # a board without a line; times are microseconds of its own
+
+
+class VirtualLine:
+    """A board behind a line that takes _LINE_NS either way; what else wakes a wait is for its subclasses."""
+
+    def __init__(self, board: Board) -> None:
+        self.time_ns = _NS_PER_S
+        self._board = board
+        self._to_device: list[tuple[int, bytes]] = []
+        self._to_host: list[tuple[int, bytes]] = []
+        self._stall_ns = 0
+
+    def stall(self, duration_ns: int) -> None:
+        """Let the host stand still for a while at its next wait."""
+        self._stall_ns = duration_ns
+
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.time_ns
+
+    def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:  # noqa: ARG002  # a Clock
+        """Let time pass until one of `readable` can be read, or until then."""
+        end_ns = self.time_ns + _NS_PER_S if until_ns is None else until_ns
+        if self._stall_ns:
+            self.run_to(self.time_ns + self._stall_ns)
+            self._stall_ns = 0
+        while not (ready := self._ready_of(readable)) and self.time_ns < end_ns:
+            self.run_to(min(end_ns, self._next_ns(readable)))
+        return ready
+
+    def fileno(self) -> int:
+        """Stand-in for the port's descriptor."""
+        return PORT
+
+    def write(self, data: bytes) -> int:
+        """Bytes for the firmware."""
+        self._to_device.append((self.time_ns + _LINE_NS, data))
+        return len(data)
+
+    def read(self) -> bytes:
+        """Bytes of the firmware."""
+        data = b"".join(data for time_ns, data in self._to_host if time_ns <= self.time_ns)
+        self._to_host = [item for item in self._to_host if item[0] > self.time_ns]
+        return data
+
+    def run_to(self, end_ns: int) -> None:
+        """Let time pass."""
+        while self._to_device and self._to_device[0][0] <= end_ns:
+            time_ns, data = self._to_device.pop(0)
+            self._answer(self._board.receive(data, time_ns // 1000), time_ns)
+        self._answer(self._board.run_until(end_ns // 1000), end_ns)
+        self.time_ns = end_ns
+
+    def _answer(self, data: bytes, time_ns: int) -> None:
+        if data:
+            self._to_host.append((time_ns + _LINE_NS, data))
+
+    def _ready_of(self, readable: Sequence[int]) -> list[int]:
+        """The stand-in of the port where something has come, and every real descriptor that can be read."""
+        found = [PORT] if any(time_ns <= self.time_ns for time_ns, _ in self._to_host) else []
+        real = [descriptor for descriptor in readable if descriptor >= 0]
+        if real:
+            found += select.select(real, [], [], 0)[0]
+        return [descriptor for descriptor in found if descriptor in readable]
+
+    def _next_ns(self, readable: Sequence[int]) -> int:  # noqa: ARG002  # for subclasses
+        """Time at which a byte arrives or the board acts by itself next."""
+        times_ns = [time_ns for time_ns, _ in (*self._to_device, *self._to_host)]
+        deadline_us = self._board.next_deadline_us()
+        if deadline_us is not None:
+            times_ns.append(1000 * deadline_us)
+        return max(self.time_ns + 1, min(times_ns, default=self.time_ns + _NS_PER_S))
+
 
 BOOT_ID = 0x5EED
 MOVING_NS = 500_000_000  # a hand takes longer; a bar rings for 24 to 878 ms (docs/theory.md)
@@ -251,3 +331,42 @@ class SimulatedSensor:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+_OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "jitter"}
+
+
+class BoardBench(VirtualLine):
+    """Port, clock and person at the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
+
+    Raises SensorError for flaws that an accelerometer on the board cannot have, and for a place beside it.
+    """
+
+    def __init__(
+        self,
+        true: Device,
+        flaws: ConverterFlaws,
+        seed: int,
+        sensor_mass_kg: float,
+        board: Device | None = None,
+        *,
+        is_fine: bool = False,
+    ) -> None:
+        for name, flaw in _OF_CONVERTERS.items():
+            if getattr(flaws, name):
+                raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
+        self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID)))
+        kept = (flaws.drift, flaws.gain, flaws.offset_m_per_s2, flaws.noise_m_per_s2)
+        part = EmulatedAccelerometer(true.surface.corner_m / 2, sensor_mass_kg, *kept)
+        basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
+        self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
+        super().__init__(self._sensed)
+
+    def place(self, position_m: complex) -> None:
+        """Put the sensor here; that takes as long as the surface takes to come to rest."""
+        self.run_to(self.time_ns + MOVING_NS)
+        self._sensed.place(position_m)
+
+    def turn_over(self) -> None:
+        """Turn the sensor over, so that gravity shows with the other sign."""
+        self._sensed.turn_over()

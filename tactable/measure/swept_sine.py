@@ -22,6 +22,7 @@ import numpy as np
 from base.arrays import Array
 from engine.render.limits import Drive
 from tactable.measure.asked_drive import AskedDrive, check_drive
+from tactable.measure.driven_device import known_samples
 from tactable.measure.faults import (
     MOST_DISTORTION,
     MOST_DRIFT,
@@ -33,7 +34,6 @@ from tactable.measure.faults import (
     is_clipped,
     is_stalled,
 )
-from tactable.measure.recorder import known_samples
 from tactable.measure.sensor import SensorError
 from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps

@@ -25,13 +25,13 @@ from engine.loop.ring import RingError, RingReader
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
-from tactable.page.demo_processes import EngineProcess, FirmwareProcess
 from tactable.page.live_bar import LiveBar
 from tactable.page.page_messages import DroppedFile, encode_picture
 from tactable.page.page_server import PageBackend
 from tactable.page.page_tables import Builder, order_for
 from tactable.page.paper_bar import PaperBar
 from tactable.page.pointers import Pointers
+from tactable.page.processes.asynchronous import EngineProcess, FirmwareProcess
 from tactable.page.processes.build_process import BuildOrder
 from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json

@@ -14,8 +14,7 @@ from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator.synthesis import US_PER_S
 from firmware_link.protocol.messages import ChannelDrive, decode_drive
 from tactable.page.page_messages import ChannelPicture, Drive, Role
-from tactable.rig.promises import Promises
-from tactable.rig.solved_click import SolvedClick
+from tactable.rig.promises import Promises, SolvedClick
 
 RINGING_S = 0.06  # time after its end in which a click rings down by some 20 dB
 

@@ -14,8 +14,7 @@ from engine.touch import Touch, ZoneState
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.judged_commands import Command
-from tactable.page.live_bar import LiveBar
-from tactable.page.moving_levels import BarLevels
+from tactable.page.live_bar import BarLevels, LiveBar
 
 STEP_US = 30_000  # the second bar takes every second step of the first, which halves what it costs
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-from tactable.experiment.observer import Observer
+from tactable.experiment.observer import Observer, fit_of
 from tactable.experiment.protocol import Kind, Task
-from tactable.experiment.simulate import fit_of
 from tests.studies.options import read_options
 
 TASK = Task("t", Kind.DETECTION, (0.035,), "click", 0.0, tuple(np.arange(-14.0, 27.0).tolist()), None, 0.0, 80, 0, 8)

@@ -23,7 +23,7 @@ from tactable.audio.output_process import Feeder
 from tactable.audio.port import CARD_BIT_RATE_HZ, CardReopening
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.audio.streams import wait_while_called
-from tactable.measure.audio_sensor import AudioSensor
+from tactable.measure.audio_process import AudioSensor
 from tactable.measure.sensor import SensorError
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report
 from tests.tactable.audio.cards import OUTPUT, TEXT, core

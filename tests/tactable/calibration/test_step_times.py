@@ -1,6 +1,6 @@
 """Steps are told on, and what they took adds up to all of it."""
 
-from tactable.calibration.step_times import StepTimes, times_text
+from tactable.calibration.job import StepTimes, times_text
 
 
 def test_every_moment_belongs_to_a_step() -> None:

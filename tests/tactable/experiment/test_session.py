@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from base.errors import TactableError
-from tactable.experiment.observer import Observer
+from tactable.experiment.observer import Observer, answer_all
 from tactable.experiment.protocol import ExperimentError, Kind, parse_protocol, protocol_names, read_protocol
 from tactable.experiment.session import Role, Session, Stimulus, Trial, stimuli_of
-from tactable.experiment.simulate import answer_all
 from tactable.experiment.trial_files import SessionFiles
 from tactable.shipped import find_device
 

@@ -1,4 +1,4 @@
-"""Laws of where clicks come from: the table's row of the nearest places, or a click solved for the positions."""
+"""Laws of where clicks come from, and of temporal summation: what Zwislocki's theory leaves of a burst."""
 
 from math import inf
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 from engine.table import Table, TableError
 from engine.touch import Placement
-from tactable.explain.click_source import ClickSource
+from tactable.explain.click_source import ClickSource, summed_db
 from tests.tactable.click_table import CHEAP, build_click_table
 
 
@@ -34,3 +34,16 @@ def test_a_click_that_is_solved_at_places_is_the_one_that_a_table_holds(source: 
     levels_db = [[finger.level_db for finger in click.fingers] for click in (solved, held)]
     assert levels_db[0] == pytest.approx(levels_db[1], abs=1e-6)
     assert (solved.exceeds_s, solved.wanted_level_db) == (held.exceeds_s, held.wanted_level_db)
+
+
+RATE_HZ = 8_000.0
+
+
+@pytest.mark.parametrize("length_s", [0.01, 0.03, 0.1, 0.4, 3.0])
+def test_a_burst_counts_as_much_as_the_theory_says(length_s: float) -> None:
+    time_s = np.arange(round(4 * RATE_HZ)) / RATE_HZ
+    burst = np.where(time_s < length_s, 2.0 * np.sin(2 * np.pi * 400 * time_s), 0.0)
+    theory_db = 20 * np.log10(2.0) + 10 * np.log10(1 - np.exp(-length_s / 0.2))
+    assert summed_db(np.stack([burst, 10 * burst])[None], RATE_HZ)[0] == pytest.approx(
+        [theory_db, theory_db + 20], abs=0.05
+    )

@@ -6,11 +6,10 @@ import pytest
 from firmware_link.host.link_values import AccelerometerDescribed, Capabilities
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Acceleration
-from tactable.measure.board_bench import BoardBench
 from tactable.measure.board_sensor import BoardSensor, fixed_position_m, open_board_sensor
 from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import Fault
-from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
+from tactable.measure.simulated_bench import BoardBench, ConverterFlaws, SimulatedBench
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.measure.test_stepped_sine import bench_of, errors, true_response

@@ -2,19 +2,21 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from engine.device import Device
 from engine.render.limits import LimitError
 from engine.render.link_commands import RendererError
 from firmware_link.emulator.device_state import DeviceConfiguration
-from firmware_link.emulator.drive_log import Cause
+from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
-from tactable.measure import virtual_line
-from tactable.measure.asked_drive import AskedDrive, check_drive
+from tactable.measure import simulated_bench
+from tactable.measure.asked_drive import AskedDrive, check_drive, simulate_levels
 from tactable.measure.driven_device import DrivenDevice
+from tactable.rig.simulated_surface import SimulatedSurface
 from tests.engine.loop.rig import DEVICE
 from tests.tools.virtual import MS, VirtualLine
 
@@ -95,7 +97,7 @@ def test_a_board_that_stops_itself_ends_the_wait_and_can_be_armed_again() -> Non
 
 
 def test_a_lease_that_ended_before_its_renewal_came_is_known_when_it_is_asked_for() -> None:
-    line = virtual_line.VirtualLine(EmulatedFirmware(DeviceConfiguration(0x5EED)))
+    line = simulated_bench.VirtualLine(EmulatedFirmware(DeviceConfiguration(0x5EED)))
     with DrivenDevice(DEVICE, line, line, MOST) as driven:
         driven.play(check_drive(FIFTH, DEVICE))
         driven.wait(line.now_ns() + 500 * MS)
@@ -115,3 +117,17 @@ def test_a_lease_that_ended_before_its_renewal_came_is_known_when_it_is_asked_fo
 def test_what_is_beyond_a_limit_is_refused_by_name(asked: AskedDrive, text: str) -> None:
     with pytest.raises(LimitError, match=text):
         check_drive(asked, DEVICE)
+
+
+@pytest.mark.parametrize("hz", [(150.0, 150.0), (150.0, 130.0)])
+def test_the_levels_are_those_of_the_bar_in_time(hz: tuple[float, float]) -> None:
+    asked = AskedDrive(hz, (0.2, 0.1), (0.0, 1.0))
+    channels = tuple(ChannelTarget(*each) for each in zip(hz, asked.amplitudes, asked.phases_rad, strict=True))
+    bar = SimulatedSurface(DEVICE)
+    in_time = bar.simulate_held(DriveEvent(0, Cause.SET, 1, 200.0, channels), ())
+    peak_m_per_s2, level_db = simulate_levels(DEVICE, asked, bar.point_m)
+    assert peak_m_per_s2 == pytest.approx(in_time.acceleration, rel=0.02)
+    # Tones of two frequencies add as powers, so that their level is less than that of the sum of their peaks.
+    highest_db = 20 * np.log10(peak_m_per_s2 / DEVICE.threshold.peak_m_per_s2(np.array(hz[:1])))
+    assert (level_db == pytest.approx(highest_db)) == (hz[0] == hz[1])
+    assert (level_db <= highest_db + 1e-9).all()

@@ -1,4 +1,4 @@
-"""A recorded sweep becomes the response of what lies between its two channels, with an honest error."""
+"""A recorded sweep or tone becomes a response beside noise, hum and harmonics, with an honest error."""
 
 import math
 
@@ -8,6 +8,7 @@ from scipy import signal
 
 from base.arrays import Array, Complex
 from tactable.measure.sweep_fit import SweepFit, fit_sweep
+from tactable.measure.tone_fit import fit_tone, is_beside_hum
 
 RATE_HZ, LOW_HZ, HIGH_HZ, SWEEP_S, GATE_S = 4_000.0, 60.0, 300.0, 3.0, 1.0
 STRETCH_S = SWEEP_S / math.log(HIGH_HZ / LOW_HZ)
@@ -63,3 +64,32 @@ def test_distortion_is_seen_and_leaves_the_response_alone(order: int, least: flo
     # The third power of a sine has three quarters of its square in the sine itself.
     own = 1.0 if order == 2 else 1 + 0.3 * 0.75
     np.testing.assert_allclose(found.response, own * true_response(), rtol=0.03)
+
+
+TONE_RATE_HZ = 8_000.0
+SECONDS = 0.4
+
+
+def samples(hz: float, phasor: complex) -> Array:
+    time_s = np.arange(round(SECONDS * TONE_RATE_HZ)) / TONE_RATE_HZ
+    return np.asarray((phasor * np.exp(2j * np.pi * hz * time_s)).real[:, None])
+
+
+@pytest.mark.parametrize("hz", [60.0, 150.0, 209.37, 299.5])
+def test_a_tone_is_found_exactly_beside_offset_hum_and_harmonics(hz: float) -> None:
+    values = samples(hz, 0.3 - 0.4j) + 5.0
+    time_s = np.arange(len(values)) / TONE_RATE_HZ
+    free = [line for line in (50, 100, 250) if abs(line - hz) > 5]
+    for line in (*free, 2 * hz):
+        values[:, 0] += 0.7 * np.sin(2 * np.pi * line * time_s + 1)
+    fit = fit_tone(values, TONE_RATE_HZ, hz)
+    assert fit.phasor[0] == pytest.approx(0.3 - 0.4j, abs=1e-6)
+    assert fit.mean[0] == pytest.approx(5.0)
+    assert fit.hum[0] == pytest.approx(0.7, abs=1e-6)
+    assert fit.distortion[0] == pytest.approx(0.7, abs=1e-6)
+    assert fit.error(0) < 1e-6
+
+
+def test_a_line_of_the_mains_is_beside_the_tones_that_a_window_cannot_part_from_it() -> None:
+    found = [hz for hz in range(140, 190) if is_beside_hum(hz, SECONDS)]
+    assert found == [*range(148, 153), *range(178, 183)]

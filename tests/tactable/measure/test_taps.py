@@ -14,8 +14,7 @@ from precompute.model.modes import compute_modes
 from tactable.measure.sample_stream import write_header
 from tactable.measure.sensor import ACCELERATION, REFERENCE, SensorError, SensorForm
 from tactable.measure.simulated_bench import ConverterFlaws
-from tactable.measure.tapping.hammer import HammerOptions, Tapped, responses_text
-from tactable.measure.tapping.tap_bench import RATE_HZ, TapBench
+from tactable.measure.tapping.hammer import RATE_HZ, HammerOptions, TapBench, Tapped, responses_text
 from tactable.measure.tapping.taps import Tap, TapFault, find_taps, response_of
 from tests.precompute.devices import shipped
 from tests.tactable.cli.in_process import run_here

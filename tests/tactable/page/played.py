@@ -11,7 +11,7 @@ from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.protocol.messages import encode_drive
 from tactable.page.live_bar import LiveBar
-from tactable.page.ring_drive import RingDrive
+from tactable.page.processes.live_process import RingDrive
 
 RESOLUTION_HZ = 0.01
 STAGE_NS = 10_000

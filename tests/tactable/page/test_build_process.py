@@ -1,7 +1,9 @@
-"""The process that builds the page's table: a signal ends it whenever it comes, and what was built is kept."""
+"""The process that builds the page's table: it ends at any signal, compiles every kernel, and what plays first needs none."""
 
 import os
+import re
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -13,7 +15,7 @@ import pytest
 import precompute.builder.table_build
 from base.child import Parent
 from tactable.page.processes import build_process
-from tactable.page.processes.build_process import BuildOrder
+from tactable.page.processes.build_process import BUILDS, STEADY, SWEEP, BuildOrder
 from tactable.rig.ready import early_path
 
 
@@ -67,3 +69,39 @@ def test_a_signal_in_a_build_is_an_interrupt_and_ends_it(
         build_process.main(page, {"order": BuildOrder("reference-a", path, tmp_path / "first.nc")})
     assert ended.value.code == 1 and not path.exists()
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+ROOT = Path(__file__).parents[3]
+PLAYS_FIRST = ("tactable.page.opening", "tactable.page.processes.engine_process", "tactable.rig.ready")
+PLAYED = f"""
+import sys, {", ".join(PLAYS_FIRST)}
+print(*sys.modules)
+from pathlib import Path
+from engine.steady.plain_solver import PlainSolver
+from tactable.rig.first_table import open_first_table
+from tactable.shipped import find_device
+device = find_device("reference-a")
+with open_first_table(device, Path("first.nc")) as table:
+    assert PlainSolver(device, table.modes).solve([0.03, 0.2], [True, False], 20.0).achieved
+print(*sys.modules)
+"""
+SLOW = {"numba", "scipy.fft", "scipy.signal", "scipy.stats"}
+"""What takes as long to import as all the rest of a page, or longer."""
+
+
+def test_every_module_with_a_declared_kernel_is_listed() -> None:
+    declared = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for room in ("engine", "precompute", "tactable")
+        for path in (ROOT / room).rglob("*.py")
+        if re.search(r"^@njit\(\s*types\.", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert declared == {*STEADY, *SWEEP, *BUILDS}
+
+
+@pytest.mark.machine(stall_s=None)
+def test_what_plays_first_imports_nothing_slow_and_plays_without_a_compiler(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", PLAYED], capture_output=True, text=True, check=True, cwd=tmp_path)
+    imported, after_a_drive = (set(line.split()) for line in done.stdout.splitlines())
+    assert set(PLAYS_FIRST) < imported and not {*STEADY, *SWEEP, *BUILDS, *SLOW} & imported
+    assert "engine.steady.plain_solver" in after_a_drive and "numba" not in after_a_drive

@@ -12,7 +12,7 @@ from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.page.judged_commands import CommandReader
 from tactable.page.live_bar import LONGEST_STEP_S, RATE_HZ, LiveBar, decibels
-from tactable.page.ring_drive import RingDrive
+from tactable.page.processes.live_process import RingDrive
 from tactable.rig.other_bar import OtherBar
 from tactable.rig.promises import SampledPromises
 from tests.quick import first_quick

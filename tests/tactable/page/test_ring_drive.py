@@ -7,7 +7,7 @@ from engine.table import Table
 from engine.touch import Placement
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.protocol.basis import encode_click
-from tactable.page.ring_drive import RingDrive
+from tactable.page.processes.live_process import RingDrive
 from tests.tactable.page.played import RESOLUTION_HZ, record_of
 
 FINGERS = Placement((0.035, 0.22), (True, False))

@@ -16,7 +16,7 @@ from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule,
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRows
 from engine.table.levels import DEFAULT_LEVEL_DB
-from engine.touch import Placement
+from engine.touch import Placement, open_digitizer
 from engine.touch.sources.playback import Playback
 from engine.touch.sources.recording import Recording, read_recording, write_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
@@ -40,7 +40,7 @@ from tests.engine.shared_recordings import recording_params
 from tests.precompute.builder.test_table_build import SMALL
 from tests.tactable.cli.in_process import summary_of
 from tests.tactable.page.test_plate_page import PLATE
-from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tactable.rig.strokes import DEMO_STROKES, Stroke, make_recording
 from tests.tools.virtual import VirtualLine
 
 SHORTEST_S = 0.5
@@ -330,3 +330,12 @@ def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_t
     still = reporter.surface.feel(replace(run, log=replace(run.log, events=())), 1.0)
     assert len(still.time_s) > 10
     assert not still.drive.any() and not still.felt.any() and not still.quiet.any()
+
+
+def test_the_shipped_recording_is_what_the_digitizer_as_long_as_the_bar_makes() -> None:
+    # Remade by: write_recording(make_recording(DEMO_STROKES), DEMO_RECORDING)
+    shipped, made = read_recording(DEMO_RECORDING), make_recording(DEMO_STROKES)
+    assert shipped.descriptor == made.descriptor
+    assert [report.data for report in shipped.reports] == [report.data for report in made.reports]
+    assert "SIMULATED" in shipped.name
+    assert open_digitizer(shipped.descriptor).surface.x.extent_mm == pytest.approx(279.4, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The command `tactable emulate`: a port for any host, marked SIMULATED, with faults that are counted."""
+"""The command `tactable emulate`: a port for any host, marked SIMULATED, with faults that are counted, and its sensor."""
 
 import json
 import os
@@ -17,9 +17,16 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
+from tactable.rig.accelerometer import (
+    AccelerometerError,
+    EmulatedAccelerometer,
+    SensedSurface,
+)
 from tactable.shipped import find_device
+from tests.engine.loop.rig import DEVICE
 from tests.firmware_link.firmware.compiled_core import LIBRARY, make, need
 from tests.tactable.cli.in_process import run_here
+from tests.tactable.page.test_plate_page import plate
 
 TACTABLE = str(Path(sys.executable).parent / "tactable")
 
@@ -92,3 +99,14 @@ def test_either_core_is_listed_as_simulated_and_any_host_can_open_it_by_its_link
 def test_the_faults_explain_themselves(tmp_path: Path) -> None:
     told = run_here(tmp_path, "emulate", "--faults", "help")
     assert told.returncode == 0 and "reboot=" in told.stdout
+
+
+def test_a_point_on_the_surface_is_taken_and_one_beside_it_refused() -> None:
+    for device, here, beside in (
+        (DEVICE, "at=50mm", ("at=50 x 20 mm", "at=900mm")),
+        (plate(), "at=0 x 120 mm", ("at=50mm", "at=50 x 121 mm")),
+    ):
+        SensedSurface(device, EmulatedAccelerometer.parse(here), 1)
+        for text in beside:
+            with pytest.raises(AccelerometerError, match=f"off the {device.surface.kind}"):
+                SensedSurface(device, EmulatedAccelerometer.parse(text), 1)

@@ -23,7 +23,7 @@ from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.protocol.link_errors import LinkError
 from tactable.measure.board_sensor import BoardSensor
 from tactable.measure.sensor import SensorError
-from tactable.measure.virtual_line import VirtualLine
+from tactable.measure.simulated_bench import VirtualLine
 from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
 from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
