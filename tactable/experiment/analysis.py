@@ -41,7 +41,8 @@ class TrackFit:
     """What one track shows: level or difference in dB that is detected in half of the trials, and the rest.
 
     near_chance: the level at which NEAR_CHANCE of the stimuli are detected. is_shown: whether the threshold lies within
-    what the task asked. stimuli (stimulus, 3): level, number of answers, share of right ones. frequency_hz: of a tone.
+    what the task asked. stimuli (stimulus, 3): level, number of answers, share of right ones. frequency_hz: of a tone,
+    None of which-finger, whose fingers differ. quiet_db: what the other finger is predicted to feel less (median).
     """
 
     task: Task
@@ -175,20 +176,17 @@ def _track_fit(task: Task, finger: int, rows: Sequence[Row]) -> TrackFit:
         float(others["drift"] @ _DRIFTS_DB),
         bool((ends < _LEAST_AT_EDGE).all()),
         np.array([[db, len(each), np.mean(each)] for db, each in zip(levels_db, of_level, strict=True)]),
-        None if task.kind is Kind.WHICH_FINGER else _median(tests, "frequency_hz"),  # its fingers differ
-        _quiet_below(tests),
+        None
+        if task.kind is Kind.WHICH_FINGER
+        else _median([float(hz) for row in tests if (hz := row["frequency_hz"])]),
+        _median(
+            [float(row["felt_db"]) - float(row["quiet_db"]) for row in tests if row["felt_db"] and row["quiet_db"]]
+        ),
     )
 
 
-def _median(rows: Sequence[Row], column: str) -> float | None:
-    found = [float(row[column]) for row in rows if row[column]]
-    return float(np.median(found)) if found else None
-
-
-def _quiet_below(rows: Sequence[Row]) -> float | None:
-    """What the other finger is predicted to feel less than the one that feels, dB (median); None: it is not told."""
-    both = [float(row["felt_db"]) - float(row["quiet_db"]) for row in rows if row["felt_db"] and row["quiet_db"]]
-    return float(np.median(both)) if both else None
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
 
 
 def _share_of(task: Task, rows: Sequence[Row]) -> ShareFit:

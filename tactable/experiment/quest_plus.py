@@ -22,6 +22,7 @@ SLOPES = (1.2, 1.7, 2.4, 3.4, 4.8)
 SLOPE_WEIGHTS = (0.13, 0.6, 1.0, 0.6, 0.13)
 """How likely the slopes are before the first answer. ESTIMATES: about 2.4, within a factor of 1.4 in two of three."""
 LAPSES = (0.0, 0.03, 0.08)
+_STEP_DB, _GUESS = 1.0, 0.5  # between thresholds; share of right answers of who detects nothing, of two choices
 BEYOND_DB = 6.0  # by which thresholds are looked for on either side of the stimuli
 
 
@@ -41,13 +42,11 @@ def threshold_grid(x_db: Array, step_db: float) -> Array:
 class QuestPlus:
     """One adaptive track: `choose_stimulus`, ask, `update`. x_db (stimulus,): the stimuli on offer, rising."""
 
-    def __init__(self, x_db: Array, guess: float = 0.5, step_db: float = 1.0) -> None:
+    def __init__(self, x_db: Array) -> None:
         self.x_db = np.asarray(x_db, dtype=float)
-        axes = np.meshgrid(threshold_grid(self.x_db, step_db), SLOPES, LAPSES, indexing="ij")
+        axes = np.meshgrid(threshold_grid(self.x_db, _STEP_DB), SLOPES, LAPSES, indexing="ij")
         parameters = [axis.ravel() for axis in axes]
-        self._correct = probability_correct(
-            self.x_db[:, None], parameters[0], parameters[1], parameters[2], guess
-        )  # (stimulus, grid point)
+        self._correct = probability_correct(self.x_db[:, None], *parameters, _GUESS)  # (stimulus, grid point)
         weights = np.tile(np.repeat(SLOPE_WEIGHTS, len(LAPSES)), len(axes[0]))
         self.posterior = weights / weights.sum()
 

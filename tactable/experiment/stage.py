@@ -131,7 +131,7 @@ class LiveStage:
                 f"the run plays {client.run['device']}, and the table is of {device_name}: give the table that it plays"
             )
         stage = cls(client, required)
-        await client.ask({"type": "settings", "enabled": True, "rule_file": False, "level_change": "0 dB"})
+        await stage.enable(is_enabled=True)
         for duration_s in {task.duration_s for task in protocol.tasks}:
             length = f"{1e3 * duration_s:g} ms" if duration_s else "click"
             await client.ask({"type": "define", "name": _name_of(duration_s), "envelope": [[length, "0 dB"]]})

@@ -34,12 +34,7 @@ class Taker:
         repeats = len(actuators) if len(source.loopbacks) == 1 else 1
         loopbacks = repeats * source.loopbacks
         self._columns = [source.acceleration, *loopbacks, *(channel for _, channel, _ in source.further)]
-        scales = [
-            source.scale_m_per_s2,
-            *[source.loopback_scale] * len(loopbacks),
-            *(each[2] for each in source.further),
-        ]
-        self._scales = np.array(scales, np.float32)
+        self._scales = np.array(self.form.clips_at, np.float32)  # a sample of 1 is the end
         self._pipe, self._pace = pipe, CardPace(source.rate_hz)
         self._longest = round(_LONGEST_LOSS_S * source.rate_hz)
         self._unwritten = write_header(self.form)

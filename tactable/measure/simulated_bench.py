@@ -42,11 +42,6 @@ class VirtualLine:
         self._board = board
         self._to_device: list[tuple[int, bytes]] = []
         self._to_host: list[tuple[int, bytes]] = []
-        self._stall_ns = 0
-
-    def stall(self, duration_ns: int) -> None:
-        """Let the host stand still for a while at its next wait."""
-        self._stall_ns = duration_ns
 
     def now_ns(self) -> int:
         """Virtual time."""
@@ -55,9 +50,6 @@ class VirtualLine:
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:  # noqa: ARG002  # a Clock
         """Let time pass until one of `readable` can be read, or until then."""
         end_ns = self.time_ns + _NS_PER_S if until_ns is None else until_ns
-        if self._stall_ns:
-            self.run_to(self.time_ns + self._stall_ns)
-            self._stall_ns = 0
         while not (ready := self._ready_of(readable)) and self.time_ns < end_ns:
             self.run_to(min(end_ns, self._next_ns(readable)))
         return ready
@@ -355,9 +347,9 @@ class BoardBench(VirtualLine):
         for name, flaw in _OF_CONVERTERS.items():
             if getattr(flaws, name):
                 raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
-        self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID)))
         kept = (flaws.drift, flaws.gain, flaws.offset_m_per_s2, flaws.noise_m_per_s2)
         part = EmulatedAccelerometer(true.surface.corner_m / 2, sensor_mass_kg, *kept)
+        self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID), part))
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
         self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
         super().__init__(self._sensed)

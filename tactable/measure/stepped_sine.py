@@ -45,7 +45,7 @@ _SETTLED = 0.003  # of the tone: 0.026 dB, a seventh of what a reading may err (
 _REST_HZ = 37.0  # beside every line of the mains
 LATE_S = 0.1  # what a command and its samples take at the most: 20 ms of a sound card, a block, the line
 _ONSET = 0.05  # of the amplitude: a sine passes it within 1 % of a period; a loopback has less noise
-_LEAST_LOOPBACK = 1e-4  # of full scale
+LEAST_LOOPBACK = 1e-4  # of full scale
 _REARMED = 5  # more often, and the board has a fault that arming does not mend
 _LOST = 5  # windows of one reading; more, and a channel has come off
 _LAPSING_NS = 20_000_000_000  # for so long the bar is waited for again in a drive that lapses
@@ -317,7 +317,7 @@ class SteppedSine:
         faults = list(find_faults(fit, values, self.form, reference, self.rest.hum))
         if not is_steady and Fault.LOST_SAMPLES not in faults:
             faults.append(Fault.NOT_STEADY)
-        if reference is not None and abs(fit.phasor[reference]) < _LEAST_LOOPBACK:
+        if reference is not None and abs(fit.phasor[reference]) < LEAST_LOOPBACK:
             faults.append(Fault.NO_SIGNAL)
         elif reference is not None and Fault.LOST_SAMPLES not in faults:
             self.drift += fit.drift(reference)

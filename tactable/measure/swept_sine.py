@@ -35,7 +35,7 @@ from tactable.measure.faults import (
     is_stalled,
 )
 from tactable.measure.sensor import SensorError
-from tactable.measure.stepped_sine import LATE_S, STEP_OF_LEVEL, Reading, SteppedSine
+from tactable.measure.stepped_sine import LATE_S, LEAST_LOOPBACK, STEP_OF_LEVEL, Reading, SteppedSine
 from tactable.measure.sweep_fit import BEFORE_S, SweepFit, fit_sweep, has_jumps
 from tactable.measure.tone_fit import HUM_LINES, MAINS_HZ, fit_tone
 
@@ -43,7 +43,6 @@ STEP_NS = 10_000_000  # between two frequencies: 0.5 Hz apart at 300 Hz and a sw
 _MARGIN = 0.05  # a sweep goes this fraction beyond the outermost wanted frequencies, where the band allows it
 _REST_S = BEFORE_S + 0.1  # the gate opens BEFORE_S ahead of the sweep, which may begin a little late
 _CLOCK_S = 1.0
-_LEAST_LOOPBACK = 1e-4  # of full scale
 _LEFT_S = 6.0  # time constants of the slowest mode for which the bar rings: a thousandth is left
 _SHORTEST_GATE_S, _LONGEST_GATE_S = 0.5, 4.0  # 2 Hz and 0.25 Hz apart; the rest of a longer ringing counts as noise
 _BESIDE = 1.5  # widths of the gate's spectrum within which a line of the mains is beside a frequency
@@ -135,7 +134,7 @@ class SweptSine:
             Fault.STALLED: is_stalled(swept, math.ceil(rate_hz / low_hz)),
             Fault.CLIPPING: any(is_clipped(part, form) for part in np.array_split(values, _PARTS)),
             Fault.LOST_SAMPLES: bool(np.isnan(values).any()) or has_jumps(drive),
-            Fault.NO_SIGNAL: bool(abs(drive).max() < _LEAST_LOOPBACK),
+            Fault.NO_SIGNAL: bool(abs(drive).max() < LEAST_LOOPBACK),
         }
         faults = tuple(fault for fault, is_there in causes.items() if is_there)
         is_noisy = float((fit.error > MOST_ERROR).mean()) > _FEW
@@ -176,7 +175,7 @@ class SweptSine:
         driven.silence()
         fit = fit_tone(values, self._form.sample_rate_hz, hz / (1 + self._stepped.drift))
         is_whole = fit.phase_step_rad(reference) < MOST_PHASE_STEP_RAD
-        if abs(fit.phasor[reference]) >= _LEAST_LOOPBACK and is_whole:
+        if abs(fit.phasor[reference]) >= LEAST_LOOPBACK and is_whole:
             self._stepped.drift += fit.drift(reference)
             self._is_clock_known = True
 

@@ -210,6 +210,8 @@ def encode_scene(scene: dict[str, Any]) -> bytes:
 def encode_picture(picture: Picture) -> bytes:
     """Encode a PICTURE."""
     counts = [len(part) for part in (picture.fingers, picture.made, picture.channels)]
+    has_paper = picture.paper is not None
+    flags = (picture.is_loaded, picture.is_playing, picture.is_late, has_paper, picture.is_mixed)
     fixed = _PICTURE.pack(
         picture.time_s,
         *picture.counters,
@@ -220,7 +222,7 @@ def encode_picture(picture: Picture) -> bytes:
         *picture.median_ns,
         picture.latencies,
         picture.drive,
-        _flags(picture),
+        sum(is_set << bit for bit, is_set in enumerate(flags)),
         *counts,
         len(picture.levels_db) // picture.rows,
         picture.rows,
@@ -231,12 +233,6 @@ def encode_picture(picture: Picture) -> bytes:
     paper = b"" if picture.paper is None else _paper_bytes(picture.paper)
     levels = _level_bytes(picture.levels_db, picture.counted_db)
     return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels, paper))
-
-
-def _flags(picture: Picture) -> int:
-    late, second = picture.is_late, picture.paper is not None
-    bits = (picture.is_loaded, picture.is_playing, late, second, picture.is_mixed)
-    return sum(is_set << bit for bit, is_set in enumerate(bits))
 
 
 def _level_bytes(*levels_db: Array) -> bytes:

@@ -96,17 +96,13 @@ _WORDS = {
 assert [name for name, _ in _WORDS.values()] == [field.name for field in fields(EmulatedAccelerometer)]
 
 
-def with_accelerometer(
-    configuration: DeviceConfiguration, part: EmulatedAccelerometer | None = None
-) -> DeviceConfiguration:
-    """The configuration of a board with the part; None: an ADXL345."""
-    is_quiet = part is not None and part.quiet
-    scale_m_per_s2 = SCALE_M_PER_S2 if part is None else part.scale_m_per_s2
+def with_accelerometer(configuration: DeviceConfiguration, part: EmulatedAccelerometer) -> DeviceConfiguration:
+    """The configuration of a board with the part."""
     return replace(
         configuration,
         sensor_rate_mhz=round(1_000 * RATE_HZ),
-        sensor_scale_nm_per_s2=round(1e9 * scale_m_per_s2),
-        sensor_greatest=QUIET_GREATEST if is_quiet else GREATEST,
+        sensor_scale_nm_per_s2=round(1e9 * part.scale_m_per_s2),
+        sensor_greatest=QUIET_GREATEST if part.quiet else GREATEST,
     )
 
 

@@ -37,6 +37,7 @@ from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
 from tactable.rig.simulated_surface import ENVELOPE_S, Felt, SimulatedSurface
 
 MOST_DRIVES = 40  # most steady drives of a run whose promise is compared with the simulation
+_NOTHING = (0.0, 0.0)  # of acceleration in a run
 LONGEST_REPLAY_S = 12.0  # a longer recording is replayed faster, so that the demo ends within a minute
 
 
@@ -103,10 +104,10 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     held = [wanted for wanted, event in applied.items() if event.waveform is None]
     compared = [held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), MOST_DRIVES))]
     drives = tuple(
-        reporter.report_drive(wanted, applied[wanted], *greatest.get(wanted, (0.0, 0.0))) for wanted in compared
+        reporter.report_drive(wanted, applied[wanted], greatest.get(wanted, _NOTHING)) for wanted in compared
     )
     clicks = tuple(
-        reporter.report_click(wanted, event, *greatest.get(wanted, (0.0, 0.0)))
+        reporter.report_click(wanted, event, greatest.get(wanted, _NOTHING))
         for wanted, event in applied.items()
         if event.waveform is not None
     )
@@ -125,10 +126,8 @@ class Reporter:
         self._plant = assemble(table.device)
         self._zone_at = zone_finder(table.device).zone_at
 
-    def report_drive(
-        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
-    ) -> DriveReport:
-        """Report a steady drive that the firmware got; the last two are the greatest accelerations in the run."""
+    def report_drive(self, wanted: Wanted, event: DriveEvent, in_run: tuple[float, float] = _NOTHING) -> DriveReport:
+        """Report a steady drive that the firmware got; in_run: as of `_greatest`."""
         placement = wanted.placement
         drive: SteadyDrive | BestRow
         if self._drives is Drives.ZONES:
@@ -143,22 +142,17 @@ class Reporter:
         share = compute_steady_state(loaded, hz, drive.complex_amplitudes).share
         return DriveReport(
             promise,
-            felt_m_per_s2,
-            quiet_m_per_s2,
+            *in_run,
             drive,
             self.surface.simulate_held(event, placement.position_m),
             felt_zones,
             float(share[list(felt_zones)].sum()),
         )
 
-    def report_click(
-        self, wanted: Wanted, event: DriveEvent, felt_m_per_s2: float = 0.0, quiet_m_per_s2: float = 0.0
-    ) -> ClickReport:
-        """Report a click that the firmware got; the last two are the greatest accelerations in the run."""
-        placement = wanted.placement
-        click, promise = self._promises.of_click(placement, wanted.level_db)
-        simulated = self.surface.simulate_click(event, placement.position_m)
-        return ClickReport(promise, felt_m_per_s2, quiet_m_per_s2, click, simulated)
+    def report_click(self, wanted: Wanted, event: DriveEvent, in_run: tuple[float, float] = _NOTHING) -> ClickReport:
+        """Report a click that the firmware got; in_run: as of `_greatest`."""
+        click, promise = self._promises.of_click(wanted.placement, wanted.level_db)
+        return ClickReport(promise, *in_run, click, self.surface.simulate_click(event, wanted.placement.position_m))
 
 
 def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
@@ -183,7 +177,7 @@ def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
     for (_, wanted), start_s, stop_s in zip(changes, starts_s, [*starts_s[1:], np.inf], strict=True):
         during = (felt.time_s >= start_s - ENVELOPE_S) & (felt.time_s + ENVELOPE_S <= stop_s)
         found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
-        before = out.get(wanted, (0.0, 0.0))
+        before = out.get(wanted, _NOTHING)
         out[wanted] = (max(before[0], next(found)), max(before[1], next(found)))
     return out
 

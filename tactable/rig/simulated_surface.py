@@ -64,20 +64,14 @@ class SimulatedClick:
 class Felt:
     """Envelopes over a run, a value every ENVELOPE_S, fingers loading the surface.
 
-    drive (time, actuator): fractions of full scale; acceleration (time,): the greatest under any finger, m/s^2; felt,
-    quiet (time,): the greatest under the fingers that are to feel at that moment, or of which it still rings down, and
-    under the others.
+    drive (time, actuator): fractions of full scale; felt, quiet (time,): the greatest acceleration, m/s^2, under the
+    fingers that are to feel at that moment, or of which it still rings down, and under the others.
     """
 
     time_s: Array
     drive: Array
     felt: Array
     quiet: Array
-
-    @property
-    def acceleration(self) -> Array:
-        """Shape (time,): the greatest under any finger, m/s^2."""
-        return np.maximum(self.felt, self.quiet)
 
 
 class SimulatedSurface:

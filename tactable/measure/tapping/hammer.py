@@ -24,7 +24,8 @@ from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transient import TransientPlant
 from tactable.audio.names import AudioInput, is_audio, parse_input
-from tactable.measure.audio_process import AudioSensor, form_of
+from tactable.measure.apparatus import open_sensor
+from tactable.measure.audio_process import form_of
 from tactable.measure.driven_device import PATIENCE_NS
 from tactable.measure.sample_stream import SampleStream
 from tactable.measure.sensor import ACCELERATION, FORCE, REFERENCE, Sensor, SensorError, SensorForm
@@ -189,7 +190,7 @@ def open_taps(
             )
         yield form, lambda _: ([left.pop(0) for _ in range(options.taps)], False)
     else:
-        live: Sensor = AudioSensor(sensor, device) if is_audio(sensor) else SampleStream(Path(sensor), device)
+        live = open_sensor(sensor, device)
         roves = "hammer" if FORCE in live.form.channels or REFERENCE not in live.form.channels else "sensor"
         seconds = options.taps * options.pause_s
 

@@ -60,20 +60,15 @@ class Programs:
 
     def __init__(self, asked: ProgramsAt | None, ring: Path) -> None:
         self.slot: ControlProcess | None = None
-        self._asked, self._ring = asked, ring
+        self.asked, self._ring = asked, ring
         self._is_announced = False
-
-    @property
-    def are_wanted(self) -> bool:
-        """Whether a channel was asked for."""
-        return self._asked is not None
 
     def open(self, table: Path) -> ControlProcess | None:
         """The slot of the next run, which is told of it. Raises ChildError where a port or the socket is taken."""
         if self.slot is not None:
             self.slot.change_run(table)
-        elif self._asked is not None:
-            asked = self._asked
+        elif self.asked is not None:
+            asked = self.asked
             of = ControlOf(Path(asked.socket), self._ring, table, asked.port, asked.osc_port, is_watched=False)
             self.slot = ControlProcess(of)
         return self.slot
@@ -117,7 +112,7 @@ def _run(order: Order, pipe: int, ring: RingWriter, programs: Programs, parent: 
         effects = effects_of(order.choice, table.device, order.rule_file)
         if not table.best_rows:  # it has no sweep yet: drives are solved until a table comes that has one
             effects = replace(effects, drives=Drives.POSITIONS)
-        if programs.are_wanted:
+        if programs.asked is not None:
             effects = replace(effects, others=tuple(named_effects().values()))
         has_several = table.clicks.finger_place.shape[1] > 1  # else all of several fingers are solved
         options = LiveOptions(

@@ -1,4 +1,4 @@
-"""Stepped and swept sines on a simulated bench: right responses, and every flaw of a converter named by what it spoils."""
+"""Stepped and swept sines on a simulated bench: right responses, and every flaw named by what it spoils."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -40,15 +40,16 @@ def stepping(
 class BusyHost(SimulatedBench):
     """A bench whose host stands still for longer than a lease, again and again for a while."""
 
-    period_ns = until_ns = due_ns = 0
+    period_ns = until_ns = due_ns = stall_ns = 0
 
-    def be_busy(self, period_ns: int, duration_ns: int) -> None:
+    def be_busy(self, period_ns: int, duration_ns: int, stall_ns: int = 60 * MS) -> None:
         self.period_ns, self.until_ns, self.due_ns = period_ns, self.time_ns + duration_ns, self.time_ns
+        self.stall_ns = stall_ns
 
     def wait(self, until_ns: int | None, readable: Sequence[int], writable: Sequence[int]) -> Sequence[int]:
         if self.due_ns <= self.time_ns < self.until_ns:
             self.due_ns = self.time_ns + self.period_ns
-            self.stall(60 * MS)
+            self.run_to(self.time_ns + self.stall_ns)
         return super().wait(until_ns, readable, writable)
 
 
@@ -196,9 +197,9 @@ def test_without_loopback_the_magnitude_is_known_and_no_phase() -> None:
 
 
 def test_a_board_that_stopped_itself_is_armed_again_and_the_reading_taken_again() -> None:
-    bench = bench_of()
+    bench = bench_of("", BusyHost)
     with stepping(bench) as stepped:
-        bench.stall(400 * MS)
+        bench.be_busy(1, 1, 400 * MS)
         reading, _ = stepped.read(0, 209)
     assert stepped.rearmed == 1
     assert errors(reading)[0] < 0.05

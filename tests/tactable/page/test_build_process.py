@@ -1,4 +1,4 @@
-"""The process that builds the page's table: it ends at any signal, compiles every kernel, and what plays first needs none."""
+"""The process that builds the page's table: it ends at any signal, and what plays first needs no kernel."""
 
 import os
 import re

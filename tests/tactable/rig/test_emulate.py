@@ -1,4 +1,4 @@
-"""The command `tactable emulate`: a port for any host, marked SIMULATED, with faults that are counted, and its sensor."""
+"""The command `tactable emulate`: a port for any host, marked SIMULATED, its faults counted, and its sensor."""
 
 import json
 import os
