@@ -14,15 +14,14 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from tactable.control.security import HEADERS, AccessPolicy, quiet_server
+from tactable.control.security import AccessPolicy, quiet_server
 from tactable.experiment.conduct import Screen
+from tactable.page.page_server import answer_file, files_of
 
 MOST_BYTES = 1024
 MOST_BROWSERS = 8
 _STATIC = Path(__file__).parent / "static"
 _ICON = Path(__file__).parents[1] / "page" / "static" / "icon.svg"
-_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_FILES = {path.name: path for path in (*_STATIC.iterdir(), _ICON)}
 
 
 class QuestionServer:
@@ -31,23 +30,19 @@ class QuestionServer:
     def __init__(self, screen: Screen, access: AccessPolicy) -> None:
         self._screen, self._access = screen, access
         self._browsers: dict[WebSocket, asyncio.Event] = {}
-        self._is_over = False
+        self._files = files_of((*_STATIC.iterdir(), _ICON))
         screen.on_change = self._tell
         files = [Route("/{token}/", self._answer_file), Route("/{token}/{name}", self._answer_file)]
         self.app = Starlette(routes=[WebSocketRoute("/{token}/answers", self._converse), *files])
         self.app.router.redirect_slashes = False
 
     async def _answer_file(self, request: Request) -> Response:
-        name = request.path_params.get("name", "question.html")
-        if not self._admits(request.headers.get("host"), request.path_params["token"]):
-            return Response("refused: open the address that tactable printed\n", 403, HEADERS)
-        if name not in _FILES:
-            return Response("there is no such file\n", 404, HEADERS)
-        return Response(_FILES[name].read_bytes(), 200, HEADERS, media_type=_TYPES[_FILES[name].suffix])
+        return await answer_file(request, self._access, self._files, "question.html")
 
     async def _converse(self, socket_: WebSocket) -> None:
         host, origin = socket_.headers.get("host"), socket_.headers.get("origin")
-        is_admitted = self._admits(host, socket_.path_params["token"]) and self._access.admits_origin(origin, host)
+        access, token = self._access, socket_.path_params["token"]
+        is_admitted = access.knows(token) and access.admits_origin(origin, host)
         if not is_admitted or len(self._browsers) >= MOST_BROWSERS:
             await socket_.close()
             return
@@ -78,9 +73,6 @@ class QuestionServer:
     def _tell(self) -> None:
         for news in self._browsers.values():
             news.set()
-
-    def _admits(self, host: str | None, token: str) -> bool:
-        return self._access.admits_host(host) and self._access.knows(token)
 
 
 async def serve_questions(

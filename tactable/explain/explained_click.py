@@ -123,7 +123,7 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
         {
             "device": device.name,
             "fingerprint": table.fingerprint,
-            "fingers": _fingers_json(table, explained.placement, explained.finger_db),
+            "fingers": words.fingers_json(device, explained.placement, explained.finger_db.tolist()),
             "felt_zones": zones["felt"],
             "quiet_zones": zones["quiet"],
             **{key: getattr(click, key) for key in _OWN},
@@ -160,16 +160,8 @@ def _tabulated_json(table: Table, placement: Placement, tabulated: Tabulated) ->
         "amplitude": click.amplitude,
         "felt_db": _spread_json(click.felt),
         "quiet_db": _spread_json(click.quiet),
-        "fingers": _fingers_json(table, placement, tabulated.finger_db),
+        "fingers": words.fingers_json(table.device, placement, tabulated.finger_db.tolist()),
     }
-
-
-def _fingers_json(table: Table, placement: Placement, finger_db: Array) -> list[dict[str, Any]]:
-    names = ("nominal", *_PERCENTILES)
-    return [
-        {**finger, "level_db": dict(zip(names, levels, strict=True))}
-        for finger, levels in zip(words.placement_json(table.device, placement), finger_db.tolist(), strict=True)
-    ]
 
 
 def print_click(out: Console, table: Table, explained: Explained) -> None:
@@ -219,16 +211,11 @@ def _passed_words(click: ClickEntry) -> str:
 def _finger_grid(table: Table, explained: Explained) -> Grid:
     """A row for each finger; the columns of the table's click where there is one."""
     caption = f"dB {table.device.threshold.above}; percentiles over {explained.options.judged} fresh plants"
-    columns, levels_db = ["finger", "role", "nominal", *_PERCENTILES], explained.finger_db
-    tabulated, placement = explained.tabulated, explained.placement
+    columns, levels_db, tabulated = ["nominal", *_PERCENTILES], explained.finger_db, explained.tabulated
     if tabulated is not None:
         columns += ["table's: nominal", *_PERCENTILES]
         levels_db = np.hstack([levels_db, tabulated.finger_db])
-    grid = Grid(*columns, caption=caption)
-    names = words.finger_names(table.device, placement)
-    for name, is_felt, levels in zip(names, placement.is_felt, levels_db.tolist(), strict=True):
-        grid.add_row(name, "felt" if is_felt else "quiet", *(f"{level_db:z.1f}" for level_db in levels))
-    return grid
+    return words.finger_grid(table.device, explained.placement, columns, levels_db.tolist(), caption)
 
 
 def _table_words(table: Table, explained: Explained) -> str:

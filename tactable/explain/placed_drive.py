@@ -8,7 +8,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
-from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device, Threshold
 from engine.steady.given_drive import CASES, compute_levels
@@ -18,8 +17,6 @@ from engine.touch import Placement
 from precompute.builder.measured_responses import plant_of
 from precompute.predict.at_positions import SAMPLES, PlacementFigures, SteadyDesigner
 from tactable.explain import words
-
-PERCENTILES = ("5 %", "50 %", "95 %")
 
 
 def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
@@ -47,12 +44,7 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
             "achieved": drive.achieved,
             "objective": drive.objective,
             "drive": words.drive_json(drive),
-            "fingers": [
-                {**finger, "level_db": {"nominal": level_db, **_by_percentile(figures.finger_percentiles(number))}}
-                for number, (finger, level_db) in enumerate(
-                    zip(words.placement_json(device, placement), figures.level_db.tolist(), strict=True)
-                )
-            ],
+            "fingers": words.fingers_json(device, placement, _levels_of(figures)),
             "level_db": drive.weakest_felt_db,
             "contrast_db": figures.contrast_db,
             "expected_contrast_db": figures.expected_contrast_db,
@@ -80,26 +72,24 @@ def print_placed_drive(out: Console, table: Table, figures: PlacementFigures, th
         out, f"{head}, solved for these positions, as a run does", *words.drive_lines(device, drive), reached
     )
     words.print_lines(out, f"t90 {1e3 * figures.t90_s:.0f} ms; maximised: {drive.objective}; no bound is computed")
-    spreads = [astuple(figures.finger_percentiles(finger)) for finger in range(len(drive.felt))]
-    out.print(finger_grid(replace(device, threshold=threshold), placement, figures.level_db.tolist(), spreads, SAMPLES))
+    out.print(_finger_grid(replace(device, threshold=threshold), placement, _levels_of(figures), SAMPLES))
     words.print_estimates(out, device, threshold)
 
 
-def finger_grid(
-    device: Device, placement: Placement, standard_db: Sequence[float], spreads: Sequence[Sequence[float]], cases: int
-) -> Grid:
-    """Levels of each finger: a standard one, and percentiles over `cases` sampled ones."""
+def _levels_of(figures: PlacementFigures) -> list[list[float]]:
+    """Levels (finger, 4): of a standard finger, then percentiles over the sampled ones."""
+    levels_db = enumerate(figures.level_db.tolist())
+    return [[level_db, *astuple(figures.finger_percentiles(finger))] for finger, level_db in levels_db]
+
+
+def _finger_grid(device: Device, placement: Placement, levels_db: Sequence[Sequence[float]], cases: int) -> Grid:
+    """Levels (finger, 4): of a standard finger, then percentiles over `cases` sampled ones."""
     caption = (
         f"dB {device.threshold.above}; percentiles over {cases} sampled {sampled_word(device)}, fingers of "
         f"{device.finger.spread:g}-fold spread, each within {1e3 * device.spread.reach_m:g} mm of its position; "
         f"spread {device.spread.name or 'of the device file'}"
     )
-    grid = Grid("finger", "role", "standard", *PERCENTILES, caption=caption)
-    figures = zip(words.finger_names(device, placement), placement.is_felt, standard_db, spreads, strict=True)
-    for name, is_felt, level_db, spread in figures:
-        shown = [f"{value:z.1f}" for value in (level_db, *spread)]
-        grid.add_row(name, "felt" if is_felt else "quiet", *shown)
-    return grid
+    return words.finger_grid(device, placement, ("standard", *words.PERCENTILES), levels_db, caption)
 
 
 def sampled_word(device: Device) -> str:
@@ -109,11 +99,14 @@ def sampled_word(device: Device) -> str:
 
 
 def _by_percentile(levels: Any) -> dict[str, float]:
-    return dict(zip(PERCENTILES, astuple(levels), strict=True))
+    return dict(zip(words.PERCENTILES, astuple(levels), strict=True))
 
 
 class ExplainedRow:
-    """The row of a table for fingers, and their levels (case, finger), standard first. Raises TableError for none."""
+    """The row of a table for fingers. Raises TableError for none.
+
+    levels_db (finger, 4): of a standard finger, then 5th, 50th and 95th percentile over the sampled cases.
+    """
 
     def __init__(self, table: Table, placement: Placement, level_db: float) -> None:
         device = table.device
@@ -121,18 +114,15 @@ class ExplainedRow:
         self.felt_zones = words.zone_names(device, placement)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
-        self.level_db: Array = compute_levels(device, table.modes, placement.position_m, *played)
-        self.percentiles_db: list[list[float]] = np.percentile(self.level_db[1:], (5, 50, 95), axis=0).T.tolist()
-        """5th, 50th and 95th percentile over the sampled cases of each finger."""
+        level_db = compute_levels(device, table.modes, placement.position_m, *played)
+        percentiles_db = np.percentile(level_db[1:], (5, 50, 95), axis=0)
+        self.levels_db: list[list[float]] = np.column_stack([level_db[0], *percentiles_db]).tolist()
 
 
 def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
     """The row as plain values for JSON, which has no infinite level: None stands for it."""
     table, row, placement = explained.table, explained.row, explained.placement
     device, names = table.device, [zone.name for zone in table.device.zones]
-    fingers = zip(
-        words.placement_json(device, placement), explained.level_db[0].tolist(), explained.percentiles_db, strict=True
-    )
     return to_plain(
         {
             "device": device.name,
@@ -152,10 +142,7 @@ def best_row_json(explained: ExplainedRow) -> dict[str, Any]:
                     names, row.shares, row.peaks_m_per_s2, row.dead_spots_m_per_s2, strict=True
                 )
             },
-            "fingers": [
-                {**finger, "level_db": {"nominal": level_db, **dict(zip(PERCENTILES, spread, strict=True))}}
-                for finger, level_db, spread in fingers
-            ],
+            "fingers": words.fingers_json(device, placement, explained.levels_db),
             "sampled_cases": CASES,
             "threshold": device.threshold.title,
             "estimated": [*device.estimated_values, "detection threshold"],
@@ -182,5 +169,5 @@ def print_best_row(out: Console, explained: ExplainedRow) -> None:
     for zone, share, peak, dead in figures:
         grid.add_row(zone.name, f"{share:.3f}", f"{peak:.2f}", f"{dead:.2f}")
     out.print(grid)
-    out.print(finger_grid(device, placement, explained.level_db[0].tolist(), explained.percentiles_db, CASES))
+    out.print(_finger_grid(device, placement, explained.levels_db, CASES))
     words.print_estimates(out, device, device.threshold)

@@ -1,9 +1,11 @@
 """Levels, fingers, zones and states of a table in words, for pages, pictures and JSON alike."""
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table as Grid
 
 from base.points import point_text
 from engine.device import Device, Threshold
@@ -13,6 +15,7 @@ from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import zone_finder
 
+PERCENTILES = ("5 %", "50 %", "95 %")
 _NAMED = 3  # estimates that are named; the others are counted
 
 
@@ -49,6 +52,23 @@ def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]
         }
         for at_m, is_felt, zone in zip(placement.position_m, placement.is_felt, zones, strict=True)
     ]
+
+
+def fingers_json(device: Device, placement: Placement, levels_db: Iterable[Sequence[float]]) -> list[dict[str, Any]]:
+    """Each finger with its levels (finger, 4), nominal, then 5th, 50th and 95th percentile, for JSON."""
+    names = ("nominal", *PERCENTILES)
+    pairs = zip(placement_json(device, placement), levels_db, strict=True)
+    return [{**finger, "level_db": dict(zip(names, levels, strict=True))} for finger, levels in pairs]
+
+
+def finger_grid(
+    device: Device, placement: Placement, columns: Sequence[str], levels_db: Iterable[Sequence[float]], caption: str
+) -> Grid:
+    """A row for each finger: its name, its role and its levels (finger, column)."""
+    grid = Grid("finger", "role", *columns, caption=caption)
+    for name, is_felt, levels in zip(finger_names(device, placement), placement.is_felt, levels_db, strict=True):
+        grid.add_row(name, "felt" if is_felt else "quiet", *(f"{level_db:z.1f}" for level_db in levels))
+    return grid
 
 
 def drive_lines(device: Device, drive: SteadyDrive | BestRow) -> list[str]:

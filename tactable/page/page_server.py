@@ -15,7 +15,7 @@ import secrets
 import socket
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,7 @@ class PageServer:
         self._browsers: dict[int, _Browser] = {}
         self._opened = 0
         self._has_ticket = True
-        self._files = {path.name: path.read_bytes() for path in _STATIC.iterdir() if path.suffix in _TYPES}
+        self._files = files_of(_STATIC.iterdir())
         routes = [
             Route("/open/{ticket}", self._answer_ticket),
             Route("/{token}/", self._answer_file),
@@ -144,13 +144,7 @@ class PageServer:
         return Response(status_code=303, headers={**HEADERS, "Location": f"/{self.access.token}/"})
 
     async def _answer_file(self, request: Request) -> Response:
-        token, name = request.path_params["token"], request.path_params.get("name", "index.html")
-        if not self.access.admits_host(request.headers.get("host")) or not self.access.knows(token):
-            return await _refused(request, None)
-        content = self._files.get(name)
-        if content is None:
-            return Response("there is no such file\n", 404, HEADERS)
-        return Response(content, 200, HEADERS, media_type=_TYPES[Path(name).suffix])
+        return await answer_file(request, self.access, self._files, "index.html")
 
     async def _answer_socket(self, socket_: WebSocket) -> None:
         headers = socket_.headers
@@ -220,6 +214,21 @@ class PageServer:
             now_s = time.monotonic()
             due_s = max(due_s + (FRAME_S if self._browsers else ALONE_S), now_s + max(now_s - began_s, FRAME_S / 4))
             await asyncio.sleep(due_s - now_s)
+
+
+def files_of(paths: Iterable[Path]) -> dict[str, bytes]:
+    """The files of a page, by name."""
+    return {path.name: path.read_bytes() for path in paths if path.suffix in _TYPES}
+
+
+async def answer_file(request: Request, access: AccessPolicy, files: Mapping[str, bytes], first: str) -> Response:
+    """One of the files that a request names, `first` where it names none, to who knows the token."""
+    name = request.path_params.get("name", first)
+    if not access.admits_host(request.headers.get("host")) or not access.knows(request.path_params["token"]):
+        return await _refused(request, None)
+    if name not in files:
+        return Response("there is no such file\n", 404, HEADERS)
+    return Response(files[name], 200, HEADERS, media_type=_TYPES[Path(name).suffix])
 
 
 async def _refused(_request: Request, _error: Exception | None) -> Response:
