@@ -101,8 +101,15 @@ def _check_modem_manager(port: PortDescription, files: SystemFiles) -> Check:
     return Check(
         name,
         "it may speak AT commands to this port and keep it busy for seconds after it is plugged in",
-        f"run `tactable doctor --emit-udev {port.stable_id} | sudo tee -a {RULE_FILE}` and "
-        "`sudo udevadm control --reload`, then plug the board in again",
+        rule_remedy(port.stable_id, "board"),
+    )
+
+
+def rule_remedy(name: str, what: str) -> str:
+    """How a udev rule for a port or a digitizer of this name is written."""
+    return (
+        f"run `tactable doctor --emit-udev {name} | sudo tee -a {RULE_FILE}` and `sudo udevadm control --reload`, "
+        f"then plug the {what} in again"
     )
 
 

@@ -11,7 +11,7 @@ from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
 from tactable.audio.interfaces import Interface, find_interfaces
 from tactable.doctor.check import Check
-from tactable.doctor.ports import SystemFiles, check_ports, port_rules
+from tactable.doctor.ports import SystemFiles, check_ports, port_rules, rule_remedy
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,13 @@ def _check_digitizers(system: hid_discovery.HidSystem, found: Sequence[hid_disco
         if problem is None:
             checks.append(Check(what, f"{device.name or device.number}: readable"))
         elif not os.access(device.path, os.R_OK):
-            checks.append(Check(what, f"{device.name or device.number}: no permission", _rule_remedy(device)))
+            checks.append(
+                Check(what, f"{device.name or device.number}: no permission", rule_remedy(device.number, "device"))
+            )
         else:
             node = hid_discovery.find_event_node(system, device) or "another digitizer, or a page's pointer events"
             checks.append(Check(what, problem, f"use {node}"))
     return checks
-
-
-def _rule_remedy(device: hid_discovery.HidDigitizer) -> str:
-    return (
-        f"run `tactable doctor --emit-udev {device.number} | sudo tee -a {hid_discovery.RULE_FILE}` and "
-        "`sudo udevadm control --reload`, then plug the device in again"
-    )
 
 
 def rules_text(machine: Machine, name: str | None) -> str:

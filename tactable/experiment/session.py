@@ -47,13 +47,6 @@ class Stimulus(NamedTuple):
     after_s: float = 0.0
 
 
-class _Slot(NamedTuple):
-    task: Task
-    role: Role
-    finger: int
-    side: int
-
-
 def stimulus_axis(task: Task, level_db: float) -> float:
     """The psychometric function's argument for a level, in dB.
 
@@ -93,7 +86,8 @@ class Session:
         tasks = list(protocol.tasks)
         if protocol.is_shuffled:
             drawn.shuffle(tasks)
-        self._slots = [slot for task in tasks for slot in _slots_of(task, drawn)]
+        slots = [slot for task in tasks for slot in _slots_of(task, drawn)]
+        self._slots = [slot._replace(number=number) for number, slot in enumerate(slots)]  # trials without their level
         self._tracks: dict[tuple[str, int], QuestPlus] = {}
         self.done = 0
 
@@ -115,12 +109,12 @@ class Session:
             if slot.role is Role.TEST:
                 track = self._track(slot)
                 level_db = task.levels_db[int(np.argmin(abs(track.x_db - track.choose_stimulus())))]
-        return Trial(self.done, *slot, level_db)
+        return slot._replace(level_db=level_db)
 
     def record(self, trial: Trial, answer: int) -> bool:
         """Take the answer to the trial that is due; whether it was right. Of a catch trial of fingers none is right."""
         slot = self._slots[self.done]
-        if tuple(trial[1:5]) != tuple(slot):
+        if trial[1:5] != slot[1:5]:
             raise ExperimentError(
                 f"trial {trial.number + 1} is not trial {self.done + 1} of this protocol and participant: the file "
                 "belongs to another protocol; choose another --output or --participant"
@@ -131,7 +125,7 @@ class Session:
             self._track(slot).update(stimulus_axis(trial.task, trial.level_db), is_right)
         return is_right
 
-    def _track(self, slot: _Slot) -> QuestPlus:
+    def _track(self, slot: Trial) -> QuestPlus:
         key = track_of(slot.task, slot.finger)
         if key not in self._tracks:
             self._tracks[key] = QuestPlus(np.array([stimulus_axis(slot.task, each) for each in slot.task.levels_db]))
@@ -143,17 +137,17 @@ def is_empty(trial: Trial) -> bool:
     return trial.role is Role.CATCH and trial.task.kind is Kind.FELT_AND_QUIET
 
 
-def _slots_of(task: Task, drawn: random.Random) -> list[_Slot]:
-    """Practice, then test and catch trials in drawn order."""
+def _slots_of(task: Task, drawn: random.Random) -> list[Trial]:
+    """Practice, then test and catch trials in drawn order, not numbered and without levels."""
     fingers = range(len(task.position_m))
 
-    def balanced(role: Role, count: int, about: Sequence[int]) -> list[_Slot]:
+    def balanced(role: Role, count: int, about: Sequence[int]) -> list[Trial]:
         """`count` trials, fingers and sides as even as it goes."""
         pairs = [(finger, side) for side in range(2) for finger in about]
         if not task.kind.has_intervals:
             pairs = [(finger, finger) for finger in about]
         first = drawn.randrange(len(pairs))  # so that odd numbers prefer no side over participants
-        return [_Slot(task, role, *pairs[(first + k) % len(pairs)]) for k in range(count)]
+        return [Trial(0, task, role, *pairs[(first + k) % len(pairs)], None) for k in range(count)]
 
     tests = [slot for finger in fingers for slot in balanced(Role.TEST, task.trials, [finger])]
     mixed = tests + balanced(Role.CATCH, task.catch, fingers)

@@ -31,6 +31,11 @@ class Rising:
     level_db: Array
     contrast_db: Array | None
 
+    @property
+    def early_contrast_db(self) -> float | None:
+        """The contrast at the end of prompt feedback."""
+        return None if self.contrast_db is None else float(np.interp(PROMPT_MS[1] / 1e3, self.time_s, self.contrast_db))
+
 
 def plot_course(played: PlayedDrive) -> Picture:
     """Picture of a drive that is started at once, standard fingers on the bar."""
@@ -44,7 +49,10 @@ def plot_course(played: PlayedDrive) -> Picture:
         _draw_contrast(panels[1], played, rising.time_s, rising.contrast_db)
     panels[-1].set_xlabel("time from rest (ms)")
     who = placement_text(device, played.placement)
-    words = f"risen after {rise_text(played.figures.t90_s)}{_contrast_text(played, rising)}"
+    words = f"risen after {rise_text(played.figures.t90_s)}"
+    if rising.early_contrast_db is not None:
+        steady = f"{played.figures.contrast_db:z.1f} dB steady"
+        words += f"; contrast {rising.early_contrast_db:z.1f} dB after {PROMPT_MS[1]:g} ms, {steady}"
     return finish_picture(
         figure,
         device,
@@ -57,7 +65,7 @@ def plot_course(played: PlayedDrive) -> Picture:
             "wanted_level_db": played.drive.wanted_level_db,
             "t90_s": played.figures.t90_s,
             "contrast_db": played.figures.contrast_db,
-            "contrast_after_50_ms_db": None if rising.contrast_db is None else _after(rising, PROMPT_MS[1]),
+            "contrast_after_50_ms_db": rising.early_contrast_db,
         },
         subtitle=words,
     )
@@ -113,18 +121,6 @@ def _draw_contrast(axes: Axes, played: PlayedDrive, time_s: Array, contrast_db: 
 
 def _draw_prompt(axes: Axes) -> None:
     axes.axvspan(*PROMPT_MS, color=GREY, alpha=0.25, lw=0, label="5 to 50 ms: prompt feedback")
-
-
-def _after(rising: Rising, time_ms: float) -> float:
-    assert rising.contrast_db is not None
-    return float(np.interp(time_ms / 1e3, rising.time_s, rising.contrast_db))
-
-
-def _contrast_text(played: PlayedDrive, rising: Rising) -> str:
-    if rising.contrast_db is None:
-        return ""
-    early_db = _after(rising, PROMPT_MS[1])
-    return f"; contrast {early_db:z.1f} dB after {PROMPT_MS[1]:g} ms, {played.figures.contrast_db:z.1f} dB steady"
 
 
 def _columns(played: PlayedDrive, rising: Rising) -> dict[str, Array]:

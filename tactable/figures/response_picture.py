@@ -48,10 +48,11 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
         for row, curve in zip(first_rows, curves, strict=True)
     ]
     readings = 0 if measured is None else len(measured)
+    where = "over the plate" if style.is_plate(device) else "along the bar"
     return style.finish_picture(
         figure,
         device,
-        f"{device.name}: peak acceleration {_where(device)}{', SIMULATED points' if is_simulated else ''}",
+        f"{device.name}: peak acceleration {where}{', SIMULATED points' if is_simulated else ''}",
         "; ".join(f"{drive['drive']} {_words_of(*pair)}" for drive, pair in zip(drives, curves, strict=True)),
         _columns(device, layout, first_rows, curves) if measured is None else _compared(device, measured),
         {"simulated": is_simulated, "readings": readings, "drives": drives},
@@ -167,10 +168,6 @@ def _compared(device: Device, measured: Measurements) -> dict[str, Array]:
         "read (m/s^2)": np.abs(measured.acceleration),
         "computed (m/s^2)": _predicted(device, measured),
     }
-
-
-def _where(device: Device) -> str:
-    return "over the plate" if style.is_plate(device) else "along the bar"
 
 
 def _summary_of(place_m: Points, level: Array) -> dict[str, object]:

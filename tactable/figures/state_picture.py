@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from base.arrays import Array, Field, Points
-from engine.device import Device, Finger
+from base.arrays import Array, Points
+from engine.device import Finger
 from precompute.model.assembly import assemble
 from precompute.model.response import peak_along
 from tactable.explain.words import placement_json, placement_text, zone_lists
@@ -55,7 +55,7 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     """The drive under each load of fingers."""
     device, frequency_hz = played.device, np.array(played.drive.frequencies_hz)
     plant = assemble(device)
-    position_m = _field(device).position_m
+    position_m = style.surface_field(device, _MAP_POINTS).position_m
     if not style.is_plate(device):
         position_m = np.union1d(position_m, played.placement.position_m)
 
@@ -67,13 +67,9 @@ def compute_envelope(played: PlayedDrive) -> Envelope:
     return Envelope(position_m, each[0], each.min(axis=0), each.max(axis=0))
 
 
-def _field(device: Device) -> Field:
-    return style.surface_field(device, _MAP_POINTS)
-
-
 def _draw_map(axes: Axes, played: PlayedDrive, envelope: Envelope) -> None:
     """Levels under standard fingers, a plate seen from above; white where they cross the threshold."""
-    device, field = played.device, _field(played.device)
+    device, field = played.device, style.surface_field(played.device, _MAP_POINTS)
     level_db = 20 * np.log10(np.maximum(envelope.standard / played.threshold_m_per_s2, 1e-9))
     style.draw_map(axes, device, field, level_db, f"level (dB {device.threshold.above})", vmin=_LOWEST_DB)
     rows = level_db.reshape(field.across, field.along)

@@ -54,7 +54,8 @@ class ApparatusOptions:
     @property
     def is_simulated(self) -> bool:
         """Whether there is a simulated bench. Raises SensorError where only one of the two is simulated."""
-        port, sensor = (_is_simulated(name) for name in (self.port, self.sensor))
+        words = ((name, name.split(",", 1)[0].strip()) for name in (self.port, self.sensor))
+        port, sensor = (name == SIMULATED or word == PREFIX + SIMULATED_CARD for name, word in words)
         if is_board(self.sensor):
             return port
         if port != sensor:
@@ -135,7 +136,3 @@ def _simulated_bench(device: Device, options: ApparatusOptions) -> BoardBench | 
         drift = CardFlaws(drift=flaws.drift if is_audio(options.sensor) else 0.0)
         card = SimulatedCard(core_library(cache_folder()), parse_output(options.port), drift, options.seed)
     return SimulatedBench(true, flaws, options.seed, options.sensor_mass_kg, card=card, **form)
-
-
-def _is_simulated(name: str) -> bool:
-    return name == SIMULATED or name.split(",", 1)[0].strip() == PREFIX + SIMULATED_CARD

@@ -14,7 +14,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +71,9 @@ def _played(choice: Choice) -> Choice:
     return replace(choice, is_loaded=True, is_other=False)
 
 
-def _is_same(one: Table, other: Table) -> bool:
-    """Whether two open tables are one: an early one is replaced by one with clicks."""
-    return (one.path, one.fingerprint, len(one.clicks)) == (other.path, other.fingerprint, len(other.clicks))
+def _identity(table: Table) -> tuple[Path, str, int]:
+    """What open tables that are one have in common: an early one is replaced by one with clicks."""
+    return table.path, table.fingerprint, len(table.clicks)
 
 
 class DemoBackend(PageBackend):
@@ -317,7 +317,7 @@ class DemoBackend(PageBackend):
         if table is None:
             is_built = device.fingerprint == self._described.fingerprint
             return await self._first_table(device, order.first if is_built else None)
-        if shown is not None and _is_same(table, shown):
+        if shown is not None and _identity(table) == _identity(shown):
             table.close()
             return shown
         return table
@@ -390,7 +390,7 @@ class DemoBackend(PageBackend):
         if before is None or not before.is_shipped or before.fingerprint != table.fingerprint or table.is_shipped:
             return
         found = await asyncio.to_thread(compare_with_shipped, before, table)
-        self._compared = {"device": device.name, **found.as_json()}
+        self._compared = {"device": device.name, **asdict(found), "text": found.text}
 
     async def _end_rig(self) -> None:
         self._pointers.feed(None)

@@ -42,14 +42,6 @@ _SMOOTH = 160
 _SILENT = 10 ** (LOWEST_DB / 20)  # what the page shows as nothing
 
 
-@dataclass(frozen=True, slots=True)
-class _Heard:
-    """Since when a finger is on the bar, and the mode shapes (mode,) at its last position."""
-
-    since_us: float
-    row: Array
-
-
 @dataclass(frozen=True)
 class Moved:
     """The levels of one stretch of time, dB above the detection threshold, at least LOWEST_DB.
@@ -126,7 +118,11 @@ class LiveBar:
         self._synthesis = self._silent_synthesis()
         self._fingers: tuple[Touch, ...] = ()
         self._is_loaded = True
-        self._heard = dict[int, _Heard]()  # by finger, newest last; a lifted finger is kept while there is room
+        self._heard = dict[int, tuple[float, Array]]()
+        """By finger: since when it is on the bar, and the mode shapes (mode,) at its last position; newest last.
+
+        A lifted finger is kept while there is room.
+        """
         self._rest()
 
     def _look_at_modes(self) -> None:
@@ -187,8 +183,8 @@ class LiveBar:
         places_m = [self.place_of(finger.contact_id, finger.position_m) for finger in self._fingers]
         self._rows = np.concatenate([self._grid, self._modes.basis.at(np.array(places_m))])
         for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
-            before = self._heard.pop(finger.contact_id, None)
-            self._heard[finger.contact_id] = _Heard(self.now_us if before is None else before.since_us, row)
+            since_us, _ = self._heard.pop(finger.contact_id, (self.now_us, row))
+            self._heard[finger.contact_id] = since_us, row
         while len(self._heard) > MOST_TOUCHES:
             del self._heard[next(iter(self._heard))]
 
@@ -280,11 +276,11 @@ class LiveBar:
 
         It is that at the finger's last position, and 0 before the finger came.
         """
-        heard = self._heard.get(number)
-        if heard is None:
+        if number not in self._heard:
             return None
-        course: Array = self._weighted.last(self._weighted.kept) @ heard.row
-        since = len(course) - (_sample_at(self.now_us) - _sample_at(heard.since_us))
+        since_us, row = self._heard[number]
+        course: Array = self._weighted.last(self._weighted.kept) @ row
+        since = len(course) - (_sample_at(self.now_us) - _sample_at(since_us))
         course[: max(since, 0)] = 0.0
         return course
 

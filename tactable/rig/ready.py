@@ -16,7 +16,7 @@ import contextlib
 import lzma
 import shutil
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -148,10 +148,6 @@ class Comparison:
             return f"all {self.clicks} clicks are as shipped, within 0.1 dB"
         most = "some are missing" if self.most_db is None else f"levels by up to {self.most_db:.1f} dB"
         return f"{self.changed} of {self.clicks} clicks differ from the shipped ones, {most}"
-
-    def as_json(self) -> dict[str, Any]:
-        """The counts, and the sentence."""
-        return {**asdict(self), "text": self.text}
 
 
 def compare_with_shipped(shipped: Table, built: Table) -> Comparison:

@@ -109,17 +109,17 @@ class SimulatedSurface:
         """Simulate the first `longest_s` of a run, its fingers on the surface where the digitizer has them."""
         drive, felt, quiet = list[Array](), list[Array](), list[Array]()
         plant, fingers_m = self._plant(np.zeros(0), ()), tuple[complex, ...]()
-        for stretch in _stretches(run, longest_s):
-            displacement = synthesise(run.log.events, stretch.start_us, stretch.stop_us, self.sample_rate_hz)
+        for start_us, stop_us, lying_m, roles in _stretches(run, longest_s):
+            displacement = synthesise(run.log.events, start_us, stop_us, self.sample_rate_hz)
             if not len(displacement):
                 continue
             if not run.log.events:  # the board never heard of a drive
                 displacement = np.zeros((len(displacement), len(self.device.actuators)))
-            if stretch.finger_m != fingers_m:
-                fingers_m = stretch.finger_m
+            if lying_m != fingers_m:
+                fingers_m = lying_m
                 plant.look_at(np.array(fingers_m))
                 plant.touch([(position_m, self.device.finger) for position_m in fingers_m])
-            under, feels = abs(plant.accelerate(displacement)), np.array(stretch.feels, dtype=np.bool_)
+            under, feels = abs(plant.accelerate(displacement)), np.array(roles, dtype=np.bool_)
             drive.append(abs(displacement))
             felt.append(under[:, feels].max(axis=1, initial=0.0))
             quiet.append(under[:, ~feels].max(axis=1, initial=0.0))
@@ -134,19 +134,10 @@ class SimulatedSurface:
         return envelope
 
 
-@dataclass(frozen=True)
-class _Stretch:
-    """A stretch of time with resting fingers, and whether each of them is to feel, or felt what rings down."""
+def _stretches(run: LiveRun, longest_s: float) -> Iterator[tuple[float, float, tuple[complex, ...], tuple[bool, ...]]]:
+    """The run from one frame or change to the next: start and stop in us, points of the fingers, whether each feels.
 
-    start_us: float
-    stop_us: float
-    finger_m: tuple[complex, ...]
-    feels: tuple[bool, ...]
-
-
-def _stretches(run: LiveRun, longest_s: float) -> Iterator[_Stretch]:
-    """The run from one frame or change to the next.
-
+    A finger feels while it is to, and while what it felt rings down.
     A finger keeps the role that the newest placement gave it, by contact, since it may move while its click plays.
     """
     moments, zero_ns = run.moments, run.log.host_ns_at_device_zero
@@ -166,8 +157,8 @@ def _stretches(run: LiveRun, longest_s: float) -> Iterator[_Stretch]:
                 placement = moment.placement
                 felt = frozenset(touch.contact_id for touch in touches if is_felt(touch, moment))
         finger_m = tuple(touch.position_m for touch in touches)
-        yield _Stretch(start_us, fades_us, finger_m, tuple(touch.contact_id in felt for touch in touches))
-        yield _Stretch(fades_us, stop_us, finger_m, (False,) * len(touches))
+        yield start_us, fades_us, finger_m, tuple(touch.contact_id in felt for touch in touches)
+        yield fades_us, stop_us, finger_m, (False,) * len(touches)
 
 
 def is_felt(touch: Touch, moment: Moment) -> bool:

@@ -27,10 +27,7 @@ _LENGTH_S = 0.1  # 30 ms of a click and its ringing; of a steady drive 6 periods
 _DRIVEN = 1e-3  # of full scale: 60 dB below it
 _SAME_M = 1.5e-3  # a finger that moves farther within a window is another placement
 _KNOWN = 4.0  # a finger is known whose standard error is a quarter of its spread's logarithm: half of what it was
-_LOAD_STEP, _NEAR_M = (
-    0.2,
-    3e-3,
-)  # changes of a measured finger after which the loop gets it again (ESTIMATES)
+_LOAD_STEP, _NEAR_M = 0.2, 3e-3  # changes of a measured finger after which the loop gets it again (ESTIMATES)
 _NS_PER_S = 1_000_000_000
 
 
@@ -118,8 +115,12 @@ class Tracker:
             load, error = loads.get(contact, (0.0, math.inf))
             if error < self._known:
                 found[contact] = MeasuredFinger(at_m, load, error)
-        pairs = [(each, self._told.get(contact)) for contact, each in found.items()]
-        if len(found) == len(self._told) and all(was is not None and _is_alike(each, was) for each, was in pairs):
+        both = [(found[contact], was) for contact, was in self._told.items() if contact in found]
+        alike = [
+            abs(now.load - was.load) < _LOAD_STEP and abs(now.position_m - was.position_m) < _NEAR_M
+            for now, was in both
+        ]
+        if sum(alike) == len(found) == len(self._told):
             return None
         self._told = found
         return list(found.values())
@@ -142,7 +143,3 @@ class Tracker:
             "trouble": found.refusal if found is not None and self._in_a_row >= _PATIENCE else "",
             "rescaled": self._rescaled,
         }
-
-
-def _is_alike(one: MeasuredFinger, other: MeasuredFinger) -> bool:
-    return abs(one.load - other.load) < _LOAD_STEP and abs(one.position_m - other.position_m) < _NEAR_M
