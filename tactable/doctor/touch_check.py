@@ -57,13 +57,11 @@ def _check_digitizers(system: hid_discovery.HidSystem, found: Sequence[hid_disco
     checks = []
     for device in found:
         _, problem = open_found(system, device)
-        what = f"digitizer {device.path}"
+        what, name = f"digitizer {device.path}", device.name or device.number
         if problem is None:
-            checks.append(Check(what, f"{device.name or device.number}: readable"))
+            checks.append(Check(what, f"{name}: readable"))
         elif not os.access(device.path, os.R_OK):
-            checks.append(
-                Check(what, f"{device.name or device.number}: no permission", rule_remedy(device.number, "device"))
-            )
+            checks.append(Check(what, f"{name}: no permission", rule_remedy(device.number, "device")))
         else:
             node = hid_discovery.find_event_node(system, device) or "another digitizer, or a page's pointer events"
             checks.append(Check(what, problem, f"use {node}"))

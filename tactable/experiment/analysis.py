@@ -160,6 +160,9 @@ def _track_fit(task: Task, finger: int, rows: Sequence[Row]) -> TrackFit:
         [row["correct"] == "1" for row in tests if float(row["level_db"]) == level_db] for level_db in levels_db
     ]
 
+    tones_hz = [float(row["frequency_hz"]) for row in tests if row["frequency_hz"]]
+    below_db = [float(row["felt_db"]) - float(row["quiet_db"]) for row in tests if row["felt_db"] and row["quiet_db"]]
+
     def plain(found: Estimate) -> Estimate:
         """Differences as such."""
         return Estimate(*(10 ** (each / 20) for each in found)) if task.kind is Kind.DISCRIMINATION else found
@@ -176,12 +179,8 @@ def _track_fit(task: Task, finger: int, rows: Sequence[Row]) -> TrackFit:
         float(others["drift"] @ _DRIFTS_DB),
         bool((ends < _LEAST_AT_EDGE).all()),
         np.array([[db, len(each), np.mean(each)] for db, each in zip(levels_db, of_level, strict=True)]),
-        None
-        if task.kind is Kind.WHICH_FINGER
-        else _median([float(hz) for row in tests if (hz := row["frequency_hz"])]),
-        _median(
-            [float(row["felt_db"]) - float(row["quiet_db"]) for row in tests if row["felt_db"] and row["quiet_db"]]
-        ),
+        None if task.kind is Kind.WHICH_FINGER else _median(tones_hz),
+        _median(below_db),
     )
 
 

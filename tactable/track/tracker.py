@@ -115,12 +115,11 @@ class Tracker:
             load, error = loads.get(contact, (0.0, math.inf))
             if error < self._known:
                 found[contact] = MeasuredFinger(at_m, load, error)
-        both = [(found[contact], was) for contact, was in self._told.items() if contact in found]
-        alike = [
-            abs(now.load - was.load) < _LOAD_STEP and abs(now.position_m - was.position_m) < _NEAR_M
-            for now, was in both
-        ]
-        if sum(alike) == len(found) == len(self._told):
+        was = self._told
+        if found.keys() == was.keys() and all(
+            abs(each.load - was[contact].load) < _LOAD_STEP and abs(each.position_m - was[contact].position_m) < _NEAR_M
+            for contact, each in found.items()
+        ):
             return None
         self._told = found
         return list(found.values())
