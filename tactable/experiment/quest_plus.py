@@ -45,8 +45,9 @@ class QuestPlus:
     def __init__(self, x_db: Array) -> None:
         self.x_db = np.asarray(x_db, dtype=float)
         axes = np.meshgrid(threshold_grid(self.x_db, _STEP_DB), SLOPES, LAPSES, indexing="ij")
-        parameters = [axis.ravel() for axis in axes]
-        self._correct = probability_correct(self.x_db[:, None], *parameters, _GUESS)  # (stimulus, grid point)
+        threshold_db, slope, lapse = (axis.ravel() for axis in axes)
+        # (stimulus, grid point)
+        self._correct = probability_correct(self.x_db[:, None], threshold_db, slope, lapse, _GUESS)
         weights = np.tile(np.repeat(SLOPE_WEIGHTS, len(LAPSES)), len(axes[0]))
         self.posterior = weights / weights.sum()
 

@@ -114,9 +114,9 @@ class ExplainedRow:
         self.felt_zones = words.zone_names(device, placement)
         self.row: BestRow = table.best_row(self.felt_zones, level_db)
         played = (self.row.frequencies_hz, self.row.complex_amplitudes)
-        level_db = compute_levels(device, table.modes, placement.position_m, *played)
-        percentiles_db = np.percentile(level_db[1:], (5, 50, 95), axis=0)
-        self.levels_db: list[list[float]] = np.column_stack([level_db[0], *percentiles_db]).tolist()
+        standard_db, *sampled_db = compute_levels(device, table.modes, placement.position_m, *played)
+        percentiles_db = np.percentile(sampled_db, (5, 50, 95), axis=0)
+        self.levels_db: list[list[float]] = np.column_stack([standard_db, *percentiles_db]).tolist()
 
 
 def best_row_json(explained: ExplainedRow) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -390,7 +390,7 @@ class DemoBackend(PageBackend):
         if before is None or not before.is_shipped or before.fingerprint != table.fingerprint or table.is_shipped:
             return
         found = await asyncio.to_thread(compare_with_shipped, before, table)
-        self._compared = {"device": device.name, **asdict(found), "text": found.text}
+        self._compared = {"device": device.name, **found.as_json()}
 
     async def _end_rig(self) -> None:
         self._pointers.feed(None)

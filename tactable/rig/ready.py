@@ -149,6 +149,10 @@ class Comparison:
         most = "some are missing" if self.most_db is None else f"levels by up to {self.most_db:.1f} dB"
         return f"{self.changed} of {self.clicks} clicks differ from the shipped ones, {most}"
 
+    def as_json(self) -> dict[str, Any]:
+        """The counts, and the sentence."""
+        return {**asdict(self), "text": self.text}
+
 
 def compare_with_shipped(shipped: Table, built: Table) -> Comparison:
     """Compare click by click."""
