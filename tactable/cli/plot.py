@@ -100,8 +100,7 @@ def state(
     with _opened_table(table_path) as table:
         from tactable.explain.placed_drive import designer_of
         from tactable.figures.course import plot_course
-        from tactable.figures.played_drive import solved_drive
-        from tactable.figures.state_picture import plot_state
+        from tactable.figures.state_picture import plot_state, solved_drive
 
         played = solved_drive(
             designer_of(table), options.read_placement(table.device, felt, quiet), options.read_level(level)

@@ -22,7 +22,7 @@ from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DRIVE_SIZE, Set, SetFlag
-from tactable.doctor.check import Check
+from tactable.doctor import Check
 from tactable.shipped import DEMO_RECORDING
 
 _WAKES = 200  # two lie beyond the 99th percentile

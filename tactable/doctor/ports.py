@@ -11,7 +11,7 @@ from engine.touch.sources.hid_discovery import RULE_FILE
 from firmware_link.host.serial_port import PortDescription, permission_remedy
 from tactable.audio.interfaces import Interface
 from tactable.audio.names import AudioError
-from tactable.doctor.check import Check
+from tactable.doctor import Check
 
 _IGNORED = "E:ID_MM_DEVICE_IGNORE=1"
 

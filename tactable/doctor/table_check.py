@@ -7,7 +7,7 @@ from pathlib import Path
 
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.table import Table, TableError
-from tactable.doctor.check import Check
+from tactable.doctor import Check
 
 
 def check_tables(paths: Sequence[Path]) -> list[Check]:

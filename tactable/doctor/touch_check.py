@@ -10,7 +10,7 @@ from engine.touch.sources.evdev import EvdevModule, load_evdev
 from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
 from tactable.audio.interfaces import Interface, find_interfaces
-from tactable.doctor.check import Check
+from tactable.doctor import Check
 from tactable.doctor.ports import SystemFiles, check_ports, port_rules, rule_remedy
 
 

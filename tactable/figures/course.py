@@ -12,7 +12,7 @@ from precompute.model.modal import compute_basis
 from precompute.predict.rise_time import compute_envelopes, compute_rise_model
 from tactable.explain.words import finger_roles, placement_json, placement_text, rise_text, zone_lists
 from tactable.figures.picture_file import Picture
-from tactable.figures.played_drive import PlayedDrive
+from tactable.figures.state_picture import PlayedDrive
 from tactable.figures.style import BLACK, BLUE, GREY, ROLE_COLOUR, finish_picture, level_text
 
 PROMPT_MS = (5.0, 50.0)  # when tactile feedback should follow (Kaaresoja, Brewster & Lantz 2014, 10.1145/2611387)

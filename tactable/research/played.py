@@ -75,8 +75,7 @@ class Drive(_Asked, SteadyDrive):
         """Picture of the drive: level along the bar and under every finger, over sampled fingers."""
         from precompute.predict.at_positions import SteadyDesigner
         from tactable.explain.placed_drive import designer_of
-        from tactable.figures.played_drive import solved_drive
-        from tactable.figures.state_picture import plot_state
+        from tactable.figures.state_picture import plot_state, solved_drive
 
         designer = SteadyDesigner(self.device) if self.table is None else designer_of(self.table)
         return plot_state(solved_drive(designer, self.asked, self.wanted_level_db)).figure

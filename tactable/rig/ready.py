@@ -16,7 +16,7 @@ import contextlib
 import lzma
 import shutil
 import zlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 

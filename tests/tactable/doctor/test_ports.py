@@ -9,7 +9,7 @@ import pytest
 
 from engine.loop.realtime import PRIORITY
 from firmware_link.host.serial_port import PortDescription, permission_remedy
-from tactable.doctor.check import Check
+from tactable.doctor import Check
 from tactable.doctor.ports import SystemFiles, check_machine, check_ports
 
 USB = PortDescription("ttyUSB0", "bar-1", "bar driver", 0x0403, 0x6001)

@@ -19,8 +19,7 @@ from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
 from tactable.figures.factor import PairDrive, compute_factor
 from tactable.figures.picture_file import Picture, write_picture
-from tactable.figures.played_drive import PlayedDrive, solved_drive
-from tactable.figures.state_picture import compute_envelope, plot_state
+from tactable.figures.state_picture import PlayedDrive, compute_envelope, plot_state, solved_drive
 from tests.small_device import small_text
 from tests.tactable.figures.pictures import check_picture
 

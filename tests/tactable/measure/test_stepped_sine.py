@@ -238,14 +238,9 @@ HZ = np.array([90.0, 150.0, 170.0, 209.0])
 OPTIONS = SteppedSineOptions(attempts=2)
 
 
-def swept(
-    bench: SimulatedBench, options: SteppedSineOptions = OPTIONS, repeats: int = 1, hz: Array = HZ
-) -> list[Reading]:
-    with DrivenDevice(DEVICE, bench, bench, (1.0, 1.0)) as driven:
-        sensor = SimulatedSensor(bench)
-        stepped = SteppedSine(DEVICE, driven, sensor, options)
-        stepped.listen()
-        return SweptSine(stepped, SweepOptions(2.0, repeats)).read(0, hz)[0]
+def swept(bench: SimulatedBench, options: SteppedSineOptions = OPTIONS) -> list[Reading]:
+    with stepping(bench, options) as stepped:
+        return SweptSine(stepped, SweepOptions(2.0, 1)).read(0, HZ)[0]
 
 
 def test_one_glide_reads_every_frequency_whatever_latency_and_clock_are() -> None:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from base.points import order_of
+from engine.device import Device
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import with_changes
 from precompute.measurements.types import Kind, MeasurementError
@@ -46,19 +47,20 @@ def walked(
     flaws: str = "",
     guide: Callable[[complex], None] = lambda _: None,
     method: Method = STEPPED,
+    device: Device = DEVICE,
 ) -> tuple[StopRecord, ...]:
-    bench = SimulatedBench(DEVICE, ConverterFlaws.parse(flaws), 0)
-    raw = RawFolder(folder, DEVICE, walk, {"flaws": flaws})
+    bench = SimulatedBench(device, ConverterFlaws.parse(flaws), 0)
+    raw = RawFolder(folder, device, walk, {"flaws": flaws})
 
     def go_to(position_m: complex) -> None:
         guide(position_m)
         bench.place(position_m)
 
     def open_driven() -> DrivenDevice:
-        return DrivenDevice(DEVICE, bench, bench, (1.0, 1.0))
+        return DrivenDevice(device, bench, bench, (1.0,) * len(device.actuators))
 
     apparatus = Apparatus(SimulatedSensor(bench), open_driven, go_to, bench.turn_over)
-    return measure_walk(DEVICE, walk, apparatus, method, raw)
+    return measure_walk(device, walk, apparatus, method, raw)
 
 
 def test_an_interrupted_walk_goes_on_where_it_stopped_and_reads_the_responses_of_the_bar(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,10 +21,9 @@ from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.page.page_messages import Kind
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tactable.rig.test_emulate import TACTABLE
 
 pytestmark = pytest.mark.machine(stall_s=None)
-
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ import json
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -31,8 +30,8 @@ from tactable.track.track_process import TrackedSensor
 from tactable.track.tracker import Tracker
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
+from tests.tactable.rig.test_emulate import TACTABLE, emulator
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 BIT_RATE_HZ = 1_000_000
 FINGER = 0.25
 """Of the length: where the simulated finger rests, and the digitizer tells it now and then."""
@@ -176,11 +175,11 @@ def test_a_run_tells_the_drift_and_adopts_a_table_for_it(tmp_path: Path, click_t
     write_recording(make_recording(strokes), tmp_path / "taps.hid")
     length_mm, port = 1e3 * device.bar.length_m, tmp_path / "port"
     sensor = f"at={SENSOR * length_mm}mm,finger={FINGER * length_mm}mm,quiet=1"
-    emulate = [TACTABLE, "emulate", "--device", "warm.toml", "--sensor", sensor, "--link", str(port), "--json"]
+    emulate = ("--device", str(tmp_path / "warm.toml"), "--sensor", sensor, "--link", str(port))
     where = ("--touch", "taps.hid", "--port", str(port), "--bit-rate", str(BIT_RATE_HZ))
     run = [TACTABLE, "run", "bar.nc", *where, "--track", f"board:{SENSOR * length_mm}mm", "--reconnect", "--json"]
-    with subprocess.Popen(emulate, cwd=tmp_path, text=True, stdout=subprocess.PIPE) as emulator:
-        assert emulator.stdout is not None and emulator.stdout.readline()
+    with emulator(tmp_path, *emulate) as emulated:
+        assert emulated.line()
         with subprocess.Popen(run, cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             assert process.stderr is not None
             said = ""
@@ -190,8 +189,6 @@ def test_a_run_tells_the_drift_and_adopts_a_table_for_it(tmp_path: Path, click_t
                 said += part
             process.send_signal(signal.SIGINT)
             summary = json.loads(process.communicate()[0])
-        emulator.send_signal(signal.SIGINT)
-        emulator.communicate()
     track: Mapping[str, object] = summary["track"]
     assert "table is re-scaled for a drift of +" in said and "SIMULATED" in said
     assert track["simulated"] is True and track["rescaled"]
