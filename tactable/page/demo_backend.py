@@ -21,7 +21,7 @@ from typing import Any
 from base.child import ChildError, ending_text
 from base.plain import to_plain
 from engine.device import Device, DeviceError
-from engine.loop.ring import RingError, RingReader
+from engine.loop.ring import RingError
 from engine.table import Table, TableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.page.choices import Choice, ChoiceError, Offered, changed, moved, of_device
@@ -102,7 +102,6 @@ class DemoBackend(PageBackend):
         self._pointers = Pointers()
         self._firmware: FirmwareProcess | None = None
         self._engine: EngineProcess | None = None
-        self._reader: RingReader | None = None
         self.view: View | None = None  # the view of the browsers; None until the engine runs
         self._plays: tuple[Choice, bool] | None = None  # the choice that plays, and whether kernels are compiled for it
         self._compared: dict[str, Any] | None = None  # what a table that was built here is beside the shipped one
@@ -113,7 +112,6 @@ class DemoBackend(PageBackend):
         self._others = 0
         """How often another bar was switched on: the seed of the bar that plays, so that each one is new."""
         self._shown_solved = 0  # how many solved clicks the browsers have heard of
-        self._boot: tuple[int, int] = (0, 0)
         self._rings = 0
         self._status, self._trouble = "starting", ""
         self._news = asyncio.Event()
@@ -220,19 +218,18 @@ class DemoBackend(PageBackend):
     def tick(self) -> tuple[list[bytes], bool]:
         """Advance the bar to the present, as the firmware drove it."""
         self._pointers.bring_down(time.monotonic_ns())
-        view, firmware, reader = self.view, self._firmware, self._reader
-        if view is None or firmware is None or reader is None or self._is_between:
+        view, firmware, engine = self.view, self._firmware, self._engine
+        if view is None or firmware is None or engine is None or self._is_between:
             return [], False
         other = self._other
         if other is not None and other.nominal.fingerprint != view.bar.device.fingerprint:
             other = None  # the run of the device before has not ended yet
         messages = []
         for applied in firmware.take_answers():
-            boot = (firmware.child.process.pid, applied.host_ns_at_device_zero)
-            if boot != self._boot:
-                self._boot, view.zero_ns = boot, applied.host_ns_at_device_zero
+            if applied.host_ns_at_device_zero != view.zero_ns:  # it has booted
+                view.zero_ns = applied.host_ns_at_device_zero
                 view.begin_at_rest(applied.until_us)
-            view.read(reader.read())
+            view.read(engine.records())
             view.take_events(applied.events)
             messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded, other=other)
         if len(view.solved) != self._shown_solved:
@@ -356,22 +353,17 @@ class DemoBackend(PageBackend):
         resolution_hz = configuration.frequency_resolution_uhz * 1e-6
         before = self.view
         view = await asyncio.to_thread(_view_of, table, before, resolution_hz)
-        if before is None:
-            self._boot = (0, 0)
-        else:
+        if before is not None:
             view.zero_ns = before.zero_ns
         # What the next run does from its first moment on is for the next view: the one before reads no more.
         self._is_between = True
         self._pointers.feed(None)
         try:
-            lines, first_record = await self._engine.play(order)
+            lines = await self._engine.play(order)
         finally:
             self._is_between = False
         if before is not None and view.bar is not before.bar:
             view.begin_at_rest(before.bar.now_us)
-        if self._reader is None:
-            self._reader = RingReader(self._engine.ring, from_start=True)
-        self._reader.skip_to(first_record)  # what the run before saw last is no finger of this one
         for line in lines:
             self._say(line)
         shown = self._table
@@ -394,10 +386,8 @@ class DemoBackend(PageBackend):
 
     async def _end_rig(self) -> None:
         self._pointers.feed(None)
-        if self._reader is not None:
-            self._reader.close()
         engine, firmware = self._engine, self._firmware
-        self._engine = self._firmware = self._reader = self.view = self._plays = None
+        self._engine = self._firmware = self.view = self._plays = None
         if engine is not None:
             await engine.end()
         if firmware is not None:

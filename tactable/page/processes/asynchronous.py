@@ -4,11 +4,12 @@ import asyncio
 import contextlib
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from base.child import ChildError, Document, command_of, decode_line, encode_line, ending_text
 from base.plain import to_plain
+from engine.loop.ring import Record, RingReader
 from engine.touch.sources.pointer import PointerFeed
 from firmware_link.emulator import emulator_process
 from firmware_link.emulator.device_state import DeviceConfiguration
@@ -122,7 +123,8 @@ class EngineProcess:
     """The process of the engine, its end of the pointers' pipe, and its ring."""
 
     def __init__(self, child: AsyncChild, feed: PointerFeed, ring: Path) -> None:
-        self.child, self.feed, self.ring = child, feed, ring
+        self.child, self.feed, self._ring = child, feed, ring
+        self._reader: RingReader | None = None
 
     @classmethod
     async def start(cls, ring: Path, programs: ProgramsAt | None) -> "EngineProcess":
@@ -137,14 +139,24 @@ class EngineProcess:
             os.close(reading)
         return cls(child, PointerFeed(writing), ring)
 
-    async def play(self, order: Order) -> tuple[list[str], int]:
-        """Play another order; once it is ready, what to print and its first record in the ring. Raises ChildError."""
+    async def play(self, order: Order) -> list[str]:
+        """Play another order; once it is ready, what to print. Raises ChildError and RingError."""
         self.child.write({"order": order})
         answer = await self.child.read()
-        return answer["lines"], answer["first_record"]
+        if self._reader is None:
+            self._reader = RingReader(self._ring, from_start=True)
+        self._reader.skip_to(answer["first_record"])  # what the run before saw last is no finger of this one
+        lines: list[str] = answer["lines"]
+        return lines
+
+    def records(self) -> Iterable[Record]:
+        """What came into the ring since the last call; nothing before the first order plays."""
+        return () if self._reader is None else self._reader.read()
 
     async def end(self) -> None:
         """End the process."""
+        if self._reader is not None:
+            self._reader.close()
         self.feed.close()
         await self.child.end()
-        self.ring.unlink(missing_ok=True)
+        self._ring.unlink(missing_ok=True)
