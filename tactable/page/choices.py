@@ -45,7 +45,7 @@ class Rules(StrEnum):
 
 @dataclass(frozen=True)
 class Choice:
-    """The position of every switch.
+    """The position of every switch. Of its plain values (`to_plain`) a level of None is full scale.
 
     quiet_zones: names of zones where a finger never feels. actuators_m (actuator,): where the actuators would be, none
     for where the device file has them.
@@ -60,10 +60,6 @@ class Choice:
     is_other: bool = False
     """Whether the simulated bar is another one than the table's, with other fingers, beside where they seem to be."""
     actuators_m: tuple[complex, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """The switches as plain values; a level of None is full scale."""
-        return to_plain(self)
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,7 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
             return replace(choice, actuators_m=tuple(places))
         case "is_loaded" | "is_other":
             return replace(choice, **{name: _one_of(name, value, (True, False))})
-    raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(Choice('').as_json())}")
+    raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(to_plain(Choice('')))}")
 
 
 def _point(value: Any) -> Any:

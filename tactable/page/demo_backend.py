@@ -127,13 +127,13 @@ class DemoBackend(PageBackend):
             "devices": list(self._offers.devices),
             "rules": [rules.value for rules in self._offers.rules],
             "levels_db": [*self._described.levels_db, None],
-            "choice": self._choice.as_json(),
+            "choice": to_plain(self._choice),
             "status": self._status,
             "trouble": self._trouble,
             "restarts": self.restarts,
             "building": to_plain(building),
             "clicks": 0 if table is None else len(table.clicks),
-            "plays": None if self._plays is None else self._plays[0].as_json(),
+            "plays": None if self._plays is None else to_plain(self._plays[0]),
             "is_shipped": table is not None and table.is_shipped,
             "is_outdated": self._is_outdated,
             "is_early": table is not None and table.path == early_path(cached_table(table.device, self._cache)),
@@ -236,7 +236,7 @@ class DemoBackend(PageBackend):
             self._shown_solved = len(view.solved)
             self.scene_number += 1
         picture = view.picture()
-        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
+        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.ours.is_moving
 
     def _changed(self) -> None:
         self.scene_number += 1

@@ -14,7 +14,7 @@ from engine.device import Device
 from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
-from engine.touch import Placement, Touch
+from engine.touch import Touch
 from engine.touch.finger_tracker import zone_finder
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
@@ -128,8 +128,8 @@ def device_json(device: Device) -> dict[str, Any]:
 class View:
     """The run of one table. Times are those of the device; `zero_ns` is host time at the device's zero.
 
-    paper: a second bar, which the rows of the table's sweep move. halvings: how many times the functions of the board's
-    basis are halved.
+    bar: moves as the firmware drives it. ours: its levels. paper: a second bar, which the rows of the table's sweep
+    move. halvings: how many times the functions of the board's basis are halved.
     """
 
     def __init__(
@@ -141,10 +141,12 @@ class View:
         paper: PaperBar | None = None,
         halvings: int = 0,
     ) -> None:
-        self.table, self.ours, self.paper = table, BarLevels(bar), paper
+        self.table, self.bar, self.ours, self.paper = table, bar, BarLevels(bar), paper
         self.zero_ns = 0
         self.spreads: SampledPromises | None = None  # what sampled bars give, where it is known
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
+        self.solved = self._reader.solved
+        """The placements whose clicks were solved beside the run and played, in the order of their first play."""
         self._edges = zone_finder(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
@@ -153,21 +155,6 @@ class View:
         self._is_loaded = True
         self._capture = Capture()
         self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
-
-    @property
-    def bar(self) -> LiveBar:
-        """The bar that moves as the firmware drives it."""
-        return self.ours.bar
-
-    @property
-    def solved(self) -> Sequence[Placement]:
-        """The placements whose clicks were solved beside the run and played, in the order of their first play."""
-        return self._reader.solved
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether something moves now."""
-        return self.ours.is_moving
 
     def begin_at_rest(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""

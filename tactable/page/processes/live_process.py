@@ -72,14 +72,12 @@ class RingDrive:
         if record.level_db is None or record.placement is None or not record.is_click or record.drive:
             return None
         click = self._table.click_at(record.placement, record.level_db)
-        if click is None:
-            return self._solved(record.play)
-        return PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
-
-    def _solved(self, play: bytes) -> PlayedWaveform | None:
-        """The waveform of a PLAY; None for one of a set that the table's basis does not have."""
-        click = SolvedClick.of(play, self._table.clicks.basis, self._actuators, self.halvings)
-        return None if click is None else PlayedWaveform.of(click.basis.sample_rate_hz, click.samples, click.amplitude)
+        if click is not None:
+            return PlayedWaveform.of(click.sample_rate_hz, click.samples, click.amplitude)
+        solved = SolvedClick.of(record.play, self._table.clicks.basis, self._actuators, self.halvings)
+        if solved is None:  # of a set that the table's basis does not have
+            return None
+        return PlayedWaveform.of(solved.basis.sample_rate_hz, solved.samples, solved.amplitude)
 
     def _channels(self, drive: bytes) -> tuple[ChannelTarget, ...]:
         limit = self._limits.amplitude
@@ -138,7 +136,7 @@ class LiveBackend(PageBackend):
         view.take_events(self._drive.events(records))
         messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
-        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.is_moving
+        return [*messages, encode_picture(picture)], bool(picture.fingers) or view.ours.is_moving
 
     def sound(self, finger: int) -> bytes | None:
         """Vibration that a finger felt, as a SOUND message."""

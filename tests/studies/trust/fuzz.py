@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import pyuff
 
+from base.plain import to_plain
 from engine.device import Device, DeviceError
 from engine.effects.rule_file import parse_effects
 from engine.effects.rules import EffectError
@@ -197,7 +198,7 @@ def _play_universal(rng: random.Random, folder: Path) -> None:
 def _play_page(rng: random.Random, _folder: Path) -> None:
     """Messages as the server takes them: decoded, and switches applied."""
     touches = [PointerEvent(rng.randrange(5), rng.random(), rng.random(), rng.choice(list(Phase))) for _ in range(3)]
-    choice = Choice(DEVICE.name).as_json()
+    choice = to_plain(Choice(DEVICE.name))
     key, offers = rng.choice(list(choice)), offered(DEVICE.name)
     odd: object = rng.choice(
         (None, -1, 1e308, "", [], {}, [[]], True, "touch", choice[key], ["I", "I"], [3], "\x1b[2J", 10**400)

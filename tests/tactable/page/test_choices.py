@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from base.plain import to_plain
 from engine.effects.rules import Drives, Trigger
 from tactable.page.choices import Choice, ChoiceError, Offered, Rules, Source, changed, effects_of, offered
 from tactable.shipped import find_device, shipped_names
@@ -30,7 +31,7 @@ CHOICES = st.builds(
 
 @given(CHOICES)
 def test_the_switches_of_a_choice_make_it_again(choice: Choice) -> None:
-    assert changed(Choice(choice.device), choice.as_json(), DEVICE, OFFERS) == choice
+    assert changed(Choice(choice.device), to_plain(choice), DEVICE, OFFERS) == choice
 
 
 @given(CHOICES)

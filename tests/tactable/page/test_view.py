@@ -105,7 +105,7 @@ def test_all_is_still_before_the_first_command_of_this_bar_whatever_came_of_a_lo
     picture = rig.view.picture()
     assert (picture.command, picture.drive, picture.is_playing, picture.fingers) == (0, Drive.SILENCE, False, ())
     assert picture.levels_db.tolist() == [LOWEST_DB] * FIELD_POINTS
-    assert not rig.view.is_moving
+    assert not rig.view.ours.is_moving
     assert encode_picture(picture)[1] == Kind.PICTURE
 
 
