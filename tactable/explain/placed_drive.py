@@ -49,7 +49,10 @@ def placed_drive_json(table: Table, figures: PlacementFigures, threshold: Thresh
             "contrast_db": figures.contrast_db,
             "expected_contrast_db": figures.expected_contrast_db,
             "t90_s": figures.t90_s,
-            **{name: levels and _by_percentile(levels) for name, levels in spreads.items()},
+            **{
+                name: levels and dict(zip(words.PERCENTILES, astuple(levels), strict=True))
+                for name, levels in spreads.items()
+            },
             "sampled_cases": SAMPLES,
             "threshold": threshold.title,
             "estimated": [*device.estimated_values, "detection threshold"],
@@ -96,10 +99,6 @@ def sampled_word(device: Device) -> str:
     """What the figures of a steady drive are over."""
     is_of_bars = device.spread.is_of_bars or device.uncertainty is not None
     return "surfaces and fingers" if is_of_bars else "fingers"
-
-
-def _by_percentile(levels: Any) -> dict[str, float]:
-    return dict(zip(words.PERCENTILES, astuple(levels), strict=True))
 
 
 class ExplainedRow:
