@@ -9,23 +9,34 @@ import json
 import platform
 import select
 import socket
+import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table as Grid
 
-from base.child import Child
+from base.child import Child, Parent
+from base.plain import to_plain
 from base.points import point_text
+from engine.effects.rules import DEFAULT_EFFECTS
+from engine.loop.loop import SystemClock
 from engine.table import Table
-from tactable.bench.latency.sockets import STAMPS
+from firmware_link.host.descriptor_port import DescriptorPort
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
+from tactable.bench.latency.sockets import STAMPS, SocketSource
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
+from tactable.control.slot import ControlOf, ControlProcess
 from tactable.rig.emulate import configuration_of
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of
+from tactable.run.live_run import Live, LiveOptions, fast_library, ring_for
+from tactable.shipped import named_effects
 
 ROUNDS = 1000  # the 99th percentile has ten samples beyond it
 _SLOTS = 2
@@ -55,9 +66,7 @@ class _Bench:
         }
         ends = (their_touch.fileno(), their_link.fileno())
         name = "the engine under measurement"
-        self._engine = stack.enter_context(
-            Child("tactable.bench.control_engine", arguments, name=name, descriptors=ends)
-        )
+        self._engine = stack.enter_context(Child(__name__, arguments, name=name, descriptors=ends))
         for each in (their_touch, their_link):
             each.close()
         self._far_end = LightDevice(configuration_of(table.device), time.monotonic_ns())
@@ -135,6 +144,31 @@ class _Bench:
             answer = (self._far_end.receive(data, now_ns) if data else b"") + self._far_end.run_until(now_ns)
             if answer:
                 self._link.sendall(answer)
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """The engine, a child process: it says where programs reach the run, and at the end what was counted."""
+    path = Path(arguments["table"])
+    effects = replace(DEFAULT_EFFECTS, others=tuple(named_effects().values()))
+    descriptor, numbers = bytes.fromhex(arguments["descriptor"]), (arguments["vendor_id"], arguments["product_id"])
+    source = SocketSource(arguments["touch"], descriptor, numbers, arguments["reports"])
+    with (
+        tempfile.TemporaryDirectory(prefix="tactable-") as folder,
+        ring_for(None, is_needed=True) as ring,
+        Table.open(path, verify=False) as table,
+    ):
+        assert ring is not None  # it is needed
+        fast = fast_library() if arguments["has_fast_path"] else None
+        options = LiveOptions(effects, reconnect=True, bit_rate_hz=PTY_BIT_RATE_HZ, fast=fast)
+        served = ControlOf(Path(folder) / "control.sock", ring.path, path)
+        with ControlProcess(served) as slot:
+            port = DescriptorPort("the socket", arguments["link"])
+            live = Live(table, source, port, SystemClock(), options, ring, control=slot)
+            slot.begin_steps(live.capabilities)
+            with live.armed():
+                parent.say({"socket": str(served.socket)})
+                live.loop.run()
+            parent.say({"loop": to_plain(live.loop.counters), "fast_path": to_plain(live.fast_counters)})
 
 
 def run_control_bench(table: Table, rounds: int = ROUNDS) -> dict[str, Any]:

@@ -11,9 +11,8 @@ from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream, open_table, replayed, tapping
-from tactable.bench.latency.background_load import BackgroundLoad
 from tactable.bench.latency.compare import got_worse
-from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, Plan, Transport
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, BackgroundLoad, Plan, Transport
 from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 from tactable.cli.console import ERRORS, OUT, remark, say, show

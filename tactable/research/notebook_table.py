@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from engine.table import Table as TableFile
 from engine.table import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
-from tactable.research.asked import asked_placement
-from tactable.research.played import Click, Drive
+from tactable.research.played import Click, Drive, asked_placement
 
 if TYPE_CHECKING:
     import xarray

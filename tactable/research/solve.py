@@ -10,8 +10,7 @@ from engine.table.click_entry import played_at
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.placement import PlacementError
-from tactable.research.asked import asked_placement
-from tactable.research.played import Click, Drive
+from tactable.research.played import Click, Drive, asked_placement
 
 if TYPE_CHECKING:
     from precompute.clicks import ClickSolver

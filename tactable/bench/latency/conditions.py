@@ -4,15 +4,28 @@ A shared machine drifts. So every condition is measured in several short segment
 another condition, and each engine is measured next to its floor: all of them meet the same machine.
 """
 
+import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
 
+from base.child import Child, Parent
 from engine.loop.realtime import Step
-from tactable.bench.latency.background_load import BackgroundLoad
 
 TACTABLE, ECHO, WITHOUT_FAST_PATH, ZONES = "tactable", "C echo", "tactable without fast path", "tactable, zones"
 SOCKET_BIT_RATE_HZ = 1_000_000_000  # a socket pair is no line: what is written has arrived
 PTY_BIT_RATE_HZ = 2_000_000  # that of a fast UART; a terminal ignores it, the renewals count with it
+_MEMORY_BYTES = 1 << 26  # 64 MiB: more than a cache holds, so the copies go to memory
+
+
+class BackgroundLoad(StrEnum):
+    """Kind of load beside the engine under measurement."""
+
+    IDLE = "idle"  # only what the machine does anyway
+    STRESS = "stress"  # for each processor one process that computes and one that moves memory
+    THREAD = "thread"  # a busy Python thread in the engine's own process: it shows why no other thread may live there
 
 
 @dataclass(frozen=True)
@@ -95,3 +108,26 @@ class Plan:
             return None
         floor = Condition(ECHO, condition.rate_hz, condition.load, condition.steps)
         return floor if floor in self.conditions(condition.load) else None
+
+
+@contextmanager
+def background_load(load: BackgroundLoad) -> Iterator[None]:
+    """Run the processes of a load for the length of a `with` block; the busy thread belongs to the engine's process."""
+    kinds = ("compute", "memory") * (os.cpu_count() or 1) if load is BackgroundLoad.STRESS else ()
+    children = [Child(__name__, {"kind": kind}, name=f"the background load {kind}") for kind in kinds]
+    try:
+        yield
+    finally:
+        for child in children:
+            child.kill()
+
+
+def main(parent: Parent, arguments: dict[str, Any]) -> None:
+    """Work without end: the parent kills this process, or the system does when the parent is gone."""
+    parent.end_with_it()
+    block, target = bytes(_MEMORY_BYTES), bytearray(_MEMORY_BYTES)
+    while True:
+        if arguments["kind"] == "memory":
+            target[:] = block
+        else:
+            sum(range(1_000_000))

@@ -21,15 +21,13 @@ from engine.touch.sources.recording import read_recording
 from firmware_link.host.link_values import BOARD_EMULATED
 from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
-from tactable.bench.latency.background_load import background_load
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
-from tactable.bench.latency.conditions import Condition, Plan, Transport
+from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load
 from tactable.bench.latency.environment import environment_json
 from tactable.bench.latency.latency_page import page_markdown, page_pictures
 from tactable.bench.latency.load_generator import Stall
-from tactable.bench.latency.segments import Bench, Measured
+from tactable.bench.latency.segments import Bench, Measured, build_program
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
-from tactable.bench.latency.timed_programs import build_program
 from tactable.run.live_run import fast_library
 
 FORMAT, REVISION = "tactable latency", 2

@@ -5,7 +5,7 @@ import os
 import socket
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,17 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from base.arrays import Integers
+from base.c_library import find_compiler
 from base.child import Child
 from engine.device import Device
-from engine.loop.realtime import Outcome, Step, real_time
+from engine.loop.realtime import PRIORITY, Outcome, Step, real_time
 from engine.table import Table
 from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
-from tactable.bench.latency.background_load import BackgroundLoad
-from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, Condition, Transport
+from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, BackgroundLoad, Condition, Transport
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
@@ -35,7 +36,6 @@ from tactable.bench.latency.stamps import (
     stamps_of_replaced,
 )
 from tactable.bench.latency.timed_engine import Segment
-from tactable.bench.latency.timed_programs import build_program, exchange_ns, read_echo_samples, start_echo_engine
 from tactable.bench.light_device import Arrivals, LightDevice
 from tactable.rig.emulate import configuration_of
 
@@ -204,6 +204,44 @@ class Bench:
         stamps = stamps_of_echoes(samples, np.array(receiver.arrivals.time_ns[1:], np.int64))
         facts = {"reports_sent": schedule.next, "commands": len(samples)}
         return Measured(stamps, samples[:, 0].copy(), facts, outcomes)
+
+
+def build_program(name: str, folder: Path) -> Path | None:
+    """Compile the C file `name` beside this module into `folder`; None where no compiler is there or none succeeds."""
+    compiler, program = find_compiler(), folder / name
+    if compiler is None:
+        return None
+    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(Path(__file__).with_name(f"{name}.c"))]
+    return program if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None
+
+
+def exchange_ns(program: Path | None, first: int, second: int) -> int | None:
+    """How long a cache line takes from one processor to another and back, ns, by the program `exchange`.
+
+    None without the program, for one processor alone, and where it may not run on both.
+    """
+    if program is None or first == second:
+        return None
+    done = subprocess.run([str(program), str(first), str(second)], capture_output=True, text=True, check=False)
+    return int(done.stdout) if done.returncode == 0 else None
+
+
+def start_echo_engine(
+    program: Path, touch: int, link: int, every: int, size: int, samples: Path, steps: Collection[Step], processor: int
+) -> "subprocess.Popen[bytes]":
+    """Start the C echo engine on two descriptors, with the real-time steps that a C program can take.
+
+    Each of its answers has `size` bytes.
+    """
+    priority = PRIORITY if Step.PRIORITY in steps else 0
+    chosen = processor if Step.AFFINITY in steps else -1
+    numbers = (touch, link, every, size, samples, priority, chosen, int(Step.MEMORY in steps))
+    return subprocess.Popen([str(program), *map(str, numbers)], pass_fds=(touch, link))
+
+
+def read_echo_samples(path: Path) -> Integers:
+    """Shape (answer, 4): when each was due, sent, read and written, ns."""
+    return np.fromfile(path, np.int64).reshape(-1, 4)
 
 
 def _touch_pair(stack: ExitStack) -> tuple[socket.socket, socket.socket]:

@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from engine.loop.realtime import ALL_STEPS, Step
-from tactable.bench.latency.background_load import BackgroundLoad
-from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, Condition, Plan
+from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, BackgroundLoad, Condition, Plan
 
 PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True, has_zones=True)
 

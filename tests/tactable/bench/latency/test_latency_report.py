@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from engine.loop.realtime import ALL_STEPS
-from tactable.bench.latency.background_load import BackgroundLoad
-from tactable.bench.latency.conditions import ECHO, TACTABLE, Condition, Plan
+from tactable.bench.latency.conditions import ECHO, TACTABLE, BackgroundLoad, Condition, Plan
 from tactable.bench.latency.latency_page import page_markdown
 from tactable.bench.latency.latency_report import (
     LatencyReportError,

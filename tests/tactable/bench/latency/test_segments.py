@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tactable.bench.latency.timed_programs import build_program, exchange_ns
+from tactable.bench.latency.segments import build_program, exchange_ns
 
 ALLOWED = sorted(os.sched_getaffinity(0))
 NONE_SUCH = max(ALLOWED) + 1000
