@@ -57,16 +57,15 @@ class _Memory(OnClock):
     def __init__(self, stream: Stream, count: int, configuration: DeviceConfiguration, clock: _PacedClock) -> None:
         self.name, self.descriptor = stream.name, stream.descriptor
         self.vendor_id, self.product_id = stream.vendor_id, stream.product_id
-        self.answer_ns: list[int] = []  # from each report in hand until the loop asks for more
-        self.write_ns: list[int] = []  # from each report in hand until something was written; 0 where nothing was
-        self.is_fast: list[bool] = []  # of each report: whether the compiled step answered it
+        # Of each report in hand: ns until the loop asks for more, and until something was written, 0 where nothing was;
+        # whether the compiled step answered it.
+        self.noted: list[list[int]] = []
         self._reports = list(islice(stream.packets(), count))
         self.clock = clock
         self._device = LightDevice(configuration, clock.now_ns())
         self._written: list[bytes] = []
         self._asked = 0
         self._in_hand_ns = 0
-        self._is_asked_again = True
         self._pass_of = 0
 
     @property
@@ -80,27 +79,23 @@ class _Memory(OnClock):
         """A report comes with each wait."""
 
     def read(self, now_ns: int) -> bytes | None:
-        if not self._is_asked_again:
+        if len(self.noted) <= self.report_index:
             self.note(time.monotonic_ns() - self._in_hand_ns, 0)
         if self._pass_of == self.clock.waited_ns or self.ended:
             return None
         self._pass_of = self.clock.waited_ns
         self.report_index += 1
         self.report_time_ns = now_ns
-        self._is_asked_again = False
         report = self._reports[self.report_index]
         self._in_hand_ns = time.monotonic_ns()
         return report
 
     def note(self, answer_ns: int, write_ns: int, *, is_fast: bool = False) -> None:
-        self.answer_ns.append(answer_ns)
-        self.write_ns.append(write_ns)
-        self.is_fast.append(is_fast)
-        self._is_asked_again = True
+        self.noted.append([answer_ns, write_ns, is_fast])
 
     def write(self, data: bytes) -> int:
-        if self.write_ns and not self.write_ns[-1]:
-            self.write_ns[-1] = time.monotonic_ns() - self._in_hand_ns
+        if self.noted and not self.noted[-1][1]:
+            self.noted[-1][1] = time.monotonic_ns() - self._in_hand_ns
         self._written.append(data)
         return len(data)
 
@@ -182,13 +177,9 @@ class InProcess:
 
 def together(parts: Sequence[InProcess]) -> InProcess:
     """The reports of several streams as one."""
+    columns = zip(*((part.answer_ns, part.has_command, part.is_fast, part.fingers) for part in parts), strict=True)
     return InProcess(
-        f"all {len(parts)} recordings",
-        any(part.simulated for part in parts),
-        np.concatenate([part.answer_ns for part in parts]),
-        np.concatenate([part.has_command for part in parts]),
-        np.concatenate([part.is_fast for part in parts]),
-        np.concatenate([part.fingers for part in parts]),
+        f"all {len(parts)} recordings", any(part.simulated for part in parts), *map(np.concatenate, columns)
     )
 
 
@@ -204,15 +195,15 @@ def measure_in_process(
     options = LiveOptions(effects, reconnect=True, bit_rate_hz=_MEMORY_BIT_RATE_HZ, fast=library)
     trace = Trace()
     Live(table, memory, _MemoryPort(memory), clock, options, trace, fast_path=_MemoryFastPath).run()
-    write_ns = np.array(memory.write_ns, np.float64)
+    answer_ns, write_ns, is_fast = np.array(memory.noted, np.float64).reshape(-1, 3).T
     caused = [change.report_index for change in trace if change.drive_sequence is not None]
     has_command = np.isin(np.arange(len(write_ns)), [index for index in caused if index is not None]) & (write_ns > 0)
     return InProcess(
         stream.name,
         stream.simulated,
-        np.where(has_command, write_ns, np.array(memory.answer_ns, np.float64)),
+        np.where(has_command, write_ns, answer_ns),
         has_command,
-        np.array(memory.is_fast, np.bool_),
+        is_fast.astype(np.bool_),
         np.array(_fingers(stream, count), np.int64),
     )
 

@@ -121,7 +121,10 @@ def latency(
         streams = _streams(table, read_counts("--rates", rates, 1, _HIGHEST_RATE_HZ), fingers, recordings or [])
         transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)
         plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, bool(table.best_rows))
-        _check_samples(plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ), seconds)
+        most_hz = plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ)
+        if most_hz * seconds > _MOST_SAMPLES:
+            longest_s = _MOST_SAMPLES // most_hz
+            raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
         injected = None if stall is None else Stall(stall)
         before = None if baseline is None else read_baseline(baseline, plan)
         document, run = measure(
@@ -164,12 +167,6 @@ def _plan(rates: tuple[int, ...], loads: str, steps: str, ablates: bool, echo: b
     if not beside:
         raise typer.BadParameter(f"--loads {loads!r}: expected some of {', '.join(BackgroundLoad)}")
     return Plan(rates, beside, chosen, has_echo=echo, ablates=ablates, has_zones=has_zones)
-
-
-def _check_samples(commands_hz: int, seconds: float) -> None:
-    if commands_hz * seconds > _MOST_SAMPLES:
-        longest_s = _MOST_SAMPLES // commands_hz
-        raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
 
 
 def _on_progress(text: str) -> None:

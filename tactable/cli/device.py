@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _CHECKED_MODES = 6  # shipped bars have 4 to 7 below twice their band; a line for each
 _LEAST_RATIO = 1e-6
+_THRESHOLD_KEYS = ("name", "title", "source", "frequency_hz", "measured_hz", "people_db")
 
 
 def modes(
@@ -66,11 +67,8 @@ def modes(
         say(f"written: {output}")
 
 
-def _mode_json(mode: "Mode") -> dict[str, float | None]:
-    plain: dict[str, float | None] = to_plain(
-        {key: getattr(mode, key) for key in ("frequency_hz", "damping_ratio", "decay_s")}
-    )
-    return plain
+def _mode_json(mode: "Mode") -> Any:
+    return to_plain({key: getattr(mode, key) for key in ("frequency_hz", "damping_ratio", "decay_s")})
 
 
 def _print_modes(out: Console, found: dict[str, Any]) -> None:
@@ -144,7 +142,7 @@ def check(
         },
         "sweep_hz": [device.sweep.start_hz, device.sweep.stop_hz, device.sweep.step_hz],
         "greatest_level_db": levels,
-        "threshold": _threshold_json(device),
+        "threshold": to_plain({key: getattr(device.threshold, key) for key in _THRESHOLD_KEYS}),
         "finger": _finger_json(device),
         "spread": device.spread_text,
         "surface": device.surface.kind,
@@ -215,13 +213,6 @@ def _electrodes_text(name: str, electrodes: dict[str, Any]) -> str:
     return f"{at_rest}; second harmonic of the force {20 * np.log10(ratio):.1f} dB at full drive, which no level counts"
 
 
-def _threshold_json(device: "Device") -> dict[str, Any]:
-    curve = device.threshold
-    keys = ("name", "title", "source", "frequency_hz", "measured_hz", "people_db")
-    plain: dict[str, Any] = to_plain({key: getattr(curve, key) for key in keys})
-    return plain
-
-
 def _threshold_words(curve: dict[str, Any]) -> str:
     """The threshold curve with its range, and which of its points were measured."""
     low_hz, high_hz, measured_hz = curve["frequency_hz"][0], curve["frequency_hz"][-1], curve["measured_hz"]
@@ -232,10 +223,10 @@ def _threshold_words(curve: dict[str, Any]) -> str:
     return f"threshold {curve['name']}: {curve['title']}; {points}"
 
 
-def _finger_json(device: "Device") -> dict[str, Any]:
+def _finger_json(device: "Device") -> Any:
     origin, finger = device.finger_origin, device.finger
     points = origin.impedance
-    plain: dict[str, Any] = to_plain(
+    return to_plain(
         {
             "name": origin.name,
             "source": origin.source,
@@ -249,7 +240,6 @@ def _finger_json(device: "Device") -> dict[str, Any]:
             "is_within_clicks": (origin.misfit or 0.0) <= (device.spread.finger or finger.spread - 1),
         }
     )
-    return plain
 
 
 def _finger_words(finger: dict[str, Any]) -> str:

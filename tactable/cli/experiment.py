@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from tactable.experiment.stage import Prediction
     from tactable.experiment.trial_files import SessionFiles
 
-_SECONDS = {
-    True: 4.5,
-    False: 3.5,
-}  # of a trial with two intervals and with one, an answer of a second included: ESTIMATE
+# Of a trial with two intervals and with one, an answer of a second included: ESTIMATE.
+_SECONDS = {True: 4.5, False: 3.5}
 
 
 def experiment(

@@ -21,7 +21,6 @@ from tactable.explain.diff_words import diff_json, print_diff
 
 EXIT_DIFFERS = 1
 EXIT_TROUBLE = 2
-_PARTS = (".nc", ".csv", ".mat")  # endings of a part of a table
 
 
 def explain(
@@ -128,9 +127,9 @@ def export(
     from tactable.research.notebook_table import Table as NotebookTable
     from tactable.research.table_export import write_csv, write_matlab, write_netcdf
 
-    if path.suffix.lower() not in _PARTS:
-        raise options.OptionError(f"--output {path}: expected a name that ends in {', '.join(_PARTS)}")
-    write = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}[path.suffix.lower()]
+    writers = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}
+    if (write := writers.get(path.suffix.lower())) is None:
+        raise options.OptionError(f"--output {path}: expected a name that ends in {', '.join(writers)}")
     with NotebookTable.open(table_path) as table, table.to_xarray(group) as found, replace_file(path) as made:
         names = write(found, group, made)
     say(f"{path}: {group} of {table.device.name}: {', '.join(names)}")

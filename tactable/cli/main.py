@@ -54,7 +54,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
         "Build": {
             "build": Entry("build:build", "Build the table of a device."),
             "rollback": Entry("build:rollback", "Put the previous table back; a second rollback undoes the first."),
-            "fleet": Entry("fleet:fleet", "Calibrate, build and verify many devices; an interrupted run continues."),
+            "fleet": Entry("build:fleet", "Calibrate, build and verify many devices; an interrupted run continues."),
         },
         "Play": {
             "demo": Entry("demo:demo", "Show the whole chain, SIMULATED: as a page to touch, or as a report."),

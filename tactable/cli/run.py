@@ -2,7 +2,7 @@
 
 import ctypes
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -175,10 +175,12 @@ def run(
             tracking.begin_tracking(live.capabilities, live.fit.scales)
         if slot is not None:
             slot.begin_steps(live.capabilities)
+        lines = list[str]()
         if ring is not None and page:
             shown = stack.enter_context(_page(live, ring, table_path, page_host, page_port))
-            _note_all(shown.read()["lines"])
-        _note_all([] if slot is None else slot.lines)
+            lines += shown.read()["lines"]
+        for text in (*lines, *([] if slot is None else slot.lines)):
+            note(text)
         _announce(source, port, live, refuses)
 
         def where() -> dict[str, Any]:
@@ -227,11 +229,6 @@ def _reopening(port: OpenPort, name: str, bit_rate_hz: int, reconnect: bool) -> 
         else:
             opens = partial(open_port, stable_name_of(name) if reconnect else name, bit_rate_hz)
         yield stack.enter_context(closing(ReopeningPort(_told(opens), port)))
-
-
-def _note_all(lines: Iterable[str]) -> None:
-    for line in lines:
-        note(line)
 
 
 def _page(live: Live, ring: RingWriter, table_path: Path, host: str, port: int) -> Child:

@@ -19,12 +19,12 @@ from base.child import Child
 from engine.device import Device
 from engine.loop.realtime import PRIORITY, Outcome, Step, real_time
 from engine.table import Table
-from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
+from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
-from tactable.bench.latency.conditions import ECHO, WITHOUT_FAST_PATH, ZONES, BackgroundLoad, Condition, Transport
+from tactable.bench.latency.conditions import ECHO, Condition, Transport
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
@@ -113,7 +113,11 @@ class Bench:
             if self._transport.is_sockets:
                 link, their_link = _link_pair(stack)
                 far_end = LightDevice(configuration_of(self._device), time.monotonic_ns())
-            segment = self._segment(condition, stream, count, path, emulator)
+            numbers, bit_rate_hz = (stream.vendor_id, stream.product_id), self._transport.bit_rate_hz
+            port = emulator.port if emulator else None if self._transport.is_sockets else self._transport.name
+            segment = Segment(
+                stream.descriptor, numbers, count, condition, self._engine_processor, path, port, bit_rate_hz
+            )
             theirs = [each for each in (their_touch, their_link) if each is not None]
             engine.write({"segment": segment}, [each.fileno() for each in theirs])
             _close(theirs)
@@ -135,24 +139,6 @@ class Bench:
         outcomes = tuple(Outcome(Step(o["step"]), o["finding"], o["remedy"]) for o in answer["outcomes"])
         facts = self._facts(answer, samples, schedule, stream) | {"board": armed["board"]}
         return Measured(stamps, due_ns, facts, outcomes)
-
-    def _segment(
-        self, condition: Condition, stream: Stream, count: int, path: Path, emulator: RunningEmulator | None
-    ) -> Segment:
-        return Segment(
-            descriptor=stream.descriptor,
-            vendor_id=stream.vendor_id,
-            product_id=stream.product_id,
-            count=count,
-            steps=condition.steps,
-            processor=self._engine_processor,
-            has_busy_thread=condition.load is BackgroundLoad.THREAD,
-            samples=path,
-            port=emulator.port if emulator else None if self._transport.is_sockets else self._transport.name,
-            bit_rate_hz=self._transport.bit_rate_hz,
-            has_fast_path=condition.engine != WITHOUT_FAST_PATH,
-            has_zones=condition.engine == ZONES,
-        )
 
     def _facts(
         self, answer: dict[str, Any], samples: dict[str, Times], schedule: Schedule, stream: Stream

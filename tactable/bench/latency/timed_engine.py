@@ -18,7 +18,6 @@ from engine.effects.rules import DEFAULT_EFFECTS, Drives
 from engine.loop.command_latency import Stage
 from engine.loop.loop import SystemClock
 from engine.loop.observer import CommandRecord, Fate, Trace
-from engine.loop.realtime import Step
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.host.clock import OffsetBounds
@@ -29,6 +28,7 @@ from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Status, decode_body
 from tactable.bench.inputs import place_of
+from tactable.bench.latency.conditions import WITHOUT_FAST_PATH, ZONES, BackgroundLoad, Condition
 from tactable.bench.latency.sockets import SocketSource
 from tactable.run.live_run import Live, LiveOptions, fast_library
 
@@ -40,17 +40,13 @@ class Segment:
     """One uninterrupted stretch of measurement, as the engine's process is told of it."""
 
     descriptor: bytes
-    vendor_id: int
-    product_id: int
+    numbers: tuple[int, int]  # vendor and product of the digitizer
     count: int  # reports to come
-    steps: tuple[Step, ...]
+    condition: Condition
     processor: int
-    has_busy_thread: bool
     samples: Path  # where the arrays go, .npz
     port: str | None  # a serial port; None: the second socket
     bit_rate_hz: int
-    has_fast_path: bool
-    has_zones: bool  # rows of the sweep are played in place of clicks
 
 
 def main(parent: Parent, arguments: dict[str, Any]) -> None:
@@ -64,22 +60,21 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
 
 
 def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent, library: ctypes.CDLL | None) -> None:
-    numbers = (segment.vendor_id, segment.product_id)
-    fast = library if segment.has_fast_path else None
+    condition, plays_rows = segment.condition, segment.condition.engine == ZONES
+    fast = None if condition.engine == WITHOUT_FAST_PATH else library
     with ExitStack() as stack:
         for descriptor in descriptors:
             stack.enter_context(socket.socket(fileno=descriptor))
-        source = SocketSource(descriptors[0], segment.descriptor, numbers, segment.count)
+        source = SocketSource(descriptors[0], segment.descriptor, segment.numbers, segment.count)
         port = _ListeningPort(
             DescriptorPort("the socket", descriptors[1])
             if segment.port is None
             else stack.enter_context(SerialPort(segment.port, segment.bit_rate_hz))
         )
         trace = Trace()
-        effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if segment.has_zones else DEFAULT_EFFECTS
-        rate_hz, steps = segment.bit_rate_hz, segment.steps
-        options = LiveOptions(effects, False, True, rate_hz, steps, segment.processor, fast)
-        if segment.has_busy_thread:
+        effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if plays_rows else DEFAULT_EFFECTS
+        options = LiveOptions(effects, False, True, segment.bit_rate_hz, condition.steps, segment.processor, fast)
+        if condition.load is BackgroundLoad.THREAD:
             stack.enter_context(_busy_thread())
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
@@ -93,7 +88,7 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         # A finger that lifts ends what is wanted, but its click ends by itself: the device holds silence already.
         changes = [change for change in trace if change.fate is not Fate.SAME]
         samples = _samples(live, source, changes)
-        predicted = _predictions(None if segment.has_zones else table, changes, samples)
+        predicted = _predictions(None if plays_rows else table, changes, samples)
         np.savez(segment.samples, **samples, **predicted, **port.applied(bounds))
         parent.say(
             {
