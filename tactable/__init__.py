@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from tactable.control.client import connect as connect
     from tactable.control.client import connect_async as connect_async
     from tactable.research.notebook_table import Table as Table
-    from tactable.research.solve import solve_click as solve_click
-    from tactable.research.solve import solve_drive as solve_drive
     from tactable.research.untabulated import modes as modes
     from tactable.research.untabulated import placement as placement
     from tactable.research.untabulated import response as response
+    from tactable.research.untabulated import solve_click as solve_click
+    from tactable.research.untabulated import solve_drive as solve_drive
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
@@ -63,8 +63,8 @@ _HOMES = {
     "read_measurements": "precompute.measurements.measurement_file",
     "response": "tactable.research.untabulated",
     "sample_devices": "precompute.sampling.devices",
-    "solve_click": "tactable.research.solve",
-    "solve_drive": "tactable.research.solve",
+    "solve_click": "tactable.research.untabulated",
+    "solve_drive": "tactable.research.untabulated",
 }
 __all__ = list(_HOMES)
 

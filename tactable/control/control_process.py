@@ -18,9 +18,8 @@ from engine.effects.control_step import Outcome
 from engine.loop.ring import RingReader
 from engine.table import Table, TableError
 from tactable.control.control_server import ControlServer
-from tactable.control.events import Events
+from tactable.control.events import Board, Events
 from tactable.control.program_scene import Scene
-from tactable.control.promise import Board
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.slot import ControlOf
 from tactable.control.unix_socket import listening_socket

@@ -190,9 +190,13 @@ def _points(name: str, points: Sequence[complex], **attributes: str) -> dict[str
     return {key: ("finger", part, {"units": "m", **attributes}) for key, part in found.items()}
 
 
-def _origin(device: Device) -> dict[str, str]:
-    from tactable.research.untabulated import origin_of
+def origin_of(device: Device) -> dict[str, str]:
+    """Attributes that say what an array was computed from."""
+    estimates = ", ".join(device.estimated_values)
+    return {"device": device.name, "device_fingerprint": device.fingerprint, "source": "model", "estimates": estimates}
 
+
+def _origin(device: Device) -> dict[str, str]:
     return {**origin_of(device), "threshold": device.threshold.title}
 
 

@@ -1,6 +1,8 @@
-"""Functions of a surface without a table: its modes, its response, and fingers on it."""
+"""Functions of a surface without a table: its modes, its response, fingers on it, and clicks and drives solved now."""
 
 from collections.abc import Sequence
+from functools import lru_cache
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,13 +10,20 @@ from numpy.typing import ArrayLike
 
 from base.arrays import Points
 from engine.device import Device
+from engine.table.click_entry import played_at
+from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
+from engine.touch.placement import PlacementError
 from precompute.model.assembly import assemble
 from precompute.model.modes import compute_modes, seen_points
 from precompute.model.response import solve_response
+from tactable.research.played import Click, Drive, asked_placement, origin_of
 
 if TYPE_CHECKING:
     import xarray
+
+    from precompute.clicks import ClickSolver
+    from precompute.predict.at_positions import SteadyDesigner
 
 
 def placement(device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex] = ()) -> Placement:
@@ -88,17 +97,67 @@ def response(
     )
 
 
+def solve_click(
+    device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex] = (), level_db: float = inf
+) -> Click:
+    """Solve the click for up to ten fingers where they are; infinite `level_db`: as strong as it can be.
+
+    A position is a text such as "35 mm", metres, or the name of a zone, which means its middle. The first click of a
+    device also samples its plants, which takes a fraction of a second. Raises PlacementError for positions that are no
+    placement, and where no finger is felt.
+
+    >>> click = solve_click(device, felt=["35 mm"], quiet=["120 mm", "200 mm"])
+    >>> click.waveform.shape
+    (121, 2)
+    """
+    placement = _felt_placement(device, felt, quiet, level_db)
+    return Click.of(played_at(_click_solver(device).solve_entry(placement), level_db), device, placement)
+
+
+def solve_drive(
+    device: Device,
+    felt: Sequence[str | complex],
+    quiet: Sequence[str | complex] = (),
+    level_db: float = DEFAULT_LEVEL_DB,
+) -> Drive:
+    """Solve the steady drive for fingers where they are, given as in `solve_click`, at a level in dB.
+
+    >>> solve_drive(device, felt=["35 mm"], quiet=["120 mm"], level_db=20).achieved
+    True
+    """
+    placement = _felt_placement(device, felt, quiet, level_db)
+    found = _designer(device).solver.solve(placement.position_m, placement.is_felt, level_db)
+    return Drive.of(found, device, placement)
+
+
+def _felt_placement(
+    device: Device, felt: Sequence[str | complex], quiet: Sequence[str | complex], level_db: float
+) -> Placement:
+    placement = asked_placement(device, felt, quiet, level_db)
+    if not felt:
+        raise PlacementError('no finger is felt: name at least one, such as felt=["35 mm"]')
+    return placement
+
+
+@lru_cache(maxsize=4)
+def _click_solver(device: Device) -> "ClickSolver":
+    from precompute.clicks import DEFAULT_OPTIONS, ClickSolver
+
+    return ClickSolver(device, DEFAULT_OPTIONS.at_fingers)
+
+
+@lru_cache(maxsize=4)
+def _designer(device: Device) -> "SteadyDesigner":
+    from precompute.predict.at_positions import SteadyDesigner
+
+    return SteadyDesigner(device)
+
+
 def _coordinates(position_m: Points) -> dict[str, Any]:
     parts = {"position": position_m.real} | (
         {"position_across": position_m.imag} if np.iscomplexobj(position_m) else {}
     )
     return {name: ("position", part, {"units": "m"}) for name, part in parts.items()}
-
-
-def origin_of(device: Device) -> dict[str, str]:
-    """Attributes that say what an array was computed from."""
-    estimates = ", ".join(device.estimated_values)
-    return {"device": device.name, "device_fingerprint": device.fingerprint, "source": "model", "estimates": estimates}
 
 
 def _positions_m(device: Device, fingers: Sequence[str | complex]) -> tuple[complex, ...]:

@@ -1,8 +1,6 @@
 """The commands `build`, with its places and its clicks, `build --watch` and `rollback`."""
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +15,8 @@ from tests.precompute.builder.test_table_build import ONE_LEVEL
 from tests.precompute.fleet.small_fleet import small_text
 from tests.precompute.measurements.test_response_table import COARSE, per_newton, rows
 from tests.tactable.cli.in_process import run_here, summary_of
+from tests.tools.processes import started
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 SMALL = ONE_LEVEL.replace("count = 3", "count = 1")
 SOFTER = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
 
@@ -58,8 +56,7 @@ def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_pa
     device = tmp_path / "bar.toml"
     device.write_text(SMALL, encoding="utf-8")
     words = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--workers", "1", "--watch")
-    pipe = subprocess.PIPE
-    with subprocess.Popen([TACTABLE, *words], cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
+    with started(tmp_path, *words) as process:
         assert process.stderr is not None
 
         def told() -> str:

@@ -18,10 +18,10 @@ from precompute.parallel.pool import WorkerError
 from tactable.cli import touch
 from tactable.cli.main import main
 from tests.precompute.builder.test_table_build import SMALL
+from tests.tools.processes import started
 
 ROOT = Path(__file__).parents[3]
 ROOMS = ("engine", "firmware_link", "precompute", "tactable")
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 UNDER_ANOTHER_ERROR = {
     "QuantityError": "becomes DeviceError or OptionError",
     "PageMessageError": "answers a browser",
@@ -107,9 +107,8 @@ def workers_of(process: "subprocess.Popen[str]") -> list[int]:
 @pytest.mark.machine(stall_s=None)
 def test_a_build_that_is_struck_while_workers_solve_ends_in_a_line_and_leaves_no_process(tmp_path: Path) -> None:
     (tmp_path / "bar.toml").write_text(SMALL, encoding="utf-8")
-    command, pipe = [TACTABLE, "build", "bar.toml", "-o", "bar.nc", "--workers", "3"], subprocess.PIPE
     for is_interrupt in (False, True):
-        with subprocess.Popen(command, cwd=tmp_path, text=True, stdout=pipe, stderr=pipe) as process:
+        with started(tmp_path, "build", "bar.toml", "-o", "bar.nc", "--workers", "3") as process:
             workers = list[int]()
             while len(workers) < 2:
                 time.sleep(0.05)

@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,8 +9,8 @@ import pytest
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.emulator_process import run_emulator
 from tests.tactable.cli.in_process import Line, run_here
+from tests.tools.processes import started
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 DRIVE = ("--frequency", "150,130", "--amplitude", "20 %,5 %", "--phase", "0deg,90deg")
 
 
@@ -33,11 +31,10 @@ def test_a_drive_is_played_for_its_time_and_its_levels_told(tmp_path: Path, monk
 
 
 @pytest.mark.machine
-def test_ctrl_c_silences() -> None:
-    pipe = subprocess.PIPE
+def test_ctrl_c_silences(tmp_path: Path) -> None:
     with run_emulator() as emulator:
-        words = [TACTABLE, "play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %"]
-        with subprocess.Popen(words, text=True, stdout=pipe, stderr=pipe) as process:
+        words = ("play", "reference-a", "--port", emulator.port, "--frequency", "150", "--amplitude", "20 %")
+        with started(tmp_path, *words) as process:
             assert process.stderr is not None
             assert "Ctrl-C ends" in process.stderr.readline()
             while not emulator.log().events:

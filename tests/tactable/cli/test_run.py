@@ -2,8 +2,6 @@
 
 import json
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,9 +30,9 @@ from tests.engine.touch.sources.fake_hid import FakeMachine
 from tests.tactable.cli.in_process import Line, run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tactable.rules import HELD
+from tests.tools.processes import started
 from tests.tools.virtual import MS
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
 
 
@@ -166,12 +164,11 @@ def wait_for(emulator: RunningEmulator, sets: int) -> EmulatorLog:
 
 @pytest.mark.machine(stall_s=None)
 def test_an_unplugged_device_plays_on_under_another_name_and_ctrl_c_ends_the_run(folder: Path, tmp_path: Path) -> None:
-    ring, pipe = tmp_path / "ring", subprocess.PIPE
+    ring = tmp_path / "ring"
     with run_emulator() as emulator:
         before = Path(emulator.stable_port).readlink()
         paths = ("bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--ring", str(ring))
-        command = [TACTABLE, "run", *paths, "--reconnect", "--rules", "held.toml", "--json"]
-        with subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe) as process:
+        with started(folder, "run", *paths, "--reconnect", "--rules", "held.toml", "--json") as process:
             assert process.stderr is not None
             while "Ctrl-C ends" not in process.stderr.readline():
                 assert process.poll() is None

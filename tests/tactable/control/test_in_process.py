@@ -24,7 +24,7 @@ from engine.table import Table
 from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
-from tactable.control.control_process import EVENTS_EVERY_S, serve
+from tactable.control.control_process import serve
 from tactable.control.osc_codec import decode_osc, encode_osc
 from tactable.control.program_scene import Scene
 from tactable.control.slot import ControlOf, ControlProcess
@@ -274,16 +274,3 @@ async def test_open_sound_control_is_served_where_it_says(tmp_path: Path, capfd:
         assert decode_osc(answer) == [("/tactable/answer", ["/tactable/trigger", True, ""])]
         assert run.player.level_db == 20.0
     assert "OSC: 1 messages, 0 refused" in capfd.readouterr().err  # told at the end
-
-
-def test_what_is_served_crosses_to_its_process_whole() -> None:
-    served = ControlOf(Path("c.sock"), Path("ring"), Path("bar.nc"), 80, 81, is_watched=False)
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        ChildHere(ours).write({"served": served})
-        assert ParentHere(theirs).read() == {"served": served}
-
-
-def test_events_are_read_as_often_as_the_page_says() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "programs.md").read_text(encoding="utf-8")
-    assert f"ring every {1e3 * EVENTS_EVERY_S:g} ms" in page

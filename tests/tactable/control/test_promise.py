@@ -10,8 +10,7 @@ from engine.render.link_commands import RendererError
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive, encode_drive
-from tactable.control.events import Events
-from tactable.control.promise import Board, promise_of
+from tactable.control.events import Board, Events, promise_of
 from tactable.explain.placed_drive import designer_of
 from tests.tactable.control.messages import SAID
 from tests.tactable.page.played import RESOLUTION_HZ, record_of

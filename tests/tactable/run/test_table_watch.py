@@ -6,7 +6,6 @@ import select
 import signal
 import struct
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -28,8 +27,8 @@ from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tactable.rules import HELD
+from tests.tools.processes import started
 
-TACTABLE = str(Path(sys.executable).parent / "tactable")
 DEVICE = find_device("reference-a")
 
 
@@ -50,8 +49,7 @@ class Run:
         (folder / "held.toml").write_text(HELD, encoding="utf-8")
         write_recording(make_recording((Stroke(0.0, 600.0, 0.5, 0.5),)), folder / "resting.hid")
         words = ["bar.nc", "--touch", "resting.hid", "--port", emulator.stable_port, "--rules", "held.toml"]
-        command, pipe = [TACTABLE, "run", *words, "--reconnect", "--json"], subprocess.PIPE
-        self.process = subprocess.Popen(command, cwd=folder, text=True, stdout=pipe, stderr=pipe)
+        self.process = started(folder, "run", *words, "--reconnect", "--json")
         self.first = self.wait_for_other_than(None)
 
     def wait_for_other_than(self, drive: Drive) -> Drive:
