@@ -29,7 +29,7 @@ from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.host.link_values import BOARD_EMULATED, BOARD_SOUND_CARD
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
-from firmware_link.protocol.messages import PM_PER_M, DeviceState
+from firmware_link.protocol.messages import PM_PER_M
 from tactable.audio.names import AudioError, AudioOutput
 
 Samples = Single
@@ -70,11 +70,6 @@ class AudioBoard:
         self._made = 0
         self._rise = max(1, round(RISE_S * output.rate_hz))
         self._risen = self._rise
-
-    @property
-    def state(self) -> DeviceState:
-        """State of the core: what it allows."""
-        return self._core.state
 
     @property
     def time_us(self) -> int:

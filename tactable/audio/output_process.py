@@ -18,7 +18,7 @@ from base.child import Parent
 from base.printable import write_note
 from tactable.audio.board import AudioBoard, CardPace, Samples, core_library
 from tactable.audio.names import AudioError, AudioOutput, parse_output
-from tactable.audio.streams import open_output, wait_while_called
+from tactable.audio.streams import PortAudioStream, SimulatedStream, wait_while_called
 
 _READ_SIZE = 1 << 16
 _FADING_S = 1.0
@@ -74,9 +74,12 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
-    name, channels = arguments["card"] or output.name, max(output.channels) + 1
-    is_exact = arguments["card"] is not None
-    stream = open_output(name, channels, output.rate_hz, output.block, feeder.feed, is_exact=is_exact)
+    card, form = arguments["card"], (max(output.channels) + 1, output.rate_hz, output.block, feeder.feed)
+    stream: PortAudioStream | SimulatedStream = (
+        SimulatedStream(*form)
+        if output.is_simulated
+        else PortAudioStream(card or output.name, *form, is_input=False, is_exact=card is not None)
+    )
     try:
         stream.start()
     except Exception as error:

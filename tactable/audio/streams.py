@@ -17,15 +17,6 @@ _NS_PER_S = 1_000_000_000
 _LOOK_S, _MOST_IDLE = 0.1, 5
 
 
-def open_output(
-    name: str, channels: int, rate_hz: int, block: int, callback: Callback, *, is_exact: bool = False
-) -> "PortAudioStream | SimulatedStream":
-    """A stream of what `callback` fills in, on the card of that name, whole where `is_exact`. Raises AudioError."""
-    if name == SIMULATED:
-        return SimulatedStream(channels, rate_hz, block, callback)
-    return PortAudioStream(name, channels, rate_hz, block, callback, is_input=False, is_exact=is_exact)
-
-
 def wait_while_called(asked_to_end: Callable[[float], bool], blocks: Callable[[], int], name: str) -> None:
     """Wait until `asked_to_end`, which takes a patience in seconds; `blocks`: how often the card has called back.
 
@@ -41,7 +32,7 @@ def wait_while_called(asked_to_end: Callable[[float], bool], blocks: Callable[[]
 
 
 class PortAudioStream:
-    """A stream in one direction, float32; `name`: the card's, in full. Raises AudioError.
+    """A stream in one direction, float32, of a card; `name`: the whole of its name. Raises AudioError.
 
     With `is_input` it hands what it records to `callback`, which otherwise fills in what is played.
     """

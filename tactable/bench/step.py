@@ -7,7 +7,7 @@ looks up and never solves, so it is compared over the reports that it answers un
 
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -75,7 +75,8 @@ def run_step_bench(
                 compiled = measure_in_process(table, stream, len(recording.reports), library, rules[name])
             figures |= _compared(np.concatenate(stamps[name]), compiled, clock_ns)
         rows.append({"recording": recording_name, "reports": len(recording.reports), "rules": found})
-        _add_ratios(found)
+        for figures in found:
+            figures["ratio_to_plainest"] = _ratio(figures["report_to_bytes"], found[0]["report_to_bytes"])
     machine = {"python": platform.python_version(), "rounds": rounds, "clock_ns": clock_ns}
     return {"machine": machine, "device": table.device.name, "recordings": rows}
 
@@ -109,11 +110,6 @@ def _compared(stamps: Stamps, compiled: InProcess | None, clock_ns: float) -> di
         "answered": float(both.sum() / max(compiled.has_command.sum(), 1)),
         "ratio_to_compiled": _ratio(same, fast),
     }
-
-
-def _add_ratios(found: Sequence[dict[str, Any]]) -> None:
-    for figures in found:
-        figures["ratio_to_plainest"] = _ratio(figures["report_to_bytes"], found[0]["report_to_bytes"])
 
 
 def _ratio(one: Mapping[str, Any] | None, other: Mapping[str, Any] | None) -> float | None:

@@ -145,7 +145,7 @@ def _modes(device: "Device", path: Path, picked: Path | None, mass_kg: float) ->
     from precompute.measurements.pick import pick_modes, write_modes
 
     if picked is not None:
-        _refuse_existing(picked)
+        options.refuse_existing(picked)
         responses = read_measurements(path, device, mass_kg)
         write_text(picked, write_modes(pick_modes(responses, str(path)), responses, str(path)))
         path = picked
@@ -285,11 +285,6 @@ def plan_measurements(
     show(plan.summary(), as_json, print_plan)
 
 
-def _refuse_existing(output: Path) -> None:
-    if output.exists() or output.is_symlink():
-        raise options.OptionError(f"{output}: exists already and is not overwritten; choose another output")
-
-
 def simulate_measurements(
     device_name: options.DeviceArgument,
     output: Annotated[Path, Option("-o", "--output", help="A new CSV file.")],
@@ -318,6 +313,6 @@ def simulate_measurements(
     measured = simulate(with_changes(device, options.read_changes(change, device)), layout, flaws, seed)
     what = "; ".join([device.name, *(change or []), f"noise {noise}", f"wrong {wrong}", f"seed {seed}"])
     text = write_csv(measured, device, f"SIMULATED by tactable simulate-measurements: {what}")
-    _refuse_existing(output)
+    options.refuse_existing(output)
     write_text(output, text)
     say(f"{output}: {len(measured)} readings, SIMULATED")

@@ -116,7 +116,9 @@ def measure(
     for path in [*output, *([peaks] if peaks else [])]:
         check_ending(path)
     if transfer is not None:
-        _check_transfer_path(transfer)
+        if transfer.suffix != ".toml":
+            raise options.OptionError(f"--transfer {transfer}: expected a device file, whose name ends in .toml")
+        options.refuse_existing(transfer, "another name")
     stepped = SteppedSineOptions(options.read_option("--least", least, ""), read_most(device, most))
     how = named_method(options.read_choice("--method", method, Methods), stepped)
     walk = planned_walk(device, planned, mass_kg) if planned else even_walk(device, places, read_grid(frequencies))
@@ -218,13 +220,6 @@ def write_records(
     for path, kind in [*kinds, *([(peaks, Kind.PEAK)] if peaks else [])]:
         found = measurements_of(records, device, mass_kg, kind, is_simulated=form.is_simulated)
         write_measurements(path, found, device, comment)
-
-
-def _check_transfer_path(path: Path) -> None:
-    if path.suffix != ".toml":
-        raise options.OptionError(f"--transfer {path}: expected a device file, whose name ends in .toml")
-    if path.exists():
-        raise options.OptionError(f"--transfer {path}: exists already and is not overwritten; choose another name")
 
 
 def write_transfers(

@@ -18,7 +18,7 @@ from engine.device import Device, DeviceError
 from engine.device.quantity import read_quantity
 from engine.device.threshold import DEFAULT as DEFAULT_THRESHOLD
 from tactable.cli.console import say
-from tactable.cli.options import OptionError, names_in, read_option
+from tactable.cli.options import OptionError, names_in, read_option, refuse_existing
 from tactable.shipped import new_text
 
 # Young's modulus, density and Poisson's ratio: handbook values at room temperature; alloys and batches differ by some
@@ -104,8 +104,7 @@ def new(
     path = output or Path(f"{name}.toml")
     if path.suffix != ".toml":
         raise OptionError(f"-o {path}: a device file is TOML; name it {path.stem or name}.toml")
-    if path.exists() or path.is_symlink():
-        raise OptionError(f"{path}: exists already and is not overwritten; choose another name, or edit the file")
+    refuse_existing(path, "another name, or edit the file")
     check_answer("name", name)
     surface = "plate" if len(point_words(actuators.split(",")[0])) > 1 else "bar"
     document: Any = tomlkit.parse(new_text(surface))

@@ -112,6 +112,12 @@ class OptionError(TactableError):
     """The text of an option cannot be read; the message names the option, the text and an example."""
 
 
+def refuse_existing(path: Path, other: str = "another output") -> None:
+    """Refuse a file that is there already. Raises OptionError."""
+    if path.exists() or path.is_symlink():
+        raise OptionError(f"{path}: exists already and is not overwritten; choose {other}")
+
+
 def names_in(text: str) -> list[str]:
     """Names between commas."""
     return [name.strip() for name in text.split(",") if name.strip()]

@@ -253,12 +253,8 @@ def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
     for name, picture in pictures.items():
         with replace_file(folder / name) as partial:
             picture.savefig(partial, format="png", dpi=110)
-    texts = {
-        "report.json": json.dumps(to_plain(document), indent=2),
-        "report.md": page_markdown(document, list(pictures)),
-    }
-    for name, text in texts.items():
-        write_text(folder / name, text)
+    write_text(folder / "report.json", json.dumps(to_plain(document), indent=2))
+    write_text(folder / "report.md", page_markdown(document, list(pictures)))
     write_samples(run, folder / "samples.npz")
 
 
