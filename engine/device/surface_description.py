@@ -13,7 +13,7 @@ from engine.device.parts import Bar, Plate, Surface, Sweep, TouchAcross, TouchAx
 ROMAN = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII", "IX", "X", "XI", "XII", "XIII", "XIV", "XV", "XVI")
 CLICKS_TOP_HZ = 2000.0  # half the rate of a click's waveform, beyond which no click has power
 _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
-"""Responses are then right to 0.03 % of the greatest one, at resonances too; tests/precompute/model/test_mesh.py."""
+"""Responses are then right to 0.03 % of the greatest, at resonances too; tests/precompute/model/test_assembly.py."""
 _SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
 _MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory where a length or an element is a slip
 _MOST_POISSON = 0.5

@@ -17,7 +17,7 @@ from base.points import json_of
 from engine.device import Device
 from engine.table import Table, TableError
 from precompute.clicks import ClickOptions
-from precompute.clicks.of_table import read_click_options
+from precompute.clicks.click_options import read_click_options
 
 
 class Part(StrEnum):

@@ -10,6 +10,8 @@ others as fingers ask for them. Then it replaces that table, and a running engin
 """
 
 import json
+import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
@@ -30,7 +32,6 @@ from engine.table.mode_columns import write_modes
 from engine.table.netcdf_file import TableWriter
 from engine.touch.places import Places
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.cost import BuildCost
 from precompute.builder.incremental import BuildOptions, Part, input_fingerprint
 from precompute.builder.measured_responses import source_attributes, write_measured
 from precompute.builder.size import check_size
@@ -43,7 +44,7 @@ from precompute.measurements.response_table import MeasuredResponses
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant
-from precompute.parallel.interrupt import remembered_interrupt
+from precompute.parallel.pool import remembered_interrupt
 from precompute.sampling.steady_modes import steady_basis, steady_modes
 from precompute.sweep.best import BestRowSearch
 from precompute.sweep.grid import compute_grid_response, zone_points
@@ -52,10 +53,28 @@ from precompute.sweep.tabulate import write_coherent_sweep, write_pair_sweep, wr
 MEMORY_BUDGET_BYTES = 64 << 20  # default bound on the buffers of the sweep, whatever its grid
 EARLY_IN_PLACE = "early table"  # the step that is told when the table with the clicks of one finger is in place
 Progress = Callable[[str, float], None]  # called with what is being done and the fraction done
+STEPS = ("responses", "sweep", "clicks")
 
 
 def no_progress(step: str, fraction: float) -> None:
     """Reports nothing."""
+
+
+@dataclass
+class BuildCost:
+    """processor_s: by step; a step whose result was taken over takes none. clicks: how many were solved now."""
+
+    processor_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
+    clicks: int = 0
+
+    @contextmanager
+    def measured(self, step: str) -> Iterator[None]:
+        """Add the processor time of this process to a step, and that of the processes that end meanwhile."""
+        start_s = _processor_s()
+        try:
+            yield
+        finally:
+            self.processor_s[step] += _processor_s() - start_s
 
 
 def build_table(
@@ -268,3 +287,9 @@ class _Builder:
             self.progress("clicks", 0.3 + 0.65 * len(found) / len(keys))
         self.cost.clicks += len(found)
         return sorted(found, key=lambda click: places.key(click.placement))
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of all its children that have ended, their start and imports included."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system

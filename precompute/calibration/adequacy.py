@@ -13,6 +13,8 @@ values that are wrong, and all of them look known. Three tests tell:
 
 A fit is doubted where one of these would happen by chance less than about once in 200 adequate fits. None of them says
 anything where the typical misfit is below 0.5 %, which accelerometers and their places are not better than.
+
+`doubts_of` is the one judge of a fit, for one device and for a fleet: from its report, reasons not to use it unseen.
 """
 
 from collections.abc import Mapping
@@ -27,8 +29,9 @@ from base.arrays import Array
 from base.plain import to_plain
 from base.points import point_text
 from engine.device import Device
+from engine.device.quantity import quantity_text
 from precompute.calibration.calibrate import Calibration
-from precompute.calibration.conventions import Convention, find_convention
+from precompute.calibration.conventions import Convention, find_convention, implausible_changes
 from precompute.calibration.remedy import Remedy, find_remedy
 from precompute.measurements.parameters import Bounds
 from precompute.measurements.types import Measurements
@@ -41,6 +44,9 @@ _MANY_WRONG = 0.08  # share of wrong readings from which it is, too: an actuator
 _LESS = 0.9  # of the typical misfit: what falls less is told of the greater ones
 _LEAST_REPEATS = 5
 """Degrees of freedom of repeated readings below which they say too little."""
+LARGEST_MISFIT = 0.05
+"""Typical misfit beyond which a fit is doubtful, unless another is given: it is that of noise of 7 %."""
+_AT_BOUND = 1e-3  # relative
 
 
 @dataclass(frozen=True)
@@ -158,3 +164,50 @@ def _doubt_text(found: Adequacy, remedy: Remedy | None) -> str:
         return f"{why}. Measure {remedy.name} again: with {text} in the device file {fall}"
     note = " (with the modulus it stands for the thickness)" if remedy.name.endswith(".density") else ""
     return f"{why}. Try --also {remedy.name}{note}: {fall}"
+
+
+def doubts_of(
+    report: Mapping[str, Any], accepted_misfit: float = LARGEST_MISFIT, *, is_strict: bool = False
+) -> list[str]:
+    """Reasons not to use a calibration, from its report; strict: a parameter not known within a factor of 2 is one.
+
+    That the readings follow another convention explains all else, and is then the only doubt.
+    """
+    adequacy, parameters = report.get("adequacy", {}), report["parameters"]
+    if adequacy.get("convention"):
+        return [adequacy["doubt"]]
+    doubts, misfit = [], report["median_misfit"]
+    if doubt := adequacy.get("doubt"):
+        doubts.append(doubt)
+    doubts += implausible_changes(parameters)
+    doubts += [_at_bound_text(each) for each in parameters if _is_at_bound(each)]
+    if misfit > accepted_misfit:
+        doubts.append(f"the typical misfit, {100 * misfit:.3g} %, is above {100 * accepted_misfit:g} %")
+    dampings = [each["value"] for each in parameters if each["name"].endswith("damping")]
+    if dampings and not any(dampings):
+        doubts.append("every damping is fitted as 0: phases of the wrong sign do that, as of exp(-j w t)")
+    if is_strict:
+        unsure = [each["name"] for each in parameters if each["known"] != "known"]
+        doubts += [f"{name} is not known within a factor of 2" for name in unsure]
+    return doubts
+
+
+def speaks_against_the_device(report: Mapping[str, Any]) -> bool:
+    """Whether a doubt is about the device, a value or a length of it, and not about the readings alone."""
+    adequacy, parameters = report.get("adequacy", {}), report["parameters"]
+    is_off = bool(implausible_changes(parameters)) or any(map(_is_at_bound, parameters))
+    return not adequacy.get("convention") and (is_off or bool(adequacy.get("remedy")))
+
+
+def _is_at_bound(parameter: Mapping[str, Any]) -> bool:
+    """Whether a value lies at an end of its bounds; a damping may be 0."""
+    value, (low, high) = parameter["value"], parameter["bounds"]
+    return bool(value >= (1 - _AT_BOUND) * high or 0 < value <= (1 + _AT_BOUND) * low)
+
+
+def _at_bound_text(parameter: Mapping[str, Any]) -> str:
+    value = quantity_text(parameter["value"], parameter["unit"])
+    return (
+        f"{parameter['name']} is fitted as {value}, an end of its bounds: something else is not as in the device file, "
+        "such as the length, the thickness or the place of an actuator"
+    )

@@ -11,10 +11,8 @@ from base.arrays import Mask
 from base.plain import to_plain
 from base.points import json_of, point_of_json, point_text
 from engine.device.quantity import interval_text, quantity_text
-from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
-from precompute.calibration.identifiability import advise, open_combinations
-from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy
-from precompute.calibration.pairwise import Pairwise
+from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known, Pairwise
+from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy, advise, open_combinations
 from precompute.measurements.types import Kind
 
 _CORRELATED = 0.9  # either error is then 2.3 times what it is with the other value known

@@ -11,12 +11,11 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from precompute.calibration.adequacy import adequacy_report
-from precompute.calibration.calibrate import STARTS, FittedDevice, calibrate, names_told
+from precompute.calibration.calibrate import STARTS, FittedDevice, calibrate, fit_pairwise, names_told
 from precompute.calibration.calibration_report import calibration_report, report_markdown
 from precompute.calibration.device_text import calibrated_text
 from precompute.calibration.misfit import Loss
 from precompute.calibration.modal_fit import calibrate_modes, modal_report
-from precompute.calibration.pairwise import fit_pairwise
 from precompute.measurements.measured_modes import read_modes
 from precompute.measurements.measurement_file import check_file, read_measurements
 from precompute.measurements.parameters import Bounds

@@ -1,4 +1,4 @@
-"""Experiment design: the next readings, one by one, that shrink the uncertainty of the parameters most."""
+"""Experiment design: what the data leave open, and the next readings that shrink the uncertainty most."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from base.arrays import Array, Points
 from base.plain import to_plain
 from base.points import clip_points, json_of, parts_of
 from engine.device import Device
-from precompute.calibration.calibrate import Calibration
+from precompute.calibration.calibrate import Calibration, FittedDevice, Known
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import Bounds, Parameter, find_parameters
+from precompute.measurements.parameters import Bounds, Parameter, find_parameters, rates_at, values_at
 from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, lay_out
 
@@ -23,6 +23,11 @@ _FREQUENCIES = 49  # 97 leave errors 10 to 25 % smaller after 20 readings in 4 t
 _POINTS = 23  # 12 mm apart on 280 mm; 12 or 45 leave errors within a sixth of these after 20 readings
 _NOTHING = 1e-12  # m/s^2
 _LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak takes long to come
+_OPEN_BELOW = 2.0
+"""Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
+_PART = 0.25  # of a unit vector: smaller parts are not named
+_WORTH = 0.7  # of the standard deviation: a drive that leaves more is not recommended
+_NEARLY_ONE = 0.95  # of a unit vector: what the others have is then below 0.32 together
 
 
 @dataclass(frozen=True)
@@ -164,10 +169,9 @@ def _single_responses(
     for i in range(actuators):
         drives[i, :, i] = grid_hz
     rows = lay_out(drives.reshape(-1, actuators), position_m, sensor_mass_kg, Kind.RESPONSE)
-    each = list(zip(parameters, coordinate.tolist(), strict=True))
-    found = MeasurementModel(device, rows, parameters).predict(np.array([p.value_at(x) for p, x in each]))
+    found = MeasurementModel(device, rows, parameters).predict(values_at(parameters, coordinate))
     size = np.exp(found.log_acceleration.real)
-    rate = size[:, None] * found.by_parameter.real * np.array([p.rate_at(x) for p, x in each])
+    rate = size[:, None] * found.by_parameter.real * rates_at(parameters, coordinate)
     return size.reshape(shape), rate.reshape(*shape, len(parameters))
 
 
@@ -212,3 +216,72 @@ def best_drive(candidates: Candidates, information: Array, parameter: int) -> tu
 def prior_information(parameters: Sequence[Parameter]) -> Array:
     """Information (parameter, parameter) of the bounds alone."""
     return np.diag([parameter.prior**-2.0 for parameter in parameters])
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A direction in parameter space that the data leave open; `singular_value` runs from 0 (wholly open) to 2.
+
+    parts: of a unit vector by the name of the parameter, the greatest first.
+    """
+
+    singular_value: float
+    parts: dict[str, float]
+    text: str
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A parameter that is not well known, and the drive whose readings along the bar would narrow it most; SI values.
+
+    drive_hz (actuator,): NaN for still; None where no drive of the sweep would help.
+    """
+
+    parameter: str
+    standard_error: float
+    drive_hz: tuple[float, ...] | None
+    standard_error_after: float
+
+
+def open_combinations(calibration: FittedDevice) -> tuple[Combination, ...]:
+    """Open combinations, by singular values of the sensitivity scaled by the noise and the width of the bounds."""
+    prior = np.array([parameter.prior for parameter in calibration.parameters])
+    square, vector = np.linalg.eigh(calibration.information * np.outer(prior, prior))
+    found: list[Combination] = []
+    for value, direction in zip(np.sqrt(np.maximum(square, 0.0)).tolist(), vector.T, strict=True):
+        if value >= _OPEN_BELOW:
+            break
+        signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
+        named = [
+            (p.name, float(part)) for p, part in zip(calibration.parameters, signed, strict=True) if abs(part) > _PART
+        ]
+        parts = dict(sorted(named, key=lambda item: -abs(item[1])))
+        found.append(Combination(value, parts, _words(parts)))
+    return tuple(found)
+
+
+def _words(parts: dict[str, float]) -> str:
+    (first, size), *others = parts.items()
+    if not others or size > _NEARLY_ONE:
+        return f"{first} alone: it hardly changes what was measured"
+    moves = " and ".join(f"{name} {'up' if part > 0 else 'down'}" for name, part in others)
+    return f"{first} up with {moves}: together they hardly change what was measured"
+
+
+def advise(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> tuple[Advice, ...]:
+    """Advice for every parameter that is not known within a factor of 2 or better; `accuracy`: of further readings."""
+    if all(estimate.known is Known.WELL for estimate in calibration.estimates):
+        return ()
+    parameters = calibration.parameters
+    candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, sensor_mass_kg, accuracy)
+    information = calibration.information + prior_information(parameters)
+    found: list[Advice] = []
+    for i, estimate in enumerate(calibration.estimates):
+        if estimate.known is Known.WELL:
+            continue
+        drive_hz, deviation = best_drive(candidates, information, i)
+        rate = estimate.parameter.rate_at(float(calibration.coordinate[i]))
+        helps = deviation * rate <= _WORTH * estimate.standard_error
+        name, error = estimate.parameter.name, estimate.standard_error
+        found.append(Advice(name, error, drive_hz if helps else None, standard_error_after=deviation * rate))
+    return tuple(found)

@@ -7,7 +7,7 @@ import numpy as np
 
 from base.arrays import Array, Complex
 from precompute.measurements.model import MeasurementModel
-from precompute.measurements.parameters import Parameter
+from precompute.measurements.parameters import Parameter, rates_at, values_at
 from precompute.measurements.types import Kind, Measurements
 
 
@@ -53,13 +53,12 @@ class MisfitModel:
         return self._last[1]
 
     def _compute(self, coordinate: Array) -> Misfit:
-        each = list(zip(self.parameters, coordinate.tolist(), strict=True))
-        prediction = self._model.predict(np.array([parameter.value_at(x) for parameter, x in each]))
+        prediction = self._model.predict(values_at(self.parameters, coordinate))
         log = prediction.log_acceleration
-        slope = prediction.by_parameter * np.array([parameter.rate_at(x) for parameter, x in each])
+        slope = prediction.by_parameter * rates_at(self.parameters, coordinate)
         predicted = np.exp(log)
         difference = log - self._log_measured
-        turned = difference.real + 1j * _wrapped(difference.imag)
+        turned = difference.real + 1j * ((difference.imag + np.pi) % (2 * np.pi) - np.pi)  # phases within half a turn
         return Misfit(
             log_residual=self._data(turned),
             log_slope=self._data(slope),
@@ -72,8 +71,3 @@ class MisfitModel:
         """Data along the first axis from the rows."""
         real: Array = value.real
         return real.copy() if self.is_peak else np.concatenate([real, value.imag])
-
-
-def _wrapped(angle_rad: Array) -> Array:
-    """An angle, moved by whole turns to within half a turn of 0."""
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi

@@ -30,7 +30,15 @@ from precompute.calibration.measuring_plan import Accuracy
 from precompute.calibration.misfit import Loss, Misfit, MisfitModel
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
 from precompute.measurements.model import force_slopes
-from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
+from precompute.measurements.parameters import (
+    Bounds,
+    Parameter,
+    default_names,
+    find_parameters,
+    rates_at,
+    values_at,
+    with_values,
+)
 from precompute.measurements.types import MeasurementError
 from precompute.model.assembly import assemble, free_surface
 from precompute.model.modal import compute_basis, compute_modal_model
@@ -76,11 +84,8 @@ class ModesMisfit(MisfitModel):
 
     def model_at(self, coordinate: Array) -> tuple[ModelModes, Integers]:
         """Modes of the model, and the index (mode,) of the model's mode paired with each measured one."""
-        found = self._solve(self._values_at(coordinate))
+        found = self._solve(values_at(self.parameters, coordinate))
         return found, _pair(found, self._modes)
-
-    def _values_at(self, coordinate: Array) -> Array:
-        return np.array([p.value_at(x) for p, x in zip(self.parameters, coordinate.tolist(), strict=True)])
 
     def _plant(self, values: Array) -> Plant:
         plant = self._free.plant(with_values(self._device, self.parameters, values))
@@ -108,7 +113,7 @@ class ModesMisfit(MisfitModel):
         modal = (field * (2 * pole * (M @ field) + C @ field)).sum(axis=0)
         loaded = self._modes.sensor_mass_kg > 0
         sensor = found.plant.sampler(np.array([self._modes.sensor_m])).sample(field.T)[:, 0] if loaded else 0 * pole
-        rates = np.array([p.rate_at(x) for p, x in zip(self.parameters, coordinate.tolist(), strict=True)])
+        rates = rates_at(self.parameters, coordinate)
         none, still = 0 * pole, np.zeros((len(pole), len(self._device.actuators)), dtype=np.complex128)
         at = (self._free, found.plant, self.parameters, pole, (field.T, field.T), (sensor**2, none), still)
         by = force_slopes(*at) * rates / modal[:, None]

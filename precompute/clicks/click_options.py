@@ -1,9 +1,12 @@
-"""Options of the clicks of a device."""
+"""Options of the clicks of a device, and those that a table was made with."""
 
+import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from engine.device.parts import Spread
+from engine.table import Table, TableError
 from engine.touch.places import Places
 
 FINEST_M = 3e-3  # of neighbouring places on a bar: its clicks of one and two fingers are solved in a minute
@@ -57,3 +60,16 @@ class ClickOptions:
 
 
 DEFAULT_OPTIONS = ClickOptions()
+
+
+def read_click_options(table: Table) -> ClickOptions:
+    """Read the attribute `click_options`. Raises TableError for options that this program does not know."""
+    text = table.attributes.get("click_options")
+    if text is None:
+        return DEFAULT_OPTIONS
+    values: dict[str, Any] = json.loads(str(text))
+    unknown = sorted(set(values) - {field.name for field in fields(ClickOptions)})
+    if unknown:
+        raise TableError(f"{table.path}: its clicks have options unknown here: {', '.join(unknown)}; build it again")
+    known: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return ClickOptions(**known)

@@ -14,9 +14,8 @@ The click of a placement is the waveform with the greatest felt level under whic
 quiet level, within the amplitude of the actuators. It is a weighted sum of tones in the actuators' bands under a
 half-sine window (click_basis.py), so the acceleration at every instant is linear in the weights (click_plants.py,
 click_responses.py). It is solved in closed form over a pool of plants (closed_form.py). The weights are rounded to the
-words that travel (quantise.py), the waveform that the device makes of them is evaluated on other plants
-(evaluation.py), and only these figures are reported. A linear program over many more plants judges what is lost
-(design.py); no run waits for it.
+words that travel (`quantise`), the waveform that the device makes of them is evaluated on other plants
+(evaluation.py), and only these figures are reported. Tests compare it with a linear program over many more plants.
 """
 
 from contextlib import AbstractContextManager
@@ -24,6 +23,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from base.arrays import Array, Complex32
@@ -31,7 +31,14 @@ from engine.device import Device
 from engine.table import ClickEntry
 from engine.table.click_entry import ClickFigures
 from engine.touch import Placement
-from firmware_link.protocol.basis import Basis
+from firmware_link.protocol.basis import (
+    SAMPLE_FULL_SCALE,
+    Basis,
+    BasisSet,
+    amplitude_steps,
+    quantise_weights,
+    weighted_sum,
+)
 from precompute.clicks.click_basis import click_basis, drive_rows, lines_for, tones_of
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
@@ -39,7 +46,6 @@ from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm
 from precompute.clicks.evaluation import evaluate_waveform
 from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
-from precompute.clicks.quantise import QuantisedWeights, quantise
 from precompute.sampling.plants import sample_deviations, sample_scenarios
 
 FULL_SCALE = 32767  # full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0
@@ -50,6 +56,16 @@ of four devices 80 to 100 % keep 1 dB with one pool and no margin, 80 to 98 % wi
 0.3 dB softer.
 """
 RESIDUAL_S = 0.03  # time after the end of a click from which its residual is evaluated
+_ROUNDING_MARGIN = 2 / SAMPLE_FULL_SCALE
+
+
+@dataclass(frozen=True)
+class QuantisedWeights:
+    """Weights (function,) in steps of 2^-fraction_bits, and their base displacements (actuator, time)."""
+
+    words: NDArray[np.int16]
+    fraction_bits: int
+    waveform: Array
 
 
 @dataclass(frozen=True)
@@ -179,3 +195,15 @@ class ClickSolver:
             for sampled, count in zip(self._sampled, self._counts(len(position_m)), strict=True)
         )
         return Plants(pool, judged)
+
+
+def quantise(basis_set: BasisSet, weight: Array, amplitude: float) -> QuantisedWeights:
+    """Round weights (function,); no sample passes the amplitude."""
+    most_steps = amplitude_steps(amplitude)
+    while True:
+        words, fraction_bits = quantise_weights(weight)
+        sums = weighted_sum(basis_set, words, fraction_bits, basis_set.number_of_actuators)
+        passed = np.abs(sums).max() / most_steps
+        if passed <= 1:
+            return QuantisedWeights(words, fraction_bits, sums.T / SAMPLE_FULL_SCALE)
+        weight = weight * ((1 - _ROUNDING_MARGIN) / passed)

@@ -1,4 +1,4 @@
-"""Summary of a fleet: a row and a verdict for each unit, the figures that vary, and the outliers."""
+"""Summary of a fleet: a row and a verdict for each unit, the figures that vary, the outliers, a page for each unit."""
 
 import csv
 import io
@@ -13,9 +13,20 @@ from typing import Any
 from scipy.stats import spearmanr, theilslopes
 
 from base.plain import to_plain
+from engine.device.quantity import interval_text, quantity_text
 from engine.device.values import Value, number_of
 from precompute.fleet.units import Outcome, Unit
-from precompute.fleet.verdict import FEWEST, Judgement, Limits, LotValue, Verdict, judge, lot_value, lot_values
+from precompute.fleet.verdict import (
+    FEWEST,
+    Judgement,
+    Limits,
+    LotValue,
+    Verdict,
+    judge,
+    limit_of,
+    lot_value,
+    lot_values,
+)
 
 OUTLYING = 3.5
 """Robust standard deviations from the median beyond which a unit is an outlier (Iglewicz and Hoaglin, 1993)."""
@@ -23,6 +34,7 @@ _NO_OUTLIERS = re.compile(r"uncertainty\.|.*damping")
 """Columns that vary by factors between good bars, and are at times not told by their readings."""
 _TOLD = ("name", "error", "seconds", "fingerprint", "figures")  # of each outcome
 _UNLIKELY = 0.005  # probability below which a drift is told: one in 200 values without a drift shows one by chance
+REPORT = "report.md"
 
 
 @dataclass(frozen=True)
@@ -193,3 +205,41 @@ def summary_json(summary: Summary) -> dict[str, Any]:
         "verdicts": summary.counts,
         "takt_s": summary.takt_s,
     }
+
+
+def unit_report(outcome: Outcome, summary: Summary, limits: Limits) -> str:
+    """The page of one measured unit, in Markdown."""
+    verdict, report = summary.verdicts[outcome.name], outcome.report
+    parts = [f"# {outcome.name}: {verdict.judgement.value}", "", *(f"- {reason}" for reason in verdict.reasons)]
+    if report:
+        parts += [
+            "",
+            f"{report['readings']} readings, typical misfit {100 * report['median_misfit']:.2g} %, "
+            f"noise of a reading {100 * report['noise']:.2g} %.",
+            "",
+            "| value | fitted | 95 % interval | is | the lot's median and spread | limits |",
+            "|---|---|---|---|---|---|",
+            *_rows(outcome, summary, limits),
+        ]
+    if outcome.figures:
+        parts += ["", "| figure of its table | value |", "|---|---|"]
+        parts += [f"| {key} | {'none' if each is None else f'{each:.4g}'} |" for key, each in outcome.figures.items()]
+    counts = ", ".join(f"{count} {word}" for word, count in summary.counts.items())
+    return "\n".join([*parts, "", f"The lot of {len(summary.outcomes)} units: {counts}."]) + "\n"
+
+
+def _rows(outcome: Outcome, summary: Summary, limits: Limits) -> list[str]:
+    rows = []
+    for each in outcome.report["parameters"]:
+        name, unit = each["name"], each["unit"]
+        lot, stated = summary.lot.get(name), limit_of(name, limits)
+        cells = (
+            name,
+            quantity_text(each["value"], unit),
+            interval_text(each["interval"], unit),
+            each["known"],
+            f"{quantity_text(lot.median, unit)}, {quantity_text(lot.spread, unit, 2)}" if lot else "",
+            interval_text(stated, unit) if stated else "",
+        )
+        rows.append(f"| {' | '.join(cells)} |")
+    return rows

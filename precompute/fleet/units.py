@@ -41,21 +41,15 @@ class Unit:
 class FleetOptions:
     """The job that is done for every unit: how it is calibrated, if it was measured, and what its table holds.
 
-    parameters: names of what is fitted; None: the usual six. also: names that are fitted in addition. Raises FleetError
-    for an unknown loss.
+    parameters: names of what is fitted; None: the usual six. also: names that are fitted in addition.
     """
 
     clicks_up_to: int | None = None
     pitch_m: float | None = DEFAULT_OPTIONS.pitch_m
-    loss: str = "robust"
+    loss: Loss = Loss.ROBUST
     parameters: tuple[str, ...] | None = None
     also: tuple[str, ...] = ()
     sensor_mass_kg: float = 0.0
-
-    def __post_init__(self) -> None:
-        losses = [loss.value for loss in Loss]
-        if self.loss not in losses:
-            raise FleetError(f"there is no loss {self.loss!r}; choose one of {', '.join(losses)}")
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """One verdict for each measured bar of a lot, PASS, RETEST or REJECT, from the reports of their calibrations.
 
-The judge of a fit (precompute.calibration.doubts) judges every bar by itself. Beyond it every fitted value is compared
-with the limits that are stated for it or, where none are, with the other bars of the lot. What speaks against the bar
-rejects it; what speaks only against its readings asks for them once more. Values that the readings cannot tell are not
-compared, and dampings only with stated limits: they vary by factors between good bars.
+The judge of a fit (precompute.calibration.adequacy) judges every bar by itself. Beyond it every fitted value is
+compared with the limits that are stated for it or, where none are, with the other bars of the lot. What speaks against
+the bar rejects it; what speaks only against its readings asks for them once more. Values that the readings cannot tell
+are not compared, and dampings only with stated limits: they vary by factors between good bars.
 """
 
 import math
@@ -19,9 +19,9 @@ from base.points import point_of_json, point_text
 from engine.device.quantity import interval_text, quantity_text
 from engine.device.toml_table import TomlTable, read_text
 from engine.device.uncertainty import FITTED_UNITS
+from precompute.calibration.adequacy import doubts_of, speaks_against_the_device
 from precompute.calibration.calibrate import Known
 from precompute.calibration.calibration_report import phase_text
-from precompute.calibration.doubts import doubts_of, speaks_against_the_device
 from precompute.fleet.units import FleetError, Outcome
 
 LIMITS = "limits.toml"  # file of the stated limits, in the folder of the units or beside their manifest

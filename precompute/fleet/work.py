@@ -21,7 +21,6 @@ from engine.table.netcdf_file import file_checksum
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.table_build import Progress, build_table, no_progress
 from precompute.calibration.fitted import REPORT, fit_file
-from precompute.calibration.misfit import Loss
 from precompute.clicks import ClickOptions
 from precompute.fleet.figures import compute_table_figures, evaluate_table
 from precompute.fleet.units import FleetError, Job, Outcome
@@ -147,9 +146,7 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, dict[str, 
         options = job.options
         usual = default_names(device) if options.parameters is None else options.parameters
         names, mass_kg = (*usual, *options.also), options.sensor_mass_kg
-        fitted = fit_file(
-            device, path, names, Loss(options.loss), sensor_mass_kg=mass_kg, created=job.created, bounds={}
-        )
+        fitted = fit_file(device, path, names, options.loss, sensor_mass_kg=mass_kg, created=job.created, bounds={})
         write_new_folder(folder, fitted.files())
     calibrated = Device.read(folder / f"{device.name}.toml")
     report = json.loads((folder / REPORT).read_text(encoding="utf-8"))

@@ -90,11 +90,6 @@ def read_column(name: str, text: str, unit: str) -> tuple[str, float]:
     return f"{found.quantity} {part}", found.scale
 
 
-def may_be_empty(name: str) -> bool:
-    """Whether the column may have empty cells."""
-    return name.startswith(OPTIONAL)
-
-
 def assemble_measurements(
     columns: Mapping[str, Array],
     device: Device,

@@ -5,11 +5,10 @@ import io
 
 import numpy as np
 
-from base.points import parts_of
+from base.arrays import Points
 from engine.device import Device
-from precompute.measurements.columns import SIMULATED, assemble_measurements, column_names, may_be_empty, split_places
-from precompute.measurements.csv_form import wrong_form
-from precompute.measurements.sheet import Sheet, read_columns, read_sheet
+from precompute.measurements.columns import OPTIONAL, SIMULATED, assemble_measurements, column_names, split_places
+from precompute.measurements.sheet import Sheet, read_columns, read_sheet, wrong_form
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.wide import read_wide
 
@@ -29,7 +28,7 @@ def measurements_of(sheet: Sheet, device: Device, sensor_mass_kg: float, source:
     if form is not None:
         raise MeasurementError(f"{source}: {form}")
     columns, labels = read_wide(sheet, device, source) or (
-        read_columns(sheet, column_names(device), may_be_empty, device, source),
+        read_columns(sheet, column_names(device), lambda name: name.startswith(OPTIONAL), device, source),
         sheet.labels,
     )
     return assemble_measurements(
@@ -43,44 +42,34 @@ def write_csv(measurements: Measurements, device: Device, comment: str) -> str:
     out.writelines(f"# {line}\n" for line in comment.splitlines())
     if measurements.is_simulated and SIMULATED not in comment:
         out.write(f"# {SIMULATED}\n")
-    names = [actuator.name for actuator in device.actuators]
+    is_still, read = measurements.amplitude == 0, measurements.acceleration
+    columns = _places(measurements.position_m, device, "position")
+    moved = {"frequency": ("Hz", measurements.frequency_hz), "amplitude": ("%", 100 * abs(measurements.amplitude))}
+    if (measurements.amplitude.imag != 0).any():
+        moved["phase"] = "rad", np.angle(measurements.amplitude)
+    for key, (unit, values) in moved.items():
+        for index, actuator in enumerate(device.actuators):
+            own = zip(values[:, index], is_still[:, index], strict=True)
+            columns[f"{key} {actuator.name} ({unit})"] = ["" if still else _exact(value) for value, still in own]
+    columns["sensor mass (g)"] = [_exact(1e3 * mass_kg) for mass_kg in measurements.sensor_mass_kg]
+    if not np.isnan(measurements.finger_m).all():
+        columns |= _places(measurements.finger_m, device, "finger position")
     is_peak = measurements.kind is Kind.PEAK
-    is_touched = not np.isnan(measurements.finger_m).all()
-    fingers_m = split_places(device, "finger position", measurements.finger_m) if is_touched else {}
-    has_phase = bool((measurements.amplitude.imag != 0).any())
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        [
-            *(f"{name} (mm)" for name in split_places(device, "position", measurements.position_m)),
-            *(f"frequency {name} (Hz)" for name in names),
-            *(f"amplitude {name} (%)" for name in names),
-            *(f"phase {name} (rad)" for name in names if has_phase),
-            "sensor mass (g)",
-            *(f"{name} (mm)" for name in fingers_m),
-            *(["peak acceleration (m/s^2)"] if is_peak else _PARTS),
-        ]
+    parts = (
+        {"peak acceleration": read.real}
+        if is_peak
+        else {"acceleration real": read.real, "acceleration imaginary": read.imag}
     )
-    for i, value in enumerate(measurements.acceleration):
-        drive = measurements.amplitude[i]
-        is_still = drive == 0
-        writer.writerow(
-            [
-                *(_exact(1e3 * part_m) for part_m in parts_of(measurements.position_m[i])),
-                *(
-                    "" if still else _exact(hz)
-                    for hz, still in zip(measurements.frequency_hz[i], is_still, strict=True)
-                ),
-                *("" if still else _exact(100 * abs(a)) for a, still in zip(drive, is_still, strict=True)),
-                *("" if still else _exact(np.angle(a)) for a, still in zip(drive, is_still, strict=True) if has_phase),
-                _exact(1e3 * measurements.sensor_mass_kg[i]),
-                *("" if np.isnan(column[i]) else _exact(1e3 * column[i]) for column in fingers_m.values()),
-                *([f"{value.real:.6g}"] if is_peak else [f"{value.real:.6g}", f"{value.imag:.6g}"]),
-            ]
-        )
+    columns |= {f"{name} (m/s^2)": [f"{value:.6g}" for value in values] for name, values in parts.items()}
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerows([columns.keys(), *zip(*columns.values(), strict=True)])
     return out.getvalue()
 
 
-_PARTS = ["acceleration real (m/s^2)", "acceleration imaginary (m/s^2)"]
+def _places(place_m: Points, device: Device, name: str) -> dict[str, list[str]]:
+    """Columns of places in mm, empty in a row without one."""
+    sides = split_places(device, name, place_m).items()
+    return {f"{key} (mm)": ["" if np.isnan(each) else _exact(1e3 * each) for each in part] for key, part in sides}
 
 
 def _exact(value: float) -> str:

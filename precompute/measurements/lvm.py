@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 from engine.device import Device
 from precompute.measurements.columns import SIMULATED
 from precompute.measurements.csv import measurements_of
-from precompute.measurements.csv_form import wrong_form
-from precompute.measurements.sheet import Sheet, check_sheet, split_title
+from precompute.measurements.sheet import Sheet, check_sheet, split_title, wrong_form
 from precompute.measurements.types import MeasurementError, Measurements
 
 _END = "***End_of_Header***"

@@ -130,6 +130,16 @@ class Parameter:
         return 2 * self.knee * math.cosh(coordinate) if self.is_damping else math.exp(coordinate)
 
 
+def values_at(parameters: Sequence[Parameter], coordinate: Array) -> Array:
+    """SI values (parameter,) at coordinates (parameter,)."""
+    return np.array([p.value_at(x) for p, x in zip(parameters, coordinate.tolist(), strict=True)])
+
+
+def rates_at(parameters: Sequence[Parameter], coordinate: Array) -> Array:
+    """Derivatives (parameter,) of the values by the coordinates."""
+    return np.array([p.rate_at(x) for p, x in zip(parameters, coordinate.tolist(), strict=True)])
+
+
 def default_names(device: Device) -> tuple[str, ...]:
     """The first fit of one's own surface: the paper's parameters, each actuator's own full scale, Young's modulus.
 

@@ -2,6 +2,9 @@
 
 Cells are separated by commas, semicolons or tabs, as a line `sep=` or else the header says; where commas do not
 separate, they may be decimal points. Lines that begin with # are comments, but for a header that is one, as of NumPy.
+
+Programs export time series and spectra in tables that look like measurements. Such a table fails at its first heading
+for a reason that does not help, such as a missing unit. So its form is looked at first, and the remedy is said.
 """
 
 import csv
@@ -15,7 +18,7 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_number
-from precompute.measurements.columns import SIMULATED, read_column, side_of
+from precompute.measurements.columns import SIMULATED, read_column, side_of, split_places
 from precompute.measurements.types import MeasurementError
 
 MOST_ROWS = 100_000  # twice the rows of every frequency at every place, which is the most that a build reads
@@ -23,6 +26,10 @@ _TOLD = re.compile(r'\s*"?sep=(\\t|[,;\t])"?\s*', re.IGNORECASE)
 _TITLE = re.compile(r"(.+?) ?\(((?:[^()]|\([^()]*\))*)\)(/\w+)?")
 _NUMBERS = re.compile(r"[-+\d.,eEij() ]*\d[-+\d.,eEij() ]*")
 _DECIMAL_COMMA = re.compile(r"[-+\d., eEij()]*\d,\d[-+\d., eEij()]*")
+_TIME = re.compile(r"(t|time|zeit|temps|timestamp|seconds?)\b.*", re.IGNORECASE)
+_DENSITY = re.compile(r"\bpsd", re.IGNORECASE)
+_DAMPING = re.compile(r"(modal )?damping|loss factor|q\b", re.IGNORECASE)
+_SHOWN = 32  # enough to know a line again
 
 
 class Sheet(NamedTuple):
@@ -157,6 +164,36 @@ def _read_cell(cell: str, empty_ok: bool, kind: type[float] | type[complex], whe
     return value
 
 
-def has_no_header(titles: Sequence[str]) -> bool:
-    """Whether the first line holds numbers alone."""
-    return all(map(_NUMBERS.fullmatch, titles))
+def example_csv(device: Device) -> str:
+    """Header and a row of the right form for this device, as one line of text."""
+    names = [actuator.name for actuator in device.actuators]
+    place_m = split_places(device, "position", np.array([device.surface.corner_m]) / 4)
+    header = [f"{name} (mm)" for name in place_m]
+    header += [*(f"frequency {name} (Hz)" for name in names), "peak acceleration (m/s^2)"]
+    row = [f"{1e3 * part_m[0]:.1f}" for part_m in place_m.values()]
+    row += [*(f"{150 - 20 * i}" for i in range(len(names))), "0.84"]
+    return f"{','.join(header)!r}, then rows such as {','.join(row)!r}"
+
+
+def wrong_form(titles: Sequence[str], device: Device) -> str | None:
+    """What the form of a table with these titles is, and what to do; None if it may be right."""
+    first = ",".join(titles)[:_SHOWN]
+    if all(map(_NUMBERS.fullmatch, titles)):
+        return f"has no header: its first line is {first!r}; write one: {example_csv(device)}"
+    whose = " of Klipper" if any(title.lower().startswith(("psd_", "accel_x")) for title in titles) else ""
+    if any(_DENSITY.search(title) for title in titles):
+        return f"holds power spectral densities{whose}, which have neither phase nor drive; {_remedy(device)}"
+    if _TIME.fullmatch(titles[0]):
+        unit = ", in mm/s^2" if whose else ""
+        return f"is a time series{whose}{unit}: its first column is {titles[0]!r}; {_remedy(device)}"
+    if any(_DAMPING.match(title) for title in titles):
+        return f"has modes, as its header {first!r} says; give --modes to fit these"
+    return None
+
+
+def _remedy(device: Device) -> str:
+    return (
+        "`tactable measure` makes responses with a drive that it plays. Of a record of acceleration and drive, write "
+        "their complex ratio at each frequency that was driven (scipy.signal.csd over scipy.signal.welch), the drive "
+        f"in fractions of full scale; of the acceleration alone, the peak over several beats: {example_csv(device)}"
+    )

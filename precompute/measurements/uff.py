@@ -77,7 +77,8 @@ def read_uff(path: Path, device: Device, sensor_mass_kg: float) -> Measurements:
 def read_sets(path: Path, device: Device) -> tuple[Sequence[Mapping[str, Any]], dict[int, Any], tuple[float, float]]:
     """Datasets of a universal file, each node's place in m, its units of length and force. Raises MeasurementError."""
     try:
-        sets: Sequence[Mapping[str, Any]] = _listed(pyuff.UFF(str(path)).read_sets())
+        found = pyuff.UFF(str(path)).read_sets()
+        sets: list[Mapping[str, Any]] = [found] if isinstance(found, dict) else list(found)  # a single one comes bare
     except Exception as error:  # pyuff raises bare exceptions, and many of Python's, on malformed files
         cause: BaseException = error
         while cause.__context__ is not None:  # pyuff says "Error when reading data-set(s)." in place of the cause
@@ -136,11 +137,6 @@ def _response_set(hz: Any, acceleration: Any, response_node: int, reference_node
     }.items():
         out |= {f"{axis}_spec_data_type": kind, f"{axis}_axis_lab": label, f"{axis}_axis_units_lab": unit}
     return out | {"data": acceleration, "x": hz}
-
-
-def _listed(sets: Any) -> list[Mapping[str, Any]]:
-    """The datasets as a list; pyuff returns a single dataset bare."""
-    return [sets] if isinstance(sets, dict) else list(sets)
 
 
 def _unit_of(part: Mapping[str, Any], key: str, path: Path) -> float:

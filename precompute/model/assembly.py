@@ -160,10 +160,6 @@ class BarPlant(Plant):
         length_m = np.diff(self.node_m)
         return {"mesh_elements": len(length_m), "mesh_longest_element_m": float(length_m.max())}
 
-    def with_device(self, device: Device) -> Self:
-        """The same matrices for a device that differs in what they do not depend on."""
-        return replace(self, device=device)
-
     def dense(self) -> tuple[Array, Array, Array]:
         """K, C and M (degree of freedom, degree of freedom)."""
         return dense(self.K), dense(self.C), dense(self.M)
@@ -302,10 +298,13 @@ class FreeBar(FreeSurface):
 
     def plant(self, device: Device) -> BarPlant:
         """The plant of a device whose bar has the same lengths."""
-        node_m, K, M = self._clamped(*(actuator.clamp_m for actuator in device.actuators))
+        node_m, K, M = self._of_clamps(device)
         K = K * (device.bar.youngs_modulus_pa / self._was.bar.youngs_modulus_pa)
         M = M * (device.bar.density_kg_per_m3 / self._was.bar.density_kg_per_m3)
         return add_actuators(device, node_m, K, M)
+
+    def _of_clamps(self, device: Device) -> tuple[Array, Array, Array]:
+        return self._clamped(*(actuator.clamp_m for actuator in device.actuators))
 
     @lru_cache(maxsize=4)  # noqa: B019  # of the few that `free_surface` keeps
     def _clamped(self, *clamp_m: float) -> tuple[Array, Array, Array]:
@@ -315,13 +314,12 @@ class FreeBar(FreeSurface):
 
     def strain(self, device: Device, one: Complex, other: Complex) -> dict[str, Complex]:
         """Derivative of one^T K other (row,) by Young's modulus."""
-        K = self._clamped(*(actuator.clamp_m for actuator in device.actuators))[1]
-        return {"youngs_modulus": (one * _times(K, other)).sum(axis=1) / self._was.bar.youngs_modulus_pa}
+        work = (one * _times(self._of_clamps(device)[1], other)).sum(axis=1)
+        return {"youngs_modulus": work / self._was.bar.youngs_modulus_pa}
 
     def motion(self, device: Device, one: Complex, other: Complex) -> Complex:
         """Derivative of one^T M other (row,) by the density."""
-        M = self._clamped(*(actuator.clamp_m for actuator in device.actuators))[2]
-        return (one * _times(M, other)).sum(axis=1) / self._was.bar.density_kg_per_m3
+        return (one * _times(self._of_clamps(device)[2], other)).sum(axis=1) / self._was.bar.density_kg_per_m3
 
 
 def add_actuators(device: Device, node_m: Array, K: Array, M: Array) -> BarPlant:

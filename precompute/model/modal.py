@@ -99,10 +99,8 @@ def truncation_errors(basis: Basis, frequency_hz: Array) -> Array:
 
     Accelerations at a finger in the middle of every zone per unit force of each actuator, all fingers on the bar.
     """
-    from precompute.model.response import (
-        blocked_force,
-        solve_response,
-    )  # it compiles kernels, which known modes do not need
+    # It compiles kernels, which known modes do not need.
+    from precompute.model.response import blocked_force, solve_response
 
     device, omega = basis.plant.device, 2 * np.pi * frequency_hz
     plant = assemble(device) if basis.plant.is_measured else basis.plant  # fingers join no measured responses

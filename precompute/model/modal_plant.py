@@ -123,10 +123,6 @@ class ModalPlant(Plant):
         """How finely the functions resolve the surface."""
         return self.functions.resolution
 
-    def with_device(self, device: Device) -> Self:
-        """The same matrices for a device that differs in what they do not depend on."""
-        return replace(self, device=device)
-
     def dense(self) -> tuple[Array, Array, Array]:
         """K, C and M (degree of freedom, degree of freedom)."""
         return self.K, self.C, self.M

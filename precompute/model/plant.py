@@ -80,10 +80,6 @@ class Plant(ABC):
         """Attributes of a table that say how finely the surface is resolved."""
 
     @abstractmethod
-    def with_device(self, device: Device) -> Self:
-        """The same matrices for a device that differs in what they do not depend on, such as its threshold curve."""
-
-    @abstractmethod
     def dense(self) -> tuple[Array, Array, Array]:
         """K, C and M (degree of freedom, degree of freedom)."""
 

@@ -3,7 +3,8 @@
 A worker is a new interpreter, not a fork, since the libraries of this one may hold locks and threads. It computes with
 one thread of BLAS and of numba: there is one process a core. Ctrl-C of a terminal reaches this process alone, which
 then ends its workers. A worker whose parent was killed is killed by the system: a thread that waits for the parent
-would itself wait for a kernel that computes, up to 13 s.
+would itself wait for a kernel that computes, up to 13 s. Python ignores an exception that comes up within a finalizer:
+`remembered_interrupt` keeps a Ctrl-C that would be lost so.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from types import FrameType
 from typing import Any, TypeVar
@@ -188,3 +190,31 @@ def _solve_chunk(number: int, begin: Begin[Any, Any], chunk: Sequence[Any]) -> l
         numba.set_num_threads(1)
         _solver = number, begin()
     return [_solver[1](job) for job in chunk]
+
+
+@contextmanager
+def remembered_interrupt() -> Iterator[Callable[[], None]]:
+    """Raise KeyboardInterrupt at Ctrl-C, and again from the function that is given wherever that was ignored.
+
+    Only where Ctrl-C raises it anyway: in the main thread, under Python's own handler.
+    """
+    asked = False
+
+    def handle(*_: object) -> None:
+        nonlocal asked
+        asked = True
+        raise KeyboardInterrupt
+
+    def check() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    is_ours = threading.current_thread() is threading.main_thread()
+    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield check
+        return
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -106,7 +106,7 @@ class SteadyDesigner:
         hz, amplitude = np.full(len(drive.amplitudes), drive.frequency_hz), drive.complex_amplitudes
         power = compute_powers(self.plant, cases, hz, amplitude)
         own = [
-            compute_powers(bar, _case(cases, k), hz, amplitude * channels)
+            compute_powers(bar, FingerCases(cases.position_m[[k]], cases.impedance[[k]]), hz, amplitude * channels)
             for k, (bar, channels) in enumerate(zip(self._bars, self._channels(drive.frequency_hz), strict=True), 1)
         ]
         sampled = np.concatenate(own or [power[1:]])
@@ -178,10 +178,6 @@ def sample_bars(device: Device, count: int) -> tuple[list[Plant], Scenarios | No
             free[corner_m] = free_surface(other)
         bars.append(free[corner_m].plant(other))
     return bars, scenarios
-
-
-def _case(cases: FingerCases, number: int) -> FingerCases:
-    return FingerCases(cases.position_m[number : number + 1], cases.impedance[number : number + 1])
 
 
 def _percentiles(level_db: Array) -> Percentiles:

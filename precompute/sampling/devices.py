@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from engine.device import Device, FittedValue, Uncertainty
-from precompute.measurements.parameters import Parameter, find_parameters, with_values
+from precompute.measurements.parameters import Parameter, find_parameters, values_at, with_values
 
 _DRAWS_AT_ONCE = 16
 
@@ -25,8 +25,7 @@ def sample_devices(device: Device, uncertainty: Uncertainty, count: int, seed: i
         draws = centre + random.standard_normal((_DRAWS_AT_ONCE, len(centre))) @ root.T
         inside = np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1))
         chosen = np.clip(draws[inside[0] if len(inside) else 0], low, high)
-        values = np.array([p.value_at(x) for p, x in zip(parameters, chosen.tolist(), strict=True)])
-        devices.append(with_values(device, parameters, values))
+        devices.append(with_values(device, parameters, values_at(parameters, chosen)))
     return devices
 
 

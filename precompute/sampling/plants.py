@@ -126,12 +126,9 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
     """
     spread, pairs = device.spread, (count + 1) // 2
     drawn = _normal_deviates(device, pairs, seed)
-    normal = np.concatenate([np.zeros((1, drawn.shape[1])), _alternating(drawn, drawn)])
+    normal = _with_images(drawn)
     further, columns = _further_deviates(device, pairs, seed)
-    off = {
-        key: np.concatenate([np.zeros((1, value.shape[1])), _alternating(value, value)])
-        for key, value in further.items()
-    }
+    off = {key: _with_images(value) for key, value in further.items()}
     guessed = ~np.array([_fitted(device, "youngs_modulus", "stiffness"), _fitted(device, "density", "mass")])
     stiff = 1 + spread.stiffness * guessed[0] * normal[:, ::2]
     heavy = 1 + spread.mass * guessed[1] * normal[:, 1::2]
@@ -149,7 +146,7 @@ def sample_scenarios(device: Device, count: int, seed: int) -> Scenarios:
         mass=heavy[:, 1:],
         gain=1 + off["gain"][:, 1:],
         delay_s=off["delay_s"][:, 1:],
-        normal=np.hstack([normal, np.concatenate([np.zeros((1, columns.shape[1])), _alternating(columns, columns)])]),
+        normal=np.hstack([normal, _with_images(columns)]),
     )
 
 
@@ -205,8 +202,8 @@ def _sample_touches(pairs: int, fingers: int, axes: int, seed: int) -> Array:
     touch = 2 * latin_hypercube(pairs, (axes + 3) * fingers, random).reshape(pairs, axes + 3, fingers) - 1
     image = touch[:, :, ::-1].copy()
     image[:, 0] *= -1
-    nominal = np.zeros((1, axes + 3, fingers))
-    deviation: Array = np.concatenate([nominal, _alternating(touch, image)]).transpose(1, 0, 2)
+    nominal, both = np.zeros((1, *touch.shape[1:])), np.stack([touch, image], axis=1).reshape(-1, *touch.shape[1:])
+    deviation: Array = np.concatenate([nominal, both]).transpose(1, 0, 2)
     deviation.flags.writeable = False
     return deviation
 
@@ -291,6 +288,6 @@ def _fitted(device: Device, of_surface: str, of_actuator: str) -> Mask:
     )
 
 
-def _alternating(one: Array, other: Array) -> Array:
-    """The rows of both in turn."""
-    return np.stack([one, other], axis=1).reshape(2 * len(one), *one.shape[1:])
+def _with_images(drawn: Array) -> Array:
+    """Deviates (scenario, parameter): 0 of the nominal plant, then those drawn (pair, parameter), each twice."""
+    return np.concatenate([np.zeros((1, drawn.shape[1])), np.repeat(drawn, 2, axis=0)])

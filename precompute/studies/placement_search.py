@@ -3,19 +3,23 @@
 A search, not a proof. All placements of a coarse grid are screened (studies.two_fingers). The best few of them, the
 even placement and the device's own are moved in ever smaller steps while that helps. The ends are evaluated by
 the drives that a run would solve, and "found" is the best placement that was evaluated, wherever its search began:
-screening and evaluation need not agree, so an end of the search can be worse than a start.
+screening and evaluation need not agree, so an end of the search can be worse than a start. `placed_text` is the device
+file of a placement.
 """
 
+import copy
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import comb
 
 import numpy as np
+import tomlkit
 
 from base.arrays import Array, Points, even_points
-from base.points import is_within, order_of, point_at
+from base.points import is_within, order_of, point_at, sides_of
 from engine.device import Device
 from precompute.parallel.pool import WorkerPool
 from precompute.studies.two_fingers import TwoFingers, screen_two_fingers, solve_two_fingers
@@ -201,3 +205,26 @@ def _ranked(evaluated: Sequence[Placement]) -> tuple[Placement, ...]:
     ordered = sorted(evaluated, key=lambda placement: placement.fingers.rank, reverse=True)
     known = (placement for placement in ordered if placement.name != "found")
     return replace(ordered[0], name="found"), *known
+
+
+def placed_text(device: Device, name: str, position_m: Sequence[complex]) -> str:
+    """Text of the device called `name` with an actuator at each position, in metres; comments and order are kept.
+
+    The positions are no longer marked as estimates: the study chose them. Where there are more positions than
+    actuators, actuators are repeated, as `with_actuators_at` does. A calibration is left out, since its covariance is
+    that of the actuators where they were.
+    """
+    document = tomlkit.parse(device.text)
+    rank = sorted(range(len(device.actuators)), key=lambda i: order_of(device.actuators[i].position_m))
+    own, count = document["actuator"], len(position_m)
+    placed = tomlkit.aot()
+    for i, actuator in enumerate(with_actuators_at(device, position_m).actuators):
+        table = copy.deepcopy(own[rank[i * len(rank) // count]])
+        sides = [f"{1e3 * side_m:.3f} mm" for side_m in sides_of(actuator.position_m) if not math.isnan(side_m)]
+        table["name"], table["position"] = actuator.name, sides if len(sides) > 1 else sides[0]
+        if "position" in table.get("inferred", []):
+            table["inferred"].remove("position")
+        placed.append(table)
+    document["actuator"], document["name"] = placed, name
+    document.pop("calibration", None)
+    return tomlkit.dumps(document)

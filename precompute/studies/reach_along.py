@@ -34,8 +34,7 @@ class Reach:
 def compute_reach(plant: Plant, position_m: Points, finger: Finger | None = None) -> Reach:
     """Reach of each of position_m (place,), untouched, or under a `finger` that lies there and nowhere else."""
     frequency_hz = fine_frequencies(plant)
-    each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
-    each[~in_band(plant.device, frequency_hz)] = 0.0
+    each = _accelerations(plant, frequency_hz, position_m, finger)
     together = each.sum(axis=1)
     over_threshold = 1 / plant.device.threshold.peak_m_per_s2(frequency_hz)
     one_power = (together * over_threshold[:, None]).max(axis=0) ** 2
@@ -58,14 +57,12 @@ def compute_acceleration_curves(plant: Plant, position_m: Points, finger: Finger
     bands = [actuator.band_hz for actuator in plant.device.actuators]
     first, last = np.ceil(min(low for low, _ in bands)), np.floor(max(high for _, high in bands))
     frequency_hz = np.arange(first, last + 1)
-    each = _accelerations(plant, frequency_hz, position_m, finger) * plant.device.limits.amplitude
-    each[~in_band(plant.device, frequency_hz)] = 0.0
-    curves: Array = each.sum(axis=1) / GRAVITY_M_PER_S2
+    curves: Array = _accelerations(plant, frequency_hz, position_m, finger).sum(axis=1) / GRAVITY_M_PER_S2
     return frequency_hz, curves
 
 
 def _accelerations(plant: Plant, frequency_hz: Array, position_m: Points, finger: Finger | None) -> Array:
-    """Magnitudes (frequency, actuator, place) at full scale, m/s^2."""
+    """Magnitudes (frequency, actuator, place) at the amplitude limit, m/s^2; 0 beyond an actuator's band."""
     actuators, places = len(plant.device.actuators), len(position_m)
     sampler, at = plant.sampler(position_m), np.arange(places)
     out = np.empty((len(frequency_hz), actuators, places))
@@ -79,4 +76,6 @@ def _accelerations(plant: Plant, frequency_hz: Array, position_m: Points, finger
             # Alone at its place a finger of dynamic stiffness Z divides by 1 + Y Z, Y the receptance there.
             Z = finger.stiffness_n_per_m + 1j * omega * finger.damping_n_s_per_m - omega**2 * finger.mass_kg
             out[part] /= abs(1 + moved[:, actuators + at, at] * Z)[:, None]
+    out *= plant.device.limits.amplitude
+    out[~in_band(plant.device, frequency_hz)] = 0.0
     return out

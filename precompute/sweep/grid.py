@@ -82,22 +82,16 @@ def compute_grid_response(plant: Plant, frequency_hz: Array, position_m: Points)
     )
 
 
-@dataclass(frozen=True)
-class InterpolationError:
-    """What a straight line between neighbouring frequencies gets wrong at their middle: shape (interval, actuator)."""
+def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> tuple[Array, Array]:
+    """What a straight line between neighbouring frequencies gets wrong at their middle, where the plant is solved too.
 
-    localized_factor: Array  # greatest error of a zone's localized factor, one actuator driven
-    peak_acceleration: Array  # greatest error of a zone's peak, relative to the peak there
-
-
-def estimate_interpolation_error(plant: Plant, grid: GridResponse) -> InterpolationError:
-    """Solve the plant between the frequencies of the grid too, and compare."""
+    Greatest errors (interval, actuator) of a zone's localized factor, and of a zone's peak relative to the peak there,
+    one actuator driven.
+    """
     middle = compute_grid_response(plant, (grid.frequency_hz[:-1] + grid.frequency_hz[1:]) / 2, grid.position_m)
     (share, level), (share_there, level_there) = _single_figures(grid), _single_figures(middle)
-    return InterpolationError(
-        abs((share[:-1] + share[1:]) / 2 - share_there).max(axis=2),
-        abs((level[:-1] + level[1:]) / 2 / level_there - 1).max(axis=2),
-    )
+    of_share = abs((share[:-1] + share[1:]) / 2 - share_there).max(axis=2)
+    return of_share, abs((level[:-1] + level[1:]) / 2 / level_there - 1).max(axis=2)
 
 
 def _single_figures(grid: GridResponse) -> tuple[Array, Array]:

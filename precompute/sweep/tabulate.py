@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from base.arrays import Single
+from base.arrays import Complex, Mask, Single
 from engine.device import Device
 from engine.table.best_rows import BestRows
 from engine.table.netcdf_file import TableWriter, Variable, VariableStream
@@ -16,7 +16,6 @@ from precompute.model.assembly import assemble
 from precompute.model.frequencies import BEAT_HZ
 from precompute.model.plant import Plant
 from precompute.sweep.best import BestRowSearch, Drive, Rows
-from precompute.sweep.coherent import compute_coherent_figures, pair_directions
 from precompute.sweep.grid import (
     GridResponse,
     compute_grid_response,
@@ -24,7 +23,7 @@ from precompute.sweep.grid import (
     sampling_error,
     zone_points,
 )
-from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_pair_sweep, fold_amplitudes
+from precompute.sweep.sweep_kernels import AmplitudeRatios, fill_coherent_sweep, fill_pair_sweep, fold_amplitudes
 
 _CHUNK_BYTES = 1 << 23  # of rows that are not kept; few enough for the caches of a processor
 _FIGURES = (
@@ -37,49 +36,30 @@ _FIGURES = (
 def write_responses(writer: TableWriter, plant: Plant, grid: GridResponse) -> None:
     """Write accelerations and Gram matrices on the grid, and what interpolating between its frequencies gets wrong."""
     device = plant.device
-    error = estimate_interpolation_error(plant, grid)
+    factor_error, peak_error = estimate_interpolation_error(plant, grid)
     group = "responses"
     _write_axes(writer, group, device, "frequency", "actuator", "zone")
     position = Variable("position", ("zone", "point"), "m", "places looked at in each zone, from the surface's start")
     writer.write_points(group, position, grid.position_m)
     writer.write(group, Variable("part", ("part",), "1", "of a complex number"), ["real", "imaginary"])
     unit = np.einsum("fii->f", grid.total).real.max()
-    for name, dimensions, unit_name, meaning, values in (
-        (
-            "acceleration",
-            ("frequency", "actuator", "zone", "point"),
-            "m s-2",
-            "complex, one actuator at full scale, others still",
-            grid.acceleration,
-        ),
-        (
-            "zone_gram",
-            ("frequency", "zone", "actuator", "actuator_2"),
-            "1",
-            "R_z, energy of the zone; one arbitrary unit",
-            grid.gram / unit,
-        ),
-        (
-            "total_gram",
-            ("frequency", "actuator", "actuator_2"),
-            "1",
-            "T, energy of the whole surface, in the unit of zone_gram",
-            grid.total / unit,
-        ),
-    ):
+
+    def write_complex(name: str, dimensions: tuple[str, ...], unit_name: str, meaning: str, values: Complex) -> None:
         split = np.stack([values.real, values.imag], axis=-1)
         writer.write(group, Variable(name, (*dimensions, "part"), unit_name, meaning), split)
+
+    square, alone = ("actuator", "actuator_2"), "complex, one actuator at full scale, others still"
+    write_complex("acceleration", ("frequency", "actuator", "zone", "point"), "m s-2", alone, grid.acceleration)
+    of_zone = "R_z, energy of the zone; one arbitrary unit"
+    write_complex("zone_gram", ("frequency", "zone", *square), "1", of_zone, grid.gram / unit)
+    of_whole = "T, energy of the whole surface, in the unit of zone_gram"
+    write_complex("total_gram", ("frequency", *square), "1", of_whole, grid.total / unit)
     middle = (grid.frequency_hz[:-1] + grid.frequency_hz[1:]) / 2
     writer.write(group, Variable("interval", ("interval",), "Hz", "middle between two frequencies"), middle)
-    for name, values, meaning in (
-        (
-            "localized_factor_error",
-            error.localized_factor,
-            "of linear interpolation, greatest over the zones; ESTIMATE",
-        ),
-        ("peak_acceleration_error", error.peak_acceleration, "the same, relative to the peak; ESTIMATE"),
-    ):
-        writer.write(group, Variable(name, ("interval", "actuator"), "1", meaning), values)
+    names, of_lines = ("interval", "actuator"), "of linear interpolation, greatest over the zones; ESTIMATE"
+    of_peaks = "the same, relative to the peak; ESTIMATE"
+    writer.write(group, Variable("localized_factor_error", names, "1", of_lines), factor_error)
+    writer.write(group, Variable("peak_acceleration_error", names, "1", of_peaks), peak_error)
     sampling = Variable("sampling_error", (), "1", "bound on the relative error of a peak between two points")
     writer.write(group, sampling, np.array(sampling_error(device)))
 
@@ -309,3 +289,41 @@ def find_best_rows(device: Device) -> BestRows:
     for _ in write_pair_sweep(None, grid, best, _CHUNK_BYTES):
         pass
     return best.best_rows()
+
+
+@dataclass(frozen=True)
+class CoherentFigures:
+    """Per frequency, zone and direction, shape (frequency, zone, direction); peak and dead in m/s^2.
+
+    Where a direction drives an actuator outside its band, `allowed` (frequency, direction) is False.
+    """
+
+    factor: Single
+    peak: Single
+    dead: Single
+    allowed: Mask
+
+
+def pair_directions(actuators: int, pair: tuple[int, int], ratios: AmplitudeRatios, phase_steps: int) -> Complex:
+    """Shape (actuator, ratio * phase): both actuators of a pair, the stronger at full scale, phase on the second."""
+    phase = np.exp(2j * np.pi * np.arange(phase_steps) / phase_steps)
+    strongest = np.maximum(ratios.first, ratios.second)
+    out = np.zeros((actuators, len(strongest), phase_steps), dtype=np.complex128)
+    out[pair[0]] = (ratios.first / strongest)[:, None]
+    out[pair[1]] = (ratios.second / strongest)[:, None] * phase
+    return out.reshape(actuators, -1)
+
+
+def compute_coherent_figures(grid: GridResponse, directions: Complex) -> CoherentFigures:
+    """Localized factor, peak and dead spot of every zone under every direction, at every frequency of the grid."""
+    shape = (len(grid.frequency_hz), len(grid.device.zones), directions.shape[1])
+    factor, peak, dead = (np.empty(shape, dtype=np.float32) for _ in range(3))
+    unit = np.einsum("fii->f", grid.total).real.max()  # the kernel is in single precision
+    fields = (grid.acceleration, grid.gram / unit, grid.total / unit, directions)
+    fill_coherent_sweep(*(part for field in fields for part in _split(field)), factor, peak, dead)
+    allowed = ~((~grid.in_band).astype(np.int64) @ (abs(directions) > 0).astype(np.int64)).astype(bool)
+    return CoherentFigures(factor, peak, dead, allowed)
+
+
+def _split(values: Complex) -> tuple[Single, Single]:
+    return np.ascontiguousarray(values.real, dtype=np.float32), np.ascontiguousarray(values.imag, dtype=np.float32)

@@ -16,8 +16,8 @@ from typing import Any
 from base.files import check_new_folder, write_new_folder
 from engine.device import Device
 from engine.render.board_fit import card_text, flash_text
+from precompute.calibration.adequacy import doubts_of
 from precompute.calibration.device_text import calibrated_device
-from precompute.calibration.doubts import doubts_of
 from precompute.calibration.fitted import REPORT, Fitted, fit_file
 from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds

@@ -25,7 +25,7 @@ from tactable.kernel_cache import compile_steady_solver
 from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:
-    from precompute.builder.cost import BuildCost
+    from precompute.builder.table_build import BuildCost
     from precompute.fleet.summary import Summary
     from precompute.fleet.verdict import Limits
 
@@ -249,6 +249,7 @@ def fleet(
     Each measured unit gets a verdict (PASS, RETEST or REJECT) and a page, report.md. Exit status 3: one failed or did
     not pass.
     """
+    from precompute.calibration.misfit import Loss
     from precompute.fleet.fleet_plan import plan_fleet
     from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
@@ -260,7 +261,7 @@ def fleet(
     fleet_options = FleetOptions(
         clicks_up_to=clicks_up_to,
         pitch_m=options.read_pitch(pitch),
-        loss=loss,
+        loss=options.read_choice("--loss", loss, Loss),
         parameters=tuple(fit) if fit else None,
         also=tuple(also or ()),
         sensor_mass_kg=options.read_option("--sensor-mass", sensor_mass, "kg"),
@@ -291,8 +292,7 @@ def _summary_paths(output: Path) -> tuple[Path, Path]:
 def _write_summary(summary: "Summary", output: Path, limits: "Limits") -> None:
     """Write the page of each measured unit, and last the summary."""
     from base.files import write_text
-    from precompute.fleet.summary import summary_csv, summary_json
-    from precompute.fleet.unit_report import REPORT, unit_report
+    from precompute.fleet.summary import REPORT, summary_csv, summary_json, unit_report
 
     judged = [outcome for outcome in summary.outcomes if outcome.name in summary.verdicts]
     texts = {output / each.name / REPORT: unit_report(each, summary, limits) for each in judged}

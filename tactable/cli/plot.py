@@ -242,8 +242,7 @@ def placement(
     contrast is that of one felt and one quiet finger in the least favourable zones. A search, not a proof.
     """
     from precompute.parallel.pool import WorkerPool
-    from precompute.studies.placed_device import placed_text
-    from precompute.studies.placement_search import search_placement
+    from precompute.studies.placement_search import placed_text, search_placement
     from tactable.figures.placement_picture import plot_placement
 
     device, counts = find_device(device_name), options.read_counts("--actuators", actuators, 1, _MOST_ACTUATORS)

@@ -19,9 +19,9 @@ from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
+from precompute.clicks.click_options import read_click_options
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
-from precompute.clicks.of_table import read_click_options
 
 if TYPE_CHECKING:  # its kernels are compiled when it is imported
     from engine.steady.steady_solver import SteadySolver

@@ -27,7 +27,8 @@ def designer_of(table: Table, device: Device | None = None) -> SteadyDesigner:
     plant, modes = plant_of(table), table.modes
     if device is not None:
         threshold_m_per_s2 = device.threshold.peak_m_per_s2(modes.frequency_hz)
-        plant, modes = plant.with_device(device), replace(modes, threshold_m_per_s2=threshold_m_per_s2)
+        plant = replace(plant, device=device)  # type: ignore[type-var]  # every plant is a dataclass
+        modes = replace(modes, threshold_m_per_s2=threshold_m_per_s2)
     return SteadyDesigner(plant.device, plant, modes)
 
 

@@ -109,7 +109,7 @@ class Answers:
 def solver_of(table_path: Path) -> "ClickSolver":
     """The solver of clicks in the basis of a table, with the options of clicks that a touch waits for."""
     from precompute.clicks import ClickSolver
-    from precompute.clicks.of_table import read_click_options
+    from precompute.clicks.click_options import read_click_options
 
     with Table.open(table_path, verify=False) as table:
         return ClickSolver(table.device, read_click_options(table).waited_for, table.clicks.basis)

@@ -199,7 +199,7 @@ class Service:
 def _build(device: Device, played: Path) -> None:
     """Build the table of a device in place of another one, with clicks as there: first those of one finger."""
     from precompute.builder.table_build import build_table
-    from precompute.clicks.of_table import read_click_options
+    from precompute.clicks.click_options import read_click_options
 
     with Table.open(played, verify=False) as table:
         options, most = read_click_options(table), int(table.attributes["clicks_up_to"])

@@ -100,17 +100,15 @@ def test_a_damaged_table_is_not_taken_over(path: Path) -> None:
     Table.open(path, device=DEVICE).close()
 
 
-def test_a_table_says_what_it_was_built_by_and_is_current_without_clicks_if_it_was_to_have_none(path: Path) -> None:
-    build(DEVICE, path, clicks_up_to=0)
-    with Table.open(path) as table:
-        options = BuildOptions.of(table)
-        assert options == BuildOptions(code_fingerprint(), 0, CHEAP)
-        assert is_current(table, DEVICE, options) and not is_current(table, DEVICE, replace(options, clicks_up_to=1))
-
-
-def test_a_table_is_current_for_its_own_device_and_options_only(path: Path) -> None:
+def test_a_table_says_what_it_was_built_by_and_is_current_for_its_own_device_and_options_only(path: Path) -> None:
+    """Without clicks too, if it was to have none."""
     other = Device.parse(TEXT.replace('stiffness = "18.9', 'stiffness = "19.5'), "bar")
     with Table.open(path) as table:
         options = BuildOptions.of(table)
         assert is_current(table, DEVICE, options) and not is_current(table, other, options)
         assert not is_current(table, DEVICE, replace(options, click_options=replace(CHEAP, quiet_db=1.0)))
+    build(DEVICE, path, clicks_up_to=0)
+    with Table.open(path) as table:
+        options = BuildOptions.of(table)
+        assert options == BuildOptions(code_fingerprint(), 0, CHEAP)
+        assert is_current(table, DEVICE, options) and not is_current(table, DEVICE, replace(options, clicks_up_to=1))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import pyuff
 
-from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
+from precompute.calibration.calibrate import Calibration, Known, calibrate, fit_pairwise, names_told
 from precompute.calibration.misfit import Loss
 from precompute.calibration.remedy import find_remedy
 from precompute.measurements.measurement_file import read_measurements
@@ -15,7 +15,7 @@ from precompute.measurements.parameters import ParameterError, default_names, pa
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
-from tests.precompute.calibration.calibrations import DEVICE
+from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.devices import with_actuators
 from tests.precompute.measured import NAN, PAIRS_HZ, TRUTH, read_bar
 from tests.precompute.measurements.test_response_table import per_newton
@@ -181,3 +181,37 @@ def test_what_cannot_be_fitted_is_refused(
     with pytest.raises(error) as caught:
         calibrate(DEVICE, read, names)
     assert message in str(caught.value)
+
+
+def test_without_noise_every_drive_gives_the_same() -> None:
+    truth = {"actuator[1].stiffness": 20e3, "actuator.full_scale": 0.45e-6}
+    found = calibrate(DEVICE, read_bar(DEVICE, truth), list(truth), starts=1)
+    pairwise = fit_pairwise(DEVICE, found)
+    assert pairwise is not None
+    assert pairwise.value == pytest.approx(np.tile(list(truth.values()), (3, 1)), rel=1e-6)
+    assert pairwise.average == pytest.approx(list(truth.values()), rel=1e-6)
+    assert pairwise.typical < 1e-6
+
+
+@pytest.mark.long
+def test_with_noise_the_average_explains_less_than_the_one_fit() -> None:
+    pairwise = fit_pairwise(DEVICE, noisy_calibration())
+    assert pairwise is not None
+    assert pairwise.value.shape == (3, 6)
+    assert pairwise.average == pytest.approx(pairwise.value.mean(axis=0))
+    assert pairwise.typical > pairwise.joint_typical
+    assert pairwise.joint_typical == pytest.approx(0.0135, rel=0.3)  # of 2 % noise the median size
+
+
+@pytest.mark.parametrize(
+    ("pairs_hz", "points", "names"),
+    [
+        (((150, 130),), 4, ["actuator.full_scale"]),
+        (tuple((100 + i, 150) for i in range(25)), 4, ["actuator.full_scale"]),
+        (PAIRS_HZ[:3], 2, ["actuator.full_scale", "bar.density"]),
+    ],
+    ids=["one drive", "very many", "no more readings than parameters"],
+)
+def test_some_drives_have_no_such_way(pairs_hz: tuple[tuple[float, float], ...], points: int, names: list[str]) -> None:
+    found = calibrate(DEVICE, read_bar(DEVICE, {}, pairs_hz, points=points), names, starts=1)
+    assert fit_pairwise(DEVICE, found) is None

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from precompute.calibration.calibrate import Pairwise
 from precompute.calibration.calibration_report import calibration_report, open_text, report_markdown
-from precompute.calibration.pairwise import Pairwise
 from tests.precompute.calibration.calibrations import noisy_calibration, published_calibration
 from tests.precompute.measured import PAIRS_HZ
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from precompute.calibration.doubts import LARGEST_MISFIT, doubts_of
+from precompute.calibration.adequacy import LARGEST_MISFIT, doubts_of
 
 PARAMETER = {
     "name": "bar.youngs_modulus",

@@ -5,7 +5,7 @@ import pytest
 
 from engine.device import Device
 from precompute.calibration.calibrate import Known
-from precompute.calibration.identifiability import open_combinations
+from precompute.calibration.measuring_plan import open_combinations
 from precompute.calibration.modal_fit import ModesMisfit, calibrate_modes, modal_names, modal_report
 from precompute.measurements.measured_modes import Modes, parse_modes
 from precompute.measurements.parameters import find_parameters, with_changes

@@ -6,12 +6,10 @@ from engine.table.click_entry import played_at
 from precompute.clicks.nominal import NominalFingers
 from tests.precompute.clicks.click_cases import placed, solver_of
 
-cases = pytest.mark.parametrize(
-    ("name", "letters"), [("reference-a", "F--q-"), ("reference-a", "F----"), ("reference-t", "FqFqF")]
-)
+CASES = [("reference-a", "F--q-"), ("reference-a", "F----"), ("reference-t", "FqFqF"), ("reference-p", "F----q")]
 
 
-@cases
+@pytest.mark.parametrize(("name", "letters"), CASES)
 def test_they_feel_what_the_evaluation_has_of_the_nominal_plant_and_as_much_less_of_a_weaker_click(
     name: str, letters: str
 ) -> None:

@@ -1,5 +1,6 @@
 """Laws of planning: folder, manifest and study name the same units, and what is wrong in them is refused by name."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from engine.device.texts import text_with_values
 from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.units import FleetError, Unit
 from tests.precompute.fleet.small_fleet import small_text
+
+PAGE = (Path(__file__).parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")
 
 
 def written(path: Path, text: str) -> Path:
@@ -138,3 +141,19 @@ def test_values_are_set_and_the_rest_of_the_text_stays() -> None:
 def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
     with pytest.raises(DeviceError, match="bar: "):
         text_with_values(small_text(), {key: "1 g"}, "bar")
+
+
+def test_the_manifest_of_the_page_is_one(tmp_path: Path) -> None:
+    """Its study is run by test_docs.py."""
+    path = tmp_path / "line.csv"
+    path.write_text(re.findall(r"```csv[^\n]*\n(.*?)```", PAGE, re.DOTALL)[0], encoding="utf-8")
+    assert plan_fleet(path) == [
+        Unit("4000", tmp_path / "bars/4000.toml", tmp_path / "measured/4000.csv"),
+        Unit("4001", tmp_path / "bars/nominal.toml", None, {"actuator[1].stiffness": "18.2 kN/m"}),
+    ]
+
+
+@pytest.mark.parametrize("figure", re.findall(r"`(\w+_(?:db|s)|out_of_reach|clicks)`", PAGE))
+def test_every_figure_of_the_page_is_one_of_the_summary(figure: str) -> None:
+    code = (Path(__file__).parents[3] / "precompute" / "fleet" / "figures.py").read_text(encoding="utf-8")
+    assert f'"{figure}":' in code

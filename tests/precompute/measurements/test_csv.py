@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from base.arrays import Complex
 from precompute.measurements.csv import parse_csv, write_csv
-from precompute.measurements.csv_form import example_csv
-from precompute.measurements.sheet import MOST_ROWS
+from precompute.measurements.sheet import MOST_ROWS, example_csv
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tests.precompute.devices import shipped
 

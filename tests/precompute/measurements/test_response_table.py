@@ -72,11 +72,6 @@ def test_the_errors_are_upper_bounds_and_the_model_agrees_with_itself() -> None:
         assert errors.model.max() < 1e-9
 
 
-def test_a_finger_cannot_be_assembled_into_measured_responses() -> None:
-    with pytest.raises(ValueError, match="cannot be assembled"):
-        measured_plant(REFERENCE, measured(REFERENCE, SMALL_HZ)).with_fingers([0.1], REFERENCE.finger)
-
-
 def written(folder: Path, device: Device, measurements: Measurements) -> Path:
     path = folder / "bar.csv"
     path.write_text(write_csv(measurements, device, "SIMULATED"), encoding="utf-8")

@@ -17,7 +17,6 @@ from engine.device.parts import Plate
 from engine.touch import Placement
 from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.nominal import NominalFingers
 from precompute.model.assembly import assemble
 from precompute.model.modal_plant import ModalPlant
 from precompute.model.modes import compute_modes, seen_points
@@ -224,12 +223,3 @@ def test_a_peak_lies_where_no_other_point_of_its_zone_moves_more() -> None:
         assert peak == pytest.approx(level.max(), rel=2e-3)
         assert abs(at_m - fine_m[level.argmax()]) < 3e-3
     assert state.share.sum() == pytest.approx(1.0)
-
-
-def test_a_clicks_promise_is_kept_by_the_plate_in_time() -> None:
-    solver = solver_of("reference-p")
-    click = solver.solve_entry(Placement.named(TABLET, ["100 x 60 mm"], ["200 x 120 mm"]))
-    found = NominalFingers(TABLET).under(click, click.placement.position_m)
-    for finger, promised in zip(found, click.fingers, strict=True):
-        assert finger.level_db == pytest.approx(promised.level_db, abs=0.05)
-    assert click.felt.low_db > 14 and click.quiet is not None and click.quiet.high_db < 1

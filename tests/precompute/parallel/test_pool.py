@@ -8,7 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,8 +19,15 @@ import scipy.linalg  # noqa: F401  # as solvers do: with it BLAS comes to a proc
 from threadpoolctl import threadpool_info
 
 from base.errors import TactableError
-from precompute.parallel.pool import WorkerError, WorkerPool, _interrupts_held_back
-from tests.precompute.parallel.solving import solve_in_processes
+from precompute.parallel.pool import (
+    Begin,
+    Job,
+    Result,
+    WorkerError,
+    WorkerPool,
+    _interrupts_held_back,
+    remembered_interrupt,
+)
 
 CHUNKS = [[1, 2, 3], [4], [5, 6], [7]]
 
@@ -201,3 +209,46 @@ def _group_lives(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+class Thing:
+    """Something that can be weakly referred to."""
+
+
+@pytest.fixture(autouse=True)
+def _default_handler() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_within_a_finalizer_comes_up_at_the_next_check() -> None:
+    with remembered_interrupt() as check:
+        check()
+        thing = Thing()
+        reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGINT))
+        del thing  # the exception of its finalizer is ignored
+        assert reference() is None
+        with pytest.raises(KeyboardInterrupt):
+            check()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_elsewhere_comes_up_at_once() -> None:
+    with remembered_interrupt(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_handler_of_somebody_else_stays() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with remembered_interrupt() as check:
+        signal.raise_signal(signal.SIGINT)
+        check()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def solve_in_processes(begin: Begin[Job, Result], chunks: Sequence[Sequence[Job]], workers: int) -> Iterator[Result]:
+    """The results of all jobs, in any order, by at most `workers` processes; see `WorkerPool.solve`."""
+    with WorkerPool(min(workers, len(chunks))) as pool:
+        yield from pool.solve(begin, chunks)

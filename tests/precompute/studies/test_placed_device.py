@@ -6,8 +6,7 @@ import pytest
 
 from base.points import point_at
 from engine.device import Device
-from precompute.studies.placed_device import placed_text
-from precompute.studies.placement_search import with_actuators_at
+from precompute.studies.placement_search import placed_text, with_actuators_at
 from tests.precompute.devices import shipped
 
 

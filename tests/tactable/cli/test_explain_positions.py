@@ -13,8 +13,8 @@ from engine.steady.given_drive import compute_levels
 from engine.table import Table
 from engine.touch import Placement
 from precompute.clicks import ClickSolver
+from precompute.clicks.click_options import read_click_options
 from precompute.clicks.evaluation import decibels
-from precompute.clicks.of_table import read_click_options
 from precompute.predict.at_positions import SteadyDesigner
 from tests.tactable.cli.in_process import run_here, summary_of
 

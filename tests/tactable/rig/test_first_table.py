@@ -4,7 +4,7 @@ from pathlib import Path
 
 from engine.table import Table
 from precompute.clicks.click_basis import click_basis
-from precompute.clicks.of_table import read_click_options
+from precompute.clicks.click_options import read_click_options
 from precompute.sweep.tabulate import find_best_rows
 from tactable.rig.first_table import (
     early_options,

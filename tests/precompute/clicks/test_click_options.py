@@ -8,7 +8,7 @@ import pytest
 
 from engine.table import Table, TableError
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
-from precompute.clicks.of_table import read_click_options
+from precompute.clicks.click_options import read_click_options
 from tests.engine.made_table import write_table
 from tests.precompute.devices import shipped
 
