@@ -10,13 +10,14 @@ evaluated on the same plants. The steady drive is the one that a run solves for 
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from base.arrays import Array
 from base.plain import to_plain
@@ -113,9 +114,7 @@ def _begin(
         click = solver.solve(placement)
         processor_s = time.thread_time() - start_s
         touched = [edges.zone_at(at_m) for at_m in placement.position_m]
-        others = (
-            dict.fromkeys(("by_table", "by_zone", "steady")) if compare_others is None else compare_others(placement)
-        )
+        others = compare_others(placement) if compare_others else dict.fromkeys(("by_table", "by_zone", "steady"))
         return number, {
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
@@ -191,11 +190,22 @@ def _summary(figures: list[dict[str, Any]]) -> dict[str, Any]:
         "placements": len(figures),
         "felt_db": np.percentile(felt_db, _PERCENTS).tolist(),
         "quiet_db": np.percentile(quiet_db, _PERCENTS).tolist() if np.isfinite(quiet_db).all() else None,
-        "share_that_keeps_the_aim": float(((felt_db >= AIM_FELT_DB) & (quiet_db <= AIM_QUIET_DB)).mean()),
+        "share_that_keeps_the_aim": kept_share(felt_db, quiet_db),
     }
 
 
-def _text(levels_db: Sequence[float]) -> str:
+def kept_share(felt_db: ArrayLike, quiet_db: ArrayLike, most_db: float = AIM_QUIET_DB) -> float:
+    """Share of the placements (placement,) that keep AIM_FELT_DB and a quiet level of at most `most_db`."""
+    return float(((np.asarray(felt_db) >= AIM_FELT_DB) & (np.asarray(quiet_db) <= most_db)).mean())
+
+
+def contrast_cells(pairs: Sequence[tuple[float, float]]) -> str:
+    """Cells of a table: contrast in 5, 50 % and quiet in 50, 95 % of placements by (felt 5 %, quiet 95 %), dB."""
+    felt_db, quiet_db = np.array(pairs).T
+    return f"{_text(np.percentile(felt_db - quiet_db, (5, 50)))} | {_text(np.percentile(quiet_db, (50, 95)))}"
+
+
+def _text(levels_db: Iterable[float]) -> str:
     return " / ".join(f"{level_db:z.1f}" for level_db in levels_db)
 
 

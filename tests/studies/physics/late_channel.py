@@ -20,7 +20,7 @@ from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.measured import read_bar
 from tests.studies.options import read_options
-from tests.studies.physics.anywhere import AIM_FELT_DB, AIM_QUIET_DB, TOLERANCE_M, evaluate_as_it_is
+from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, evaluate_as_it_is, kept_share
 
 
 def late_device(device: Device, late_s: float) -> Device:
@@ -73,10 +73,8 @@ def main() -> None:
         believed = {"the file": device, "a fit without delays": without, "a fit with delays": with_them}
         for name, pairs in compare_late(true, believed, Anywhere(placements=asked.placements)).items():
             felt_db, quiet_db = np.array(pairs).T
-            low, middle = np.percentile(felt_db - quiet_db, (5, 50))
-            quiet = " / ".join(f"{each:z.1f}" for each in np.percentile(quiet_db, (50, 95)))
-            kept = float(((felt_db >= AIM_FELT_DB) & (quiet_db <= AIM_QUIET_DB)).mean())
-            print(f"| {late_us:g} | {name} | {low:z.1f} / {middle:z.1f} | {quiet} | {100 * kept:.0f} % |", flush=True)
+            kept = f"{100 * kept_share(felt_db, quiet_db):.0f} %"
+            print(f"| {late_us:g} | {name} | {contrast_cells(pairs)} | {kept} |", flush=True)
         print(f"fits: {', '.join(told_without)}; {', '.join(told)}")
 
 

@@ -38,7 +38,6 @@ from tactable.measure.walk import (
     Method,
     RawFolder,
     Stop,
-    StopRecord,
     default_frequencies,
     even_walk,
     measure_walk,
@@ -78,19 +77,6 @@ class SeedFigures:
     lost_as_described_db: Array
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A bar that was measured: the readings, and the time that the board was armed."""
-
-    records: tuple[StopRecord, ...]
-    measurements: Measurements
-
-    @property
-    def readings(self) -> list[Reading]:
-        """Readings of all stops."""
-        return [reading for record in self.records for reading in record.readings]
-
-
 def true_bar(device: Device, seed: int) -> tuple[Device, dict[str, float]]:
     """A bar that differs from its description, and the true values of what differs."""
     random = np.random.default_rng(seed)
@@ -123,8 +109,8 @@ def flaws_of(seed: int) -> ConverterFlaws:
 
 def measure_bar(
     device: Device, changes: dict[str, float], flaws: ConverterFlaws, seed: int, walk: tuple[Stop, ...]
-) -> Measured:
-    """Measure a simulated bar as the command does."""
+) -> tuple[list[Reading], Measurements]:
+    """Measure a simulated bar as the command does: all readings, and what is kept of them."""
     chosen = ApparatusOptions(
         *(SIMULATED, SIMULATED, STEPPED.stepped.most),
         sensor_mass_kg=SENSOR_MASS_KG,
@@ -136,8 +122,8 @@ def measure_bar(
     with tempfile.TemporaryDirectory() as folder, open_apparatus(device, chosen, lambda _: None) as apparatus:
         raw = RawFolder(Path(folder), device, walk, {})
         records = measure_walk(device, walk, apparatus, STEPPED, raw)
-    found = measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
-    return Measured(records, found)
+    readings = [reading for record in records for reading in record.readings]
+    return readings, measurements_of(records, device, SENSOR_MASS_KG, Kind.RESPONSE, is_simulated=True)
 
 
 def response_errors(true: Device, measured: Measurements) -> tuple[Array, Array]:
@@ -167,14 +153,14 @@ def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: li
     """Print what one bar gives."""
     started_s = time.process_time()
     true, values = true_bar(device, seed)
-    measured = measure_bar(device, values, flaws_of(seed), seed, walk)
-    bar_s, processor_s = sum(reading.seconds for reading in measured.readings), time.process_time() - started_s
-    error_db, error_deg = response_errors(true, measured.measurements)
-    fitted = calibrate(device, measured.measurements, NAMES, starts=1)
+    readings, measured = measure_bar(device, values, flaws_of(seed), seed, walk)
+    bar_s, processor_s = sum(reading.seconds for reading in readings), time.process_time() - started_s
+    error_db, error_deg = response_errors(true, measured)
+    fitted = calibrate(device, measured, NAMES, starts=1)
     best, after, before = (contrasts_db(true, each, placements) for each in (true, fitted.device, device))
     figures = SeedFigures(
-        kept=len(measured.measurements),
-        readings=len(measured.readings),
+        kept=len(measured),
+        readings=len(readings),
         error_db=error_db,
         error_deg=error_deg,
         beyond={e.parameter.name: beyond_interval(e, values[e.parameter.name]) for e in fitted.estimates},
@@ -183,7 +169,7 @@ def study_seed(device: Device, seed: int, walk: tuple[Stop, ...], placements: li
         lost_db=best - after,
         lost_as_described_db=best - before,
     )
-    spoiled = [fault.name for reading in measured.readings if reading.is_spoiled for fault in reading.faults]
+    spoiled = [fault.name for reading in readings if reading.is_spoiled for fault in reading.faults]
     named = ", ".join(f"{spoiled.count(name)} {name}" for name in sorted(set(spoiled) - {"CLOCK_DRIFT"}))
     outside = ", ".join(f"{name} {value:.2f}" for name, value in figures.beyond.items() if value > 1) or "none"
     print(

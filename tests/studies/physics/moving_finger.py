@@ -22,7 +22,7 @@ from precompute.clicks.click_solver import FULL_SCALE
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.studies.options import read_options
-from tests.studies.physics.anywhere import AIM_FELT_DB, TOLERANCE_M, evaluate_as_it_is
+from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, evaluate_as_it_is, kept_share
 
 PEAK_NS, LINE_NS = 27_000_000, 1_000_000  # median time of a click's peak in the tables of bars; a PLAY at 921 600 bit/s
 PERIOD_MS, NOISE_M = 8, 1e-4
@@ -66,8 +66,8 @@ def compare_moving(
                 placed = made_for(device, felt_m, quiet_m, m_per_s, noise_m, ahead_ns)
                 if len(placed.position_m) < 2:
                     continue
-                clicks = {"made": solver.solve(placed)}
-                waveforms = {key: (click.waveform, click.evaluation.peak_s) for key, click in clicks.items()}
+                made = solver.solve(placed)
+                waveforms = {"made": (made.waveform, made.evaluation.peak_s)}
                 own = None if tabulated is None else tabulated.at(tabulated.places.key(placed))
                 if own is not None:
                     waveforms["table"] = own.samples.T / FULL_SCALE, own.peak_s
@@ -91,11 +91,8 @@ def describe(found: Levels) -> list[str]:
     for speed, ways in found.items():
         for way, pairs in ways.items():
             felt_db, quiet_db = np.array(pairs).T
-            low, middle = np.percentile(felt_db - quiet_db, (5, 50))
-            quiet = " / ".join(f"{each:z.1f}" for each in np.percentile(quiet_db, (50, 95)))
-            shares = (float(((felt_db >= AIM_FELT_DB) & (quiet_db <= most)).mean()) for most in (1, 6))
-            kept = "; ".join(f"{100 * share:.0f} %" for share in shares)
-            rows.append(f"| {1e3 * speed:g} | {way} ({len(pairs)}) | {low:z.1f} / {middle:z.1f} | {quiet} | {kept} |")
+            kept = "; ".join(f"{100 * kept_share(felt_db, quiet_db, most):.0f} %" for most in (1, 6))
+            rows.append(f"| {1e3 * speed:g} | {way} ({len(pairs)}) | {contrast_cells(pairs)} | {kept} |")
     return rows
 
 
@@ -107,9 +104,8 @@ def main() -> None:
         with Table.open(asked.table, device=device) as table:
             tabulated = table.clicks
     speeds = [float(each) / 1e3 for each in asked.speeds.split(",")]
-    print(
-        "\n".join(describe(compare_moving(device, Anywhere(placements=asked.placements), speeds, tabulated=tabulated)))
-    )
+    found = compare_moving(device, Anywhere(placements=asked.placements), speeds, tabulated=tabulated)
+    print("\n".join(describe(found)))
 
 
 if __name__ == "__main__":

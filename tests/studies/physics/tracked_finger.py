@@ -30,6 +30,7 @@ from base.arrays import Array, Complex
 from base.points import clip_points
 from engine.device import Device
 from engine.steady.cases import FingerCases, axes_of, cases_at, sample_deviations
+from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from precompute.clicks.click_plants import SampledPlants
 from precompute.clicks.click_responses import Responses
@@ -44,6 +45,7 @@ from precompute.sampling.plants import Fingers, sample_scenarios
 from tactable.shipped import find_device
 from tactable.track.estimator import LoadEstimator, scaled_finger
 from tests.studies.options import read_options
+from tests.studies.physics.anywhere import kept_share
 
 RATE_HZ, FINE = 3_200.0, 8
 WINDOW_S = 0.05
@@ -82,24 +84,28 @@ class FingerSolver(ClickSolver):
         return Fingers(placed.position_m, *(factor * value for value in values))
 
 
-class Study:
-    """One device, its solvers and its sensor."""
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor at a point of the surface, its mass and its noise, m/s^2 rms."""
 
-    def __init__(self, device: Device, at: float, noise: float, mass_kg: float) -> None:
-        corner_m = device.surface.corner_m
-        self.device, self.noise, self.mass_kg = device, noise, mass_kg
-        self.at_m = complex(at * corner_m.real, 0.3 * corner_m.imag) if isinstance(corner_m, complex) else at * corner_m
-        self.spread = math.log(device.finger.spread) / 1.96
+    at_m: complex
+    mass_kg: float
+    noise: float
 
     def measure(
-        self, true: Device, fingers: Sequence[tuple[complex, float]], told_m: list[complex], drive: Array, seed: int
+        self,
+        device: Device,
+        true: Device,
+        fingers: Sequence[tuple[complex, float]],
+        told_m: list[complex],
+        drive: Array,
+        seed: int,
     ) -> Believed:
         """What the estimator finds in the first 50 ms of a drive (time, actuator), from rest."""
-        device, mass_kg = self.device, self.mass_kg
-        weight = replace(device.finger, mass_kg=mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0)
+        weight = replace(device.finger, mass_kg=self.mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0)
         plant = TransientPlant(compute_basis(assemble(true)), np.array([self.at_m]), FINE * RATE_HZ)
         plant.touch([(self.at_m, weight), *((at_m, scaled_finger(device.finger, each)) for at_m, each in fingers)])
-        estimator = LoadEstimator(device, self.at_m, mass_kg, RATE_HZ)
+        estimator = LoadEstimator(device, self.at_m, self.mass_kg, RATE_HZ)
         padded = np.pad(drive, ((FINE * estimator.margin, 0), (0, 0)))
         samples = np.column_stack([plant.accelerate(padded), padded])[::FINE]
         samples[:, 0] += self.noise * np.random.default_rng(seed).standard_normal(len(samples))
@@ -133,13 +139,19 @@ def main() -> None:
     options = read_options(
         __doc__, device=("reference-a",), placements=(60,), noise=0.01, at=0.97, mass=2e-3, drift=False
     )
+    device = find_device(options.device)
+    corner_m, placements = device.surface.corner_m, random_placements(device, Anywhere(options.placements, 2))
+    at_m = options.at * corner_m.real
+    at_m = complex(at_m, 0.3 * corner_m.imag) if isinstance(corner_m, complex) else at_m
     with threadpool_limits(1, "blas"):
-        (_run_drift if options.drift else _run)(find_device(options.device), options)
+        if options.drift:
+            _run_drift(device, placements)
+        else:
+            _run(device, placements, Sensor(at_m, options.mass, options.noise))
 
 
-def _run_drift(device: Device, options: object) -> None:
+def _run_drift(device: Device, placements: list[Placement]) -> None:
     """Print what a drift costs clicks that are made for none."""
-    placements = random_placements(device, Anywhere(options.placements, 2))  # type: ignore[attr-defined]
     solver = ClickSolver(device)
     clicks = [solver.solve(placement).waveform for placement in placements]
     print("drift  felt (5 %), quiet (95 %), contrast (5, 50 %) dB; felt >= 14 and quiet <= 1, <= 6 dB")
@@ -152,19 +164,19 @@ def _run_drift(device: Device, options: object) -> None:
             felt.append(np.percentile(on, 5))
             quiet.append(np.percentile(off, 95))
             contrast += (on - off).tolist()
-        kept = [100 * np.mean((np.array(felt) >= 14) & (np.array(quiet) <= most)) for most in (1, 6)]
+        kept = [100 * kept_share(felt, quiet, most) for most in (1, 6)]
         low, middle = np.percentile(contrast, (5, 50))
         half = np.median(felt), np.median(quiet)
         levels = " ".join(f"{level_db:6.1f}" for level_db in (*half, low, middle))
         print(f"{100 * drift:4.1f} % {levels} {kept[0]:5.0f} {kept[1]:5.0f} %")
 
 
-def _run(device: Device, options: object) -> None:
-    study = Study(device, options.at, options.noise, options.mass)  # type: ignore[attr-defined]
-    placements = random_placements(device, Anywhere(options.placements, 2))  # type: ignore[attr-defined]
-    corner_m = device.surface.corner_m
+def _run(device: Device, placements: list[Placement], sensor: Sensor) -> None:
+    """Print what each way of knowing the fingers brings."""
+    corner_m, spread = device.surface.corner_m, math.log(device.finger.spread) / 1.96
     random, designer = np.random.default_rng(7), SteadyDesigner(device)
     scenarios, solver = sample_scenarios(device, 2 * len(placements), 3), FingerSolver(device)
+    plain = ClickSolver(device, basis=solver.basis)  # as a table has it: the standard finger, the spread of the file
     steady: list[list[float]] = []
     felt: list[list[float]] = []
     quiet: list[list[float]] = []
@@ -173,19 +185,19 @@ def _run(device: Device, options: object) -> None:
         bent = scenarios.device_of(2 * number + 1)
         modulus_pa = bent.surface.youngs_modulus_pa * math.exp(0.01 * random.standard_normal())
         true = replace(bent, surface=replace(bent.surface, youngs_modulus_pa=modulus_pa))
-        log_factor = study.spread * random.standard_normal(2)
+        log_factor = spread * random.standard_normal(2)
         at_m, is_felt = np.array(placement.position_m), list(placement.is_felt)
         first = designer.solver.solve(placement.position_m, is_felt, LEVEL_DB)
         drive = onset(first.complex_amplitudes, first.frequency_hz)
         off_m = random.uniform(-1e-3, 1e-3, 4)
         lie_m = clip_points(at_m + (off_m[:2] + 1j * off_m[2:] if np.iscomplexobj(at_m) else off_m[:2]), corner_m)
         fingers = list(zip(lie_m.tolist(), np.exp(log_factor).tolist(), strict=True))
-        found = study.measure(true, fingers, at_m.tolist(), drive, number)
+        found = sensor.measure(device, true, fingers, at_m.tolist(), drive, number)
         off += [
             (abs(at_m[0] - at_m[1]), f - t, e)
             for f, t, e in zip(found.log_factor, log_factor, found.error, strict=True)
         ]
-        zero, wide = np.zeros(2), np.full(2, study.spread)
+        zero, wide = np.zeros(2), np.full(2, spread)
         beliefs = (
             Believed(zero, wide, device),
             replace(found, device=device),
@@ -195,7 +207,7 @@ def _run(device: Device, options: object) -> None:
         standard = np.array([[device.finger.stiffness_n_per_m, device.finger.damping_n_s_per_m, device.finger.mass_kg]])
         there = FingerCases(lie_m[None], standard * np.exp(log_factor)[None, :, None])
         drives = [first]
-        clicks = [ClickSolver.solve(_plain(solver, device), placement)]
+        clicks = [plain.solve(placement)]
         for believed in beliefs:
             own = designer if believed.device is device else SteadyDesigner(believed.device)
             drives.append(own.solver.solve_cases(cases_of(device, believed, at_m), placement.is_felt, LEVEL_DB))
@@ -215,13 +227,6 @@ def _run(device: Device, options: object) -> None:
         felt.append([float(decibels(p[is_felt].min())) for p in peaks])
         quiet.append([float(decibels(p[~np.array(is_felt)].max())) for p in peaks])
     _print(np.array(steady), np.array(felt), np.array(quiet), np.array(off))
-
-
-def _plain(solver: FingerSolver, device: Device) -> ClickSolver:
-    """A solver as a table has it: the standard finger within the spread of the file."""
-    if not hasattr(solver, "plain"):
-        solver.plain = ClickSolver(device, basis=solver.basis)  # type: ignore[attr-defined]
-    return solver.plain  # type: ignore[attr-defined,no-any-return]
 
 
 def _print(steady: Array, felt: Array, quiet: Array, off: Array) -> None:

@@ -14,10 +14,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from engine.device import Device
-from precompute.calibration.adequacy import adequacy_report
+from precompute.calibration.adequacy import adequacy_report, doubts_of
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.calibration_report import calibration_report
-from precompute.calibration.doubts import doubts_of
 from precompute.calibration.misfit import Loss
 from precompute.fleet.units import Outcome
 from precompute.fleet.verdict import judge, lot_values
