@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from precompute.calibration.calibrate import calibrate as calibrate
     from precompute.calibration.device_text import calibrated_device as calibrated_device
     from precompute.measurements.measurement_file import read_measurements as read_measurements
-    from precompute.sampling.devices import sample_devices as sample_devices
+    from precompute.sampling.plants import sample_devices as sample_devices
     from tactable.control.client import connect as connect
     from tactable.control.client import connect_async as connect_async
     from tactable.research.notebook_table import Table as Table
@@ -62,7 +62,7 @@ _HOMES = {
     "quantity_text": "engine.device.quantity",
     "read_measurements": "precompute.measurements.measurement_file",
     "response": "tactable.research.untabulated",
-    "sample_devices": "precompute.sampling.devices",
+    "sample_devices": "precompute.sampling.plants",
     "solve_click": "tactable.research.untabulated",
     "solve_drive": "tactable.research.untabulated",
 }

@@ -9,9 +9,9 @@ from scipy.special import ndtri
 
 from base.arrays import Array, Complex, Mask, Points
 from base.points import clip_points
-from engine.device import Device, Finger
+from engine.device import Device, Finger, FittedValue, Uncertainty
 from engine.device.parts import Bar, Plate
-from precompute.sampling.devices import sample_devices
+from precompute.measurements.parameters import Parameter, find_parameters, values_at, with_values
 
 _WITHIN = 1.96  # standard deviations of 95 % of a normal distribution to both sides
 _FURTHER = {  # fields of Spread beside stiffness and mass: keys of the surface and the actuator that a calibration fits
@@ -23,6 +23,7 @@ _FURTHER = {  # fields of Spread beside stiffness and mass: keys of the surface 
 }
 _LENGTHS = 8  # different ones of a device: each has modes of its own, which take a plate 70 ms
 _EVEN = ("delay_s", "clamp_m")  # distributed evenly, the others normally
+_DRAWS_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
@@ -291,3 +292,28 @@ def _fitted(device: Device, of_surface: str, of_actuator: str) -> Mask:
 def _with_images(drawn: Array) -> Array:
     """Deviates (scenario, parameter): 0 of the nominal plant, then those drawn (pair, parameter), each twice."""
     return np.concatenate([np.zeros((1, drawn.shape[1])), np.repeat(drawn, 2, axis=0)])
+
+
+def sample_devices(device: Device, uncertainty: Uncertainty, count: int, seed: int) -> list[Device]:
+    """`count` devices that the measurements cannot tell from `device`, by a seed; fitted values vary together.
+
+    Coordinates are normal about the device's values, with the covariance of the calibration, within its bounds.
+    """
+    parameters = _parameters(device, uncertainty.fitted)
+    centre, low, high = np.array([[p.coordinate(value) for value in (p.start, p.low, p.high)] for p in parameters]).T
+    square, vector = np.linalg.eigh(np.array(uncertainty.covariance))
+    root = vector * np.sqrt(np.maximum(square, 0.0))
+    random = np.random.default_rng(seed)
+    devices = []
+    for _ in range(count):
+        draws = centre + random.standard_normal((_DRAWS_AT_ONCE, len(centre))) @ root.T
+        inside = np.flatnonzero(((draws >= low) & (draws <= high)).all(axis=1))
+        chosen = np.clip(draws[inside[0] if len(inside) else 0], low, high)
+        devices.append(with_values(device, parameters, values_at(parameters, chosen)))
+    return devices
+
+
+def _parameters(device: Device, fitted: tuple[FittedValue, ...]) -> tuple[Parameter, ...]:
+    bounds = {value.name: (value.low, value.high) for value in fitted}
+    found = find_parameters(device, [value.name for value in fitted], bounds, 0.0)
+    return tuple(replace(parameter, knee=value.knee) for parameter, value in zip(found, fitted, strict=True))

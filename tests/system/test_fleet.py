@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from precompute.fleet.work import OUTCOME
+from precompute.fleet.fleet_run import OUTCOME
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.fleet.test_fleet_run import BROKEN, assert_complete, write_broken
 from tests.tactable.cli.in_process import run_here

@@ -16,9 +16,8 @@ from precompute.builder.table_build import build_table
 from precompute.calibration.misfit import Loss
 from precompute.fleet.figures import compute_table_figures
 from precompute.fleet.fleet_plan import plan_fleet
-from precompute.fleet.fleet_run import Pool, run_fleet, run_here, run_on_processes
+from precompute.fleet.fleet_run import DEVICE, OUTCOME, TABLE, Pool, run_fleet, run_here, run_on_processes
 from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job
-from precompute.fleet.work import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 
 pytestmark = pytest.mark.long

@@ -25,7 +25,7 @@ from engine.table import Table
 from engine.table.history import previous_of, replace_table
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
-from precompute.fleet.work import DEVICE, OUTCOME, TABLE
+from precompute.fleet.fleet_run import DEVICE, OUTCOME, TABLE
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 from tests.studies.trust.watched_run import WatchedRun, resting_run
 
