@@ -55,9 +55,7 @@ def measure_coverage(cases: Sequence[Case], draws: int) -> dict[str, Any]:
 
 def _run_case(case: Case, draws: int) -> dict[str, Any]:
     found = [_run_draw(case, seed) for seed in range(draws)]
-    names = found[0].names
-    error, held, wide = (np.array([getattr(draw, key) for draw in found]) for key in ("error", "held", "open"))
-    seconds = np.array([draw.seconds for draw in found])
+    error, held, wide, seconds = (np.array(column) for column in zip(*found, strict=True))
     return {
         **asdict(case),
         "parameters": [
@@ -68,25 +66,15 @@ def _run_case(case: Case, draws: int) -> dict[str, Any]:
                 "held": float(held[:, i].mean()),
                 "open": float(wide[:, i].mean()),
             }
-            for i, name in enumerate(names)
+            for i, name in enumerate(paper_names(find_device(case.device)))
         ],
         "held": float(held.mean()),
         "seconds": {"median": float(np.median(seconds)), "greatest": float(seconds.max())},
     }
 
 
-@dataclass(frozen=True)
-class Draw:
-    """One bar: relative errors, whether the intervals hold the true values and touch their bounds; (parameter,)."""
-
-    names: tuple[str, ...]
-    error: Array
-    held: Mask
-    open: Mask
-    seconds: float
-
-
-def _run_draw(case: Case, seed: int) -> Draw:
+def _run_draw(case: Case, seed: int) -> tuple[Array, Mask, Mask, float]:
+    """Relative errors (parameter,), whether intervals hold the true values, whether they are wide, and time in s."""
     device = find_device(case.device)
     names = paper_names(device)
     truth = draw_truth(device, names, seed, published=case.published)
@@ -94,16 +82,12 @@ def _run_draw(case: Case, seed: int) -> Draw:
     bar = with_changes(device, dict(zip(names, truth.tolist(), strict=True)))
     measured = simulate_measurements(bar, layout, Flaws(case.noise, case.wrong), seed)
     start = time.perf_counter()
-    found = calibrate(device, measured, paper_names(device), Loss(case.loss))
+    found = calibrate(device, measured, names, Loss(case.loss))
     seconds = time.perf_counter() - start
     value, low, high = np.array([(e.value, e.low, e.high) for e in found.estimates]).T
-    return Draw(
-        names=names,
-        error=np.abs(value / truth - 1),
-        held=(low <= truth * (1 + 1e-9)) & (truth <= high * (1 + 1e-9)),
-        open=np.array([e.known not in (Known.WELL, Known.ROUGHLY) for e in found.estimates]),
-        seconds=seconds,
-    )
+    held = (low <= truth * (1 + 1e-9)) & (truth <= high * (1 + 1e-9))
+    wide = np.array([e.known not in (Known.WELL, Known.ROUGHLY) for e in found.estimates])
+    return np.abs(value / truth - 1), held, wide, seconds
 
 
 def draw_truth(device: Device, names: Sequence[str], seed: int, *, published: bool) -> Array:

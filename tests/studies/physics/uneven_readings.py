@@ -8,7 +8,7 @@ Printed is the share of the 95 % intervals that hold the true value, by paramete
 as `calibrate` does, and for errors that are taken as even.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -35,14 +35,6 @@ NOISE = 0.002
 """Of the sensor, as a fraction of the median response."""
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """held, and held_even with errors taken as even (bar, parameter): whether the interval holds the true value."""
-
-    held: Mask
-    held_even: Mask
-
-
 def measure_uneven(true: Device, seed: int) -> Measurements:
     """Responses of a bar, each with an error of its own size."""
     drives = np.array([[hz, np.nan] for hz in HZ] + [[np.nan, hz] for hz in HZ])
@@ -55,8 +47,8 @@ def measure_uneven(true: Device, seed: int) -> Measurements:
     return replace(layout, acceleration=response * (1 + error), is_simulated=True)
 
 
-def measure_coverage(bars: int) -> Coverage:
-    """Fit the bars, and look whether the intervals hold."""
+def measure_coverage(bars: int) -> tuple[Mask, Mask]:
+    """Whether the intervals hold the true values (bar, parameter), and with errors that are taken as even."""
     device, held, held_even = find_device("reference-a"), list[Mask](), list[Mask]()
     for seed in range(bars):
         true, values = true_bar(device, seed)
@@ -67,14 +59,14 @@ def measure_coverage(bars: int) -> Coverage:
             found.problem.misfit.is_peak = is_even  # peaks are taken as even
             confidence = compute_confidence(found)
             out.append(off <= confidence.quantile * np.sqrt(np.diag(confidence.covariance)))
-    return Coverage(np.array(held), np.array(held_even))
+    return np.array(held), np.array(held_even)
 
 
 def main() -> None:
     """Print the shares."""
     with threadpool_limits(1, "blas"):
         found = measure_coverage(read_options(__doc__, bars=(100,)).bars)
-    for name, held in (("reading by reading", found.held), ("taken as even", found.held_even)):
+    for name, held in zip(("reading by reading", "taken as even"), found, strict=True):
         shares = ", ".join(f"{key} {share:.2f}" for key, share in zip(NAMES, held.mean(axis=0), strict=True))
         print(f"{name}: {held.mean():.3f} of {held.size} intervals hold the true value ({shares})")
 
