@@ -30,8 +30,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from tactable.bench.in_process import InProcess, measure_in_process
 from tactable.bench.inputs import HELD, replayed
-from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
-from tactable.bench.latency.environment import reading_ns
+from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.rig.emulate import configuration_of

@@ -22,8 +22,7 @@ from firmware_link.host.link_values import BOARD_EMULATED
 from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
 from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
-from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load
-from tactable.bench.latency.environment import environment_json
+from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load, environment_json
 from tactable.bench.latency.latency_page import page_markdown, page_pictures
 from tactable.bench.latency.load_generator import Stall
 from tactable.bench.latency.segments import Bench, Measured, build_program

@@ -1,5 +1,7 @@
-"""The commands `build`, with its places and its clicks, `build --watch` and `rollback`."""
+"""The commands `build`, with its places and its clicks, `build --watch`, `rollback` and `fleet`."""
 
+import csv
+import json
 import signal
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from engine.table.history import previous_of
 from precompute.builder.table_build import build_table
 from precompute.measurements.csv import write_csv
 from tests.precompute.builder.test_table_build import ONE_LEVEL
-from tests.precompute.fleet.small_fleet import small_text
+from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.measurements.test_response_table import COARSE, per_newton, rows
 from tests.tactable.cli.in_process import run_here, summary_of
 from tests.tools.processes import started
@@ -99,3 +101,22 @@ def test_it_says_what_is_measured_and_what_is_an_estimate(tmp_path: Path) -> Non
         assert part in scaled.stdout
     assert "Levels rest on the full scale of the device file" in scaled.stdout
     assert "--responses" in run_here(tmp_path, *words, "--force-of-actuators").stderr
+
+
+def test_a_fleet_is_built_but_for_its_bad_bar_and_again_it_keeps_what_is_done(tmp_path: Path) -> None:
+    for name, stiffness in (("one", "18 kN/m"), ("two", "19 kN/m"), ("bad", "19 kg")):
+        write_unit(tmp_path / "bars" / name, small_text(stiffness))
+    words = ("fleet", "bars", "-o", "out", "--clicks-up-to", "0")
+    done = run_here(tmp_path, *words)
+    assert done.returncode == 3, done.stderr
+    counted = "3 units: 2 built, 0 complete already, 1 failed"
+    for part in (counted, "FAILED bad: ", "'19 kg'", "actuator[1].stiffness", "18000 (one)"):
+        assert part in done.stdout
+    rows = list(csv.DictReader((tmp_path / "out" / "summary.csv").read_text(encoding="utf-8").splitlines()))
+    assert [(row["name"], row["status"]) for row in rows] == [("bad", "failed"), ("one", "built"), ("two", "built")]
+    values = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert [unit["fingerprint"] for unit in values["units"]] == [row["fingerprint"] for row in rows]
+    assert (tmp_path / "out" / "one" / "table.nc").is_file()
+    again = run_here(tmp_path, *words, "--json")
+    assert again.returncode == 3
+    assert [unit["status"] for unit in json.loads(again.stdout)["units"]] == ["failed", "kept", "kept"]

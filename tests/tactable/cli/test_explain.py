@@ -1,4 +1,4 @@
-"""`explain` for fingers at positions: the contract of its JSON, its page, and how it refuses."""
+"""The commands `explain` and `diff`: the contract of their JSON, their pages, and the exit status of `diff`."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from engine.steady.given_drive import compute_levels
 from engine.table import Table
@@ -16,8 +17,13 @@ from precompute.clicks import ClickSolver
 from precompute.clicks.click_options import read_click_options
 from precompute.clicks.evaluation import decibels
 from precompute.predict.at_positions import SteadyDesigner
+from tactable.cli.main import app
+from tests.engine.made_table import write_table
+from tests.engine.table.test_table import DEVICE
+from tests.engine.table.test_table_diff import CLICKS, held, rows_of
 from tests.tactable.cli.in_process import run_here, summary_of
 
+ROWS = rows_of(DEVICE)
 WORDS = ("explain", "bar.nc", "--felt", "35 mm", "--quiet", "120 mm")
 
 
@@ -117,3 +123,40 @@ def test_the_page_names_positions_roles_and_the_threshold_curve(page: Any, kind:
     fingers = "35 mm (I) felt, 120 mm (II) quiet"
     for part in (fingers, "solved for these positions", "Oh and Choi 2019", "ESTIMATES", "1 mm"):
         assert part in shown
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    folder = tmp_path_factory.mktemp("tables")
+    before = write_table(folder / "before.nc", DEVICE, CLICKS, rows=held(ROWS))
+    rows = held([ROWS[0], replace(ROWS[1], level_db=18.5), *ROWS[2:]])
+    after = write_table(folder / "after.nc", DEVICE, CLICKS[:2], rows=rows, source="measured")
+    return str(before), str(after)
+
+
+def diff(*words: str) -> tuple[int, str, str]:
+    done = CliRunner().invoke(app, ["diff", *words])
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_the_status_is_0_for_the_same_1_for_others_and_2_for_trouble(tables: tuple[str, str]) -> None:
+    before, after = tables
+    assert diff(before, before)[0] == 0
+    assert diff(before, after)[0] == 1
+    for words in ((before, "no-such.nc"), (before, __file__), (before,), (before, after, "--limit", "-1")):
+        assert diff(*words)[0] == 2, words
+    _, out, errors = diff(before, "no-such.nc")
+    assert not out
+    assert errors.startswith("tactable: no-such.nc: ")
+    assert errors.count("\n") == 1
+
+
+def test_words_and_figures_say_what_changed(tables: tuple[str, str]) -> None:
+    out = diff(*tables)[1]
+    for part in ("the tables differ", "option: source: measured appeared", "felt IV at 20 dB: level 20 -> 18.5 dB"):
+        assert part in out
+    assert "best rows: 1 of 6 changed beyond 0.1 dB" in out and "clicks: none of 2 changed" in out
+    assert "clicks: 1 vanished: felt 83.8 mm 139.7 mm, quiet 251.5 mm" in out
+    out = diff(tables[0], tables[0])[1]
+    assert "the tables are the same" in out and "best rows: none of 6 changed" in out
+    assert "best rows: none of 6 changed" in diff(*tables, "--limit", "1.6")[1]
