@@ -40,9 +40,10 @@ class RestingFingers:
         self._fingers = dict(zip(numbers, places, strict=True))
         self._send(Phase.DOWN)
 
-    async def stay(self) -> None:
-        """Mention the fingers now and then, until cancelled."""
+    async def stay(self, firmware: FirmwareProcess) -> None:
+        """Mention the fingers now and then, until cancelled; take what the firmware did, so that it keeps no log."""
         while True:
+            firmware.take_answers()
             await asyncio.sleep(_MENTIONED_S)
             self._send(Phase.MOVE)
 
@@ -57,25 +58,15 @@ async def simulated_run(table: Table, socket: Path) -> AsyncIterator[Callable[[S
     with work_folder("experiment", in_memory=True) as folder:
         firmware = await FirmwareProcess.start(configuration_of(table.device))
         engine = await EngineProcess.start(folder / "ring", ProgramsAt(str(socket)))
-        tasks: list[asyncio.Task[None]] = []
+        fingers = RestingFingers(engine.feed, table.device.surface.corner_m)
+        staying = asyncio.create_task(fingers.stay(firmware))
         try:
             choice = Choice(table.device.name)
             await engine.play(Order(table.path, firmware.port, choice, None, has_kernels=True, is_first=False))
-            fingers = RestingFingers(engine.feed, table.device.surface.corner_m)
-            tasks.append(asyncio.create_task(fingers.stay()))
-            tasks.append(asyncio.create_task(_drain(firmware)))
             yield fingers.rest
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            staying.cancel()
+            await asyncio.gather(staying, return_exceptions=True)
             with contextlib.suppress(OSError):
                 await engine.end()
             await firmware.end()
-
-
-async def _drain(firmware: FirmwareProcess) -> None:
-    """Take what the firmware has done, so that it keeps no log of hours."""
-    while True:
-        firmware.take_answers()
-        await asyncio.sleep(_MENTIONED_S)

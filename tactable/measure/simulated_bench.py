@@ -24,7 +24,7 @@ from precompute.model.transfers import DelayFilter
 from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
-from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
+from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard
 from tactable.rig.emulate import configuration_of
 
 PORT, SENSOR = -1, -2  # stand-ins for descriptors
@@ -349,9 +349,9 @@ class BoardBench(VirtualLine):
                 raise SensorError(f"--flaws {flaw}: is of a converter, and the board's own accelerometer has none")
         kept = (flaws.drift, flaws.gain, flaws.offset_m_per_s2, flaws.noise_m_per_s2)
         part = EmulatedAccelerometer(true.surface.corner_m / 2, sensor_mass_kg, *kept)
-        self.firmware = EmulatedFirmware(with_accelerometer(configuration_of(board or true, BOOT_ID), part))
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
-        self._sensed = SensedBoard(self.firmware, true, part, seed, basis)
+        self._sensed = SensedBoard(configuration_of(board or true, BOOT_ID), true, part, seed, basis)
+        self.firmware = self._sensed.core
         super().__init__(self._sensed)
 
     def place(self, position_m: complex) -> None:

@@ -307,9 +307,9 @@ class DemoBackend(PageBackend):
         path, shown = cached_table(device, self._cache), self._table
         if shown is not None and shown.path == path and shown.fingerprint == device.fingerprint:
             return shown
-        had_built = self._builder.has_built(order)
+        had_built = order in self._builder.built
         table = await asyncio.to_thread(open_cached, device, path)
-        if (table is None or table.path != order.path) and self._builder.has_built(order) and not had_built:
+        if (table is None or table.path != order.path) and order in self._builder.built and not had_built:
             self._news.set()  # the table was finished during the look: look again
         if table is None:
             is_built = device.fingerprint == self._described.fingerprint

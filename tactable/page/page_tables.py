@@ -35,7 +35,7 @@ class Builder:
         self.has_compiled = False  # whether a build has compiled the kernels, so that other processes load them at once
         self._on_change = on_change
         self._order: BuildOrder | None = None
-        self._built = set[BuildOrder]()
+        self.built = set[BuildOrder]()
         self._task: asyncio.Task[None] | None = None
         self._stopped = set[asyncio.Task[None]]()  # whose process may still be ending
 
@@ -45,14 +45,10 @@ class Builder:
             return
         self.stop()
         self._order, self.now = order, Building(order.device)
-        if order in self._built:
+        if order in self.built:
             self.now = replace(self.now, error="what was built does not suit this program any more: start it again")
             return
         self._task = asyncio.create_task(self._build(order))
-
-    def has_built(self, order: BuildOrder) -> bool:
-        """Whether this table was built."""
-        return order in self._built
 
     def forgive(self) -> None:
         """Allow a failed build to be tried again."""
@@ -90,7 +86,7 @@ class Builder:
             elif "step" in answer:
                 self.now = Building(order.device, answer["step"], answer["fraction"])
             elif Path(answer["usable"]) == order.path:
-                self._built.add(order)
+                self.built.add(order)
                 self._order = self.now = None
                 self._on_change()
                 return

@@ -96,16 +96,6 @@ _WORDS = {
 assert [name for name, _ in _WORDS.values()] == [field.name for field in fields(EmulatedAccelerometer)]
 
 
-def with_accelerometer(configuration: DeviceConfiguration, part: EmulatedAccelerometer) -> DeviceConfiguration:
-    """The configuration of a board with the part."""
-    return replace(
-        configuration,
-        sensor_rate_mhz=round(1_000 * RATE_HZ),
-        sensor_scale_nm_per_s2=round(1e9 * part.scale_m_per_s2),
-        sensor_greatest=QUIET_GREATEST if part.quiet else GREATEST,
-    )
-
-
 class SensedSurface:
     """Boots boards whose accelerometer lies on one surface, the modes of which are computed once."""
 
@@ -116,8 +106,7 @@ class SensedSurface:
 
     def boot(self, configuration: DeviceConfiguration) -> "SensedBoard":
         """A board that has just booted; the surface is at rest. Raises AccelerometerError for a place off it."""
-        core = EmulatedFirmware(with_accelerometer(configuration, self._accelerometer))
-        return SensedBoard(core, self._device, self._accelerometer, self._seed, self._basis)
+        return SensedBoard(configuration, self._device, self._accelerometer, self._seed, self._basis)
 
 
 class SensedBoard:
@@ -128,13 +117,19 @@ class SensedBoard:
 
     def __init__(
         self,
-        core: EmulatedFirmware,
+        configuration: DeviceConfiguration,
         device: Device,
         accelerometer: EmulatedAccelerometer,
         seed: int,
         basis: Basis | None = None,
     ) -> None:
-        self.core, self.configuration = core, core.configuration
+        self.configuration = replace(
+            configuration,
+            sensor_rate_mhz=round(1_000 * RATE_HZ),
+            sensor_scale_nm_per_s2=round(1e9 * accelerometer.scale_m_per_s2),
+            sensor_greatest=QUIET_GREATEST if accelerometer.quiet else GREATEST,
+        )
+        self.core = EmulatedFirmware(self.configuration)
         self._device, self._part, self._random = device, accelerometer, np.random.default_rng(seed)
         self._plant_hz = RATE_HZ * (1 + accelerometer.drift) * _PLANT_SAMPLES
         self._plant = TransientPlant(basis or compute_basis(assemble(device)), np.zeros(1), self._plant_hz)

@@ -23,7 +23,7 @@ from firmware_link.protocol.link_errors import LinkError
 from tactable.measure.board_sensor import BoardSensor
 from tactable.measure.sensor import SensorError
 from tactable.measure.simulated_bench import VirtualLine
-from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, with_accelerometer
+from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard
 from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
 from tactable.track.track_process import TrackedSensor
@@ -93,8 +93,7 @@ class Following:
 def test_a_run_in_virtual_time_finds_the_drift_of_the_bar_that_it_plays(table: Table) -> None:
     device = table.device
     true = warm(device, 1.015)
-    board = EmulatedFirmware(with_accelerometer(configuration_of(device), part_on(device)))
-    line = VirtualLine(SensedBoard(board, true, part_on(true), 1))
+    line = VirtualLine(SensedBoard(configuration_of(device), true, part_on(true), 1))
     following = Following(device, line)
     strokes = [Stroke(1 + 0.5 * tap, 1.3 + 0.5 * tap, FINGER, FINGER) for tap in range(12)]
     options = LiveOptions(bit_rate_hz=BIT_RATE_HZ, has_kernels=False)
