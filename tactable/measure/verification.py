@@ -233,11 +233,8 @@ def verify_table(
         # Not before the board is at rest: an armed one does not wait for so long.
         for each, (size, error, faults) in read:
             promised = possible.peaks(each, place_m)
-            points.append(
-                Point(
-                    each, place_m, size, float(promised[0]), float(promised.min()), float(promised.max()), error, faults
-                )
-            )
+            sizes = promised[0].item(), promised.min().item(), promised.max().item()
+            points.append(Point(each, place_m, size, *sizes, error, faults))
     return tuple(points)
 
 
