@@ -7,8 +7,6 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +19,7 @@ from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.page.page_messages import Kind
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
-from tests.tactable.rig.test_emulate import TACTABLE
+from tests.tools.processes import started
 
 pytestmark = pytest.mark.machine(stall_s=None)
 
@@ -36,12 +34,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, click_table: Path) -> Path:
     return folder
 
 
-@contextmanager
-def started(folder: Path, emulator: RunningEmulator, *words: str) -> Iterator["subprocess.Popen[str]"]:
+def run_of(folder: Path, emulator: RunningEmulator, *words: str) -> "subprocess.Popen[str]":
     paths = ("bar.nc", "--touch", "taps.hid", "--port", emulator.port)
-    command = [TACTABLE, "run", *paths, "--reconnect", "--no-watch", "--no-solve", *words]
-    with subprocess.Popen(command, cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        yield process
+    return started(folder, "run", *paths, "--reconnect", "--no-watch", "--no-solve", *words)
 
 
 def address_of(process: "subprocess.Popen[str]") -> str:
@@ -84,7 +79,7 @@ def test_a_run_is_shown_to_a_page_that_looks_on_and_outlives_it(folder: Path, em
     words = ["bar.nc", "--touch", "taps.hid", "--port", emulator.port, "--no-watch", "--no-solve"]
     refused = run_here(folder, "run", *words, "--page", "--page-at", "192.0.2.1")  # before it begins
     assert refused.returncode == 1 and refused.stderr.splitlines()[-1].startswith("tactable: no page at 192.0.2.1")
-    with started(folder, emulator, "--page", "--json") as process:
+    with run_of(folder, emulator, "--page", "--json") as process:
         address = address_of(process)
         scene, told = asyncio.run(looked_on(address, 3))
         os.kill(page_of(process), signal.SIGKILL)

@@ -3,7 +3,6 @@
 import json
 import shutil
 import signal
-import subprocess
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +29,8 @@ from tactable.track.track_process import TrackedSensor
 from tactable.track.tracker import Tracker
 from tests.tactable.cli.in_process import run_here
 from tests.tactable.rig.strokes import Stroke, make_recording
-from tests.tactable.rig.test_emulate import TACTABLE, emulator
+from tests.tactable.rig.test_emulate import emulator
+from tests.tools.processes import started
 
 BIT_RATE_HZ = 1_000_000
 FINGER = 0.25
@@ -176,10 +176,10 @@ def test_a_run_tells_the_drift_and_adopts_a_table_for_it(tmp_path: Path, click_t
     sensor = f"at={SENSOR * length_mm}mm,finger={FINGER * length_mm}mm,quiet=1"
     emulate = ("--device", str(tmp_path / "warm.toml"), "--sensor", sensor, "--link", str(port))
     where = ("--touch", "taps.hid", "--port", str(port), "--bit-rate", str(BIT_RATE_HZ))
-    run = [TACTABLE, "run", "bar.nc", *where, "--track", f"board:{SENSOR * length_mm}mm", "--reconnect", "--json"]
+    words = ("bar.nc", *where, "--track", f"board:{SENSOR * length_mm}mm", "--reconnect", "--json")
     with emulator(tmp_path, *emulate) as emulated:
         assert emulated.line()
-        with subprocess.Popen(run, cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        with started(tmp_path, "run", *words) as process:
             assert process.stderr is not None
             said = ""
             while "verified and handed over" not in said:
