@@ -7,7 +7,7 @@ import ctypes
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ class _Memory(OnClock):
         # Of each report in hand: ns until the loop asks for more, and until something was written, 0 where nothing was;
         # whether the compiled step answered it.
         self.noted: list[list[int]] = []
-        self._reports = list(islice(stream.packets(), count))
+        self._reports = list(islice(cycle(stream.reports), count))
         self.clock = clock
         self._device = LightDevice(configuration, clock.now_ns())
         self._written: list[bytes] = []
@@ -212,7 +212,7 @@ def _fingers(stream: Stream, count: int) -> list[int]:
     """Number of contacts after each report (report,)."""
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
     counts, fingers = [], 0
-    for number, report in enumerate(islice(stream.packets(), count)):
+    for number, report in enumerate(islice(cycle(stream.reports), count)):
         frame = digitizer.decode_report(report, number * _PERIOD_NS)
         fingers = fingers if frame is None else len(frame.contacts)
         counts.append(fingers)

@@ -52,10 +52,6 @@ class Stream:
     reports_per_command: int | None  # one report in this many brings a click; None where only the engine knows
     simulated: bool
 
-    def packets(self) -> Iterator[bytes]:
-        """Repeat the reports without end."""
-        return cycle(self.reports)
-
 
 def tapping(fingers: int, rate_hz: int, device: Device) -> Stream:
     """Fingers at rest, and one that taps other places in turn. Raises ValueError for other than 1 to 10 fingers."""
@@ -93,7 +89,7 @@ def expected_clicks(stream: Stream, rate_hz: float, count: int, device: Device) 
     digitizer = open_digitizer(stream.descriptor, stream.vendor_id, stream.product_id)
     tracker, player = FingerTracker(device, digitizer.surface), EffectPlayer(DEFAULT_EFFECTS)
     found = list[tuple[int, int]]()
-    for index, report in enumerate(islice(stream.packets(), count)):
+    for index, report in enumerate(islice(cycle(stream.reports), count)):
         time_ns = round(index * _NS_PER_S / rate_hz)
         while player.next_change_ns is not None and player.next_change_ns <= time_ns:
             player.advance_effects(player.next_change_ns)

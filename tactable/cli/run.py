@@ -1,6 +1,5 @@
 """Command `run`: touches of a digitizer, answered from a table, become commands on a serial port until Ctrl-C."""
 
-import ctypes
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
@@ -18,7 +17,6 @@ from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import Effects
 from engine.loop.command_latency import Stage
-from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.loop.ring import RingWriter
@@ -43,10 +41,10 @@ from tactable.digitizers.record import open_live, opened, recording_named, stop_
 from tactable.doctor.touch_check import Machine
 from tactable.kernel_cache import compile_steady_solver
 from tactable.run.click_process import ClickProcess
-from tactable.run.live_run import Live, LiveOptions, ring_for
+from tactable.run.live_run import Live, LiveOptions, fast_library, ring_for
 from tactable.run.table_watch import TableWatch, Watched
 from tactable.run.track_status import read_status, track_text
-from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_table, named_effects
+from tactable.shipped import DEMO_RECORDING, find_device, find_table, named_effects
 from tactable.track.track_process import TrackedSensor, TrackProcess
 
 _Values = Callable[[], dict[str, Any]]
@@ -146,7 +144,8 @@ def run(
         port = open_port(port_name, bit_rate_hz)
         reopening = stack.enter_context(_reopening(port, port_name, bit_rate_hz, reconnect))
         compile_steady_solver(remark)
-        live_options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=_compiled(fast))
+        step = fast_library(note) if fast else None
+        live_options = LiveOptions(effects, refuses, reconnect, port.bit_rate_hz, realtime, fast=step)
         source = stack.enter_context(_opened(machine_of(context), touch))
         tracked = None if track is None else TrackedSensor.parse(track, table.device)
         ring = stack.enter_context(ring_for(ring_path, is_needed=page or control or tracked is not None))
@@ -236,14 +235,6 @@ def _page(live: Live, ring: RingWriter, table_path: Path, host: str, port: int) 
     board = {key: getattr(live.capabilities, key) for key in ("frequency_resolution_hz", "full_scales_m")}
     shown = {"ring": str(ring.path), "table": str(table_path), **board, "host": host, "port": port}
     return Child("tactable.page.processes.live_process", shown, name=f"no page at {host}, port {port}")
-
-
-def _compiled(is_wanted: bool) -> ctypes.CDLL | None:
-    try:
-        return compile_fast_path(cache_folder()) if is_wanted else None
-    except FastPathError as error:
-        note(f"commands take the loop's own way: {error}")
-        return None
 
 
 def real_time_steps(text: str) -> tuple[Step, ...]:

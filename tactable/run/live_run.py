@@ -51,11 +51,12 @@ class LiveOptions:
     patience_ns: int = LATEST_NS  # for how long after its touch a click is awaited that is solved beside the loop
 
 
-def fast_library() -> ctypes.CDLL | None:
-    """The compiled step, compiled at the first call; None where it cannot be compiled here."""
+def fast_library(tell: Callable[[str], None] = lambda _: None) -> ctypes.CDLL | None:
+    """The compiled step, compiled at the first call; None where it cannot be compiled here, which `tell` is told."""
     try:
         return compile_fast_path(cache_folder())
-    except FastPathError:
+    except FastPathError as error:
+        tell(f"commands take the loop's own way: {error}")
         return None
 
 

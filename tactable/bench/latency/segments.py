@@ -8,6 +8,7 @@ import time
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,7 @@ class Bench:
             # The engine greets and arms the device, whose far end must be served meanwhile.
             LoadGenerator(Schedule.none(), touch, link, far_end, keeps_open=True).run(engine.fileno())
             armed = engine.read()
-            schedule = Schedule(stream.packets(), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
+            schedule = Schedule(cycle(stream.reports), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
             LoadGenerator(schedule, touch, link, far_end, stall=stall, engine_process_id=engine.process_id).run(
                 engine.fileno()
             )
@@ -180,7 +181,7 @@ class Bench:
             LoadGenerator(Schedule.none(), touch, link, receiver, keeps_open=True).run(
                 ended, lambda: len(receiver.arrivals.time_ns) > 0
             )
-            schedule = Schedule(stream.packets(), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
+            schedule = Schedule(cycle(stream.reports), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
             LoadGenerator(schedule, touch, link, receiver).run(ended)
             status = process.wait()
         if status != 0:
