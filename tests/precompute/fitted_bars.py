@@ -11,8 +11,7 @@ from base.arrays import Array, Complex
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.calibration.modal_fit import ModalCalibration, calibrate_modes
-from precompute.measurements.mat import arrays_to_measurements
-from precompute.measurements.mat_content import load_content
+from precompute.measurements.mat import arrays_to_measurements, load_content
 from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.pick import pick_modes, residues_of, write_modes

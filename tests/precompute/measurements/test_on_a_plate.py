@@ -10,8 +10,7 @@ import scipy.io
 
 from engine.device import Finger
 from precompute.measurements.csv import parse_csv
-from precompute.measurements.mat import arrays_to_measurements
-from precompute.measurements.mat_content import load_content
+from precompute.measurements.mat import arrays_to_measurements, load_content
 from precompute.measurements.measurement_file import read_measurements, write_measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.plant import estimate_errors, measured_plant

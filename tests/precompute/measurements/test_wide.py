@@ -11,8 +11,7 @@ import pytest
 import scipy.io
 
 from precompute.measurements.csv import parse_csv
-from precompute.measurements.mat import arrays_to_measurements
-from precompute.measurements.mat_content import load_content
+from precompute.measurements.mat import arrays_to_measurements, load_content
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import MeasurementError, Measurements
 from tests.precompute.devices import shipped
