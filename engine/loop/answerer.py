@@ -9,11 +9,12 @@ have, where it can.
 
 from typing import NamedTuple
 
-from engine.render.held import HeldDrive
 from engine.render.link_commands import Command
 from engine.render.renderer import Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
+
+SAME_FINGER_M = 5e-3  # a finger that is farther away than this from one report to the next is taken for another one
 
 
 class Wanted(NamedTuple):
@@ -44,11 +45,8 @@ class Answerer:
         """The command for what is wanted; None where its click is awaited from now on."""
         command = self._render(wanted)
         if command is None and self.awaits_clicks and wanted.click_ns is not None:
-            self.awaited, self.wanted_then, self.latest_ns = (
-                wanted.placement,
-                wanted,
-                wanted.click_ns + self.patience_ns,
-            )
+            self.awaited, self.wanted_then = wanted.placement, wanted
+            self.latest_ns = wanted.click_ns + self.patience_ns
             return None
         return self._fallback(wanted) if command is None else command
 
@@ -89,3 +87,24 @@ class Answerer:
         placement, level_db, _ = wanted
         assert placement is not None and level_db is not None  # only a click may be unknown
         return self.renderer.fallback(placement, level_db)
+
+
+class HeldDrive:
+    """Remembers the steady drive of the fingers, whose frequency the next drive keeps where it can."""
+
+    def __init__(self) -> None:
+        self._placement: Placement | None = None
+        self._frequency_hz: float | None = None
+
+    def frequency_for(self, placement: Placement | None) -> float | None:
+        """The frequency that these fingers have; None where they have no steady drive, or are others."""
+        before = self._placement
+        if placement is None or before is None or placement.is_felt != before.is_felt:
+            return None
+        moved_m = (abs(at_m - old_m) for at_m, old_m in zip(placement.position_m, before.position_m, strict=True))
+        return self._frequency_hz if max(moved_m) < SAME_FINGER_M else None
+
+    def note(self, placement: Placement | None, command: Command | None) -> None:
+        """Take the command that these fingers get now; None: it is awaited."""
+        self._frequency_hz = None if command is None else command.frequency_hz
+        self._placement = placement

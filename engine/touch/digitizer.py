@@ -28,7 +28,6 @@ from base.errors import TactableError
 from engine.touch.descriptor import DescriptorError, Surface
 from engine.touch.quirks import Key, quirks_for
 from engine.touch.report_plan import ReportPlan, build_plan, maximum_contacts, read
-from engine.touch.scan_clock import ScanClock
 
 if TYPE_CHECKING:
     from engine.touch.debounce import Debounce
@@ -36,6 +35,8 @@ if TYPE_CHECKING:
 # Frames of live digitizers come every 2..26 ms. A report that comes later than this belongs to another one.
 FRAME_SILENCE_NS = 30_000_000
 RELEASE_AFTER_NS = 120_000_000  # watchdog: four times the slowest frame period; Linux waits 100 ms
+_SCAN_TIME_TOLERANCE_NS = 25_000_000  # a scan time that is further than this from host time has been reset or wrapped
+_SCAN_TIME_TICK_NS = 100_000  # HID Usage Tables, 0x0D:0x56; real ones tick each 92 to 131 us
 
 # Reports that wait for a contact count in another report: more than any frame needs, few enough to bound memory.
 _HELD_REPORTS = 16
@@ -125,6 +126,26 @@ class _Waiting:
     count: int | None = None
 
 
+@dataclass(slots=True)
+class _ScanClock:
+    """Moves scan times of the device to the host's time axis.
+
+    Devices reset the counter at a new touch, wrap it at its size instead of the declared maximum, and their ticks of
+    100 us are 92..131 us. So only steps of the counter are added up, and only while the sum agrees with host time.
+    """
+
+    ticks: int = 0
+    time_ns: int = 0
+
+    def advance_scan(self, ticks: int, mask: int, now_ns: int) -> int:
+        """Scan time of a frame on the host's axis; host time after a reset or a pause."""
+        time_ns = self.time_ns + (ticks - self.ticks & mask) * _SCAN_TIME_TICK_NS
+        if not -_SCAN_TIME_TOLERANCE_NS <= time_ns - now_ns <= _SCAN_TIME_TOLERANCE_NS:
+            time_ns = now_ns
+        self.ticks, self.time_ns = ticks, time_ns
+        return time_ns
+
+
 class Digitizer:
     """Frame assembler of one touch surface: the first of `surfaces`, until another of them reports.
 
@@ -161,7 +182,7 @@ class Digitizer:
         self.count_is_accurate = self.quirks.count_is_accurate and has_count
         self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
         self.frame = Frame()  # the frame that is being assembled
-        self._scan_clock, self._waiting = ScanClock(), _Waiting()
+        self._scan_clock, self._waiting = _ScanClock(), _Waiting()
         self._again: dict[int, int] = {}  # added to contact ids that came down again in the frame of their lift
         self.report_ns = 0  # when the last report came
         self._frame_ns = 0

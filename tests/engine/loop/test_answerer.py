@@ -2,7 +2,7 @@
 
 import pytest
 
-from engine.render.held import SAME_FINGER_M, HeldDrive
+from engine.loop.answerer import SAME_FINGER_M, HeldDrive
 from engine.render.link_commands import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 
