@@ -17,11 +17,8 @@ _ELEMENTS_PER_WAVE, _ELEMENTS_PER_WAVE_OF_CLICKS = 24, 10
 _SLENDER = 5  # the theory of beams neglects shear, which counts from about a tenth on
 _MOST_ELEMENTS = 2000  # shipped bars need 27 to 46; bounds time and memory where a length or an element is a slip
 _MOST_POISSON = 0.5
-_SHORTEST_SILENCE_S, _LONGEST_DEBOUNCE_S, _LONGEST_LATENCY_S = (
-    0.03,
-    0.1,
-    0.1,
-)  # digitizers report every 2 to 26 ms; fingers tap more slowly
+_SHORTEST_SILENCE_S = 0.03  # digitizers report every 2 to 26 ms
+_LONGEST_DEBOUNCE_S = _LONGEST_LATENCY_S = 0.1  # fingers tap more slowly
 
 
 def read_surface(top: DeviceTable, sweep: Sweep) -> Surface:

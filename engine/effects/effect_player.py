@@ -110,7 +110,8 @@ class EffectPlayer:
                 has_changed = True
             else:
                 if touch[3] is not finger.touch[3]:
-                    self._turn_palm(finger, touch, time_ns)
+                    was_quiet, finger.touch = finger.is_kept_quiet, touch
+                    self._turn_quiet(finger, was_quiet, time_ns)
                     has_changed = True
                 finger.touch = touch
                 if time_ns - finger.late_ns >= SPEED_NS:
@@ -220,17 +221,12 @@ class EffectPlayer:
 
     def _keep_quiet(self, finger: "Finger", owners: frozenset[int], time_ns: int) -> None:
         was_quiet, finger.quiet_for = finger.is_kept_quiet, owners
-        if finger.is_kept_quiet is not was_quiet:
-            self._turn_quiet(finger, time_ns)
+        self._turn_quiet(finger, was_quiet, time_ns)
 
-    def _turn_palm(self, finger: "Finger", touch: Touch, time_ns: int) -> None:
-        """The digitizer takes a finger for a palm now, or no longer."""
-        was_quiet, finger.touch = finger.is_kept_quiet, touch
-        if finger.is_kept_quiet is not was_quiet:
-            self._turn_quiet(finger, time_ns)
-
-    def _turn_quiet(self, finger: "Finger", time_ns: int) -> None:
-        """A finger is kept quiet from now on, or follows its rules again."""
+    def _turn_quiet(self, finger: "Finger", was_quiet: bool, time_ns: int) -> None:
+        """Where that changed, a finger is kept quiet from now on, or follows its rules again."""
+        if finger.is_kept_quiet is was_quiet:
+            return
         if finger.play is not None and finger.is_kept_quiet:
             finger.play.cut()
         finger.mark_m = finger.touch.position_m

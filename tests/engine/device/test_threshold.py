@@ -100,27 +100,8 @@ def test_at_another_force_the_curve_moves_by_what_was_measured_and_else_not_at_a
     assert ANDROID.above == "above threshold android"
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "text"),
-    [
-        ("force_n = 2.0", "force_n = 0", "force_n: 0: expected a number from 0.001"),
-        ("force_n = 2.0", "", "force_n"),
-        ("[0.2, 2.0, 4.9,", "[2.0, 0.2, 4.9,", "forces_db: .* expected a row for each of the rising forces_n"),
-        ("[113.0, 102.2]", "[113.0]", "forces_db: .* a level in it for each of measured_hz"),
-        ("measured_hz = [40.0, 250.0]", "", "forces_db: "),
-    ],
-)
-def test_wrong_forces_are_refused_by_name(tmp_path: Path, before: str, after: str, text: str) -> None:
-    curve = (CURVES / f"{DEFAULT}.toml").read_text(encoding="utf-8")
-    assert before in curve
-    (tmp_path / "wrong.toml").write_text(curve.replace(before, after), encoding="utf-8")
-    with pytest.raises(DeviceError, match=text):
-        read_threshold_file(tmp_path / "wrong.toml")
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "text"),
-    [
+WRONG = {
+    "android": (
         ("level_db = [\n    -97.81,", "level_db = [", "level_db: .* expected one level for each of 41 frequencies"),
         ("0.4, 2.0,", "2.0, 2.0,", "frequency_hz: .* expected rising frequencies"),
         ("-97.81", "-1e4", "level_db: .* expected 2 to 1000 numbers from -300 to 300"),
@@ -129,10 +110,25 @@ def test_wrong_forces_are_refused_by_name(tmp_path: Path, before: str, after: st
         ('beyond = "held"', 'beyond = "held"\nbegins = 1', "begins: 1: unknown key"),
         ('beyond = "held"', 'beyond = "held"\nmeasured_hz = [41]', "measured_hz: .* expected some of frequency_hz"),
         ('beyond = "held"', 'beyond = "held"\npeople_db = -1', "people_db: -1: expected a number from 0 to 300"),
-    ],
+    ),
+    DEFAULT: (
+        ("force_n = 2.0", "force_n = 0", "force_n: 0: expected a number from 0.001"),
+        ("force_n = 2.0", "", "force_n"),
+        ("[0.2, 2.0, 4.9,", "[2.0, 0.2, 4.9,", "forces_db: .* expected a row for each of the rising forces_n"),
+        ("[113.0, 102.2]", "[113.0]", "forces_db: .* a level in it for each of measured_hz"),
+        ("measured_hz = [40.0, 250.0]", "", "forces_db: "),
+    ),
+}
+"""What is wrong in a curve: its text before and after, and what the message says."""
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "text"), [(name, *row) for name, rows in WRONG.items() for row in rows]
 )
-def test_a_wrong_value_of_a_curve_is_refused_by_name(tmp_path: Path, before: str, after: str, text: str) -> None:
-    curve = (CURVES / "android.toml").read_text(encoding="utf-8")
+def test_a_wrong_value_of_a_curve_is_refused_by_name(
+    tmp_path: Path, name: str, before: str, after: str, text: str
+) -> None:
+    curve = (CURVES / f"{name}.toml").read_text(encoding="utf-8")
     assert before in curve
     path = tmp_path / "wrong.toml"
     path.write_text(curve.replace(before, after), encoding="utf-8")
