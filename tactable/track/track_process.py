@@ -187,9 +187,9 @@ class Service:
         self._told = status["trouble"]
         write_text(self._played.with_name(STATUS), json.dumps(status))
         if device is not None:
+            write_note(f"tracking: the table is re-scaled for a drift of {100 * status['drift']:+.2f} %")
             try:
                 _build(device, self._played)
-                write_note(f"tracking: the table is re-scaled for a drift of {100 * status['drift']:+.2f} %")
             except TactableError as error:
                 write_note(f"tracking: the table is left as it is: {error}")
             tracker.note_made(status["drift"], SystemClock.now_ns())

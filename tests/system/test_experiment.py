@@ -30,7 +30,7 @@ duration = "100 ms"
 fingers = ["75 mm"]
 levels = ["-14 dB", "18 dB"]
 step = "2 dB"
-trials = 10
+trials = 4
 practice = 1
 catch = 1
 [[task]]
@@ -101,7 +101,7 @@ def test_an_observer_in_a_browser_gets_from_consent_to_a_report_and_a_curve(
     folder = tmp_path / "experiment"
     described = json.loads((folder / "sub-01_task-short_beh.json").read_text())
     rows = (folder / "sub-01_task-short_beh.csv").read_text().splitlines()
-    assert rows[0].split(",") == list(described["Columns"]) and len(rows) - 1 == answered == 14
+    assert rows[0].split(",") == list(described["Columns"]) and len(rows) - 1 == answered == 8
     curve = read_threshold_file(folder / "sub-01_task-short_threshold.toml")
     assert curve.measured_hz is not None and 60 < curve.measured_hz[0] < 300
     assert (folder / "sub-01_task-short_report.png").stat().st_size > 10_000

@@ -10,7 +10,6 @@ from playwright.sync_api import Browser
 
 from tests.system.page import (
     CLICK,
-    DESKTOP,
     FELT,
     FIRST,
     IN_CHROMIUM,
@@ -28,7 +27,6 @@ from tests.system.page import (
 pytestmark = IN_CHROMIUM
 AT_REST_S = 2.0
 """After a drive of 0.8 s; the slowest mode under a finger loses 8.7 dB in 0.24 s (`tactable modes reference-p`)."""
-SCREENS = {"desktop-light": DESKTOP, "phone-dark": PHONE}
 
 
 @pytest.fixture(scope="module")
@@ -44,22 +42,26 @@ def test_of_three_fingers_on_a_plate_one_feels_a_click_as_promised(
 ) -> None:
     """It is kept as pictures for people to look at; `TACTABLE_PICTURES` says where they go."""
     folder = Path(os.environ.get("TACTABLE_PICTURES") or tmp_path)
-    for name, size in SCREENS.items():
-        with opened(demo, browser, size, name.split("-")[1]) as visit:
-            assert visit.ask("document.body.dataset.surface") == "plate"
-            visit.wait("tactable.scene.has_kernels")  # no click of several fingers is solved before
-            made = clicked_by_three(visit)
-            visit.page.screenshot(path=folder / f"plate-{name}.png")
-            (felt,) = (finger for finger in made if finger["role"] == FELT)
-            # In hundredths of a decibel.
-            assert all(abs(finger["simulated"] - finger["promised"]) < 100 for finger in made)
-            assert felt["simulated"] > 1500 and max(each["simulated"] for each in made if each is not felt) < 0
-            shown, of_paper = visit.ask(
-                "[tactable.wire.picture.counted, tactable.wire.paper.counted].map((e) => Math.max(...e))"
-            )
-            assert shown > 15 and of_paper > 0
-            assert visit.ask("document.documentElement.scrollWidth <= innerWidth")
-            lift(visit)
+    with opened(demo, browser) as visit:
+        assert visit.ask("document.body.dataset.surface") == "plate"
+        visit.wait("tactable.scene.has_kernels")  # no click of several fingers is solved before
+        made = clicked_by_three(visit)
+        visit.page.screenshot(path=folder / "plate-desktop-light.png")
+        (felt,) = (finger for finger in made if finger["role"] == FELT)
+        # In hundredths of a decibel.
+        assert all(abs(finger["simulated"] - finger["promised"]) < 100 for finger in made)
+        assert felt["simulated"] > 1500 and max(each["simulated"] for each in made if each is not felt) < 0
+        shown, of_paper = visit.ask(
+            "[tactable.wire.picture.counted, tactable.wire.paper.counted].map((e) => Math.max(...e))"
+        )
+        assert shown > 15 and of_paper > 0
+        lift(visit)
+        visit.page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+        visit.page.emulate_media(color_scheme="dark")
+        settled(visit, 1, partial(visit.touch, f1=FIRST))
+        visit.page.screenshot(path=folder / "plate-phone-dark.png")
+        assert visit.ask("document.documentElement.scrollWidth <= innerWidth")
+        lift(visit)
 
 
 def clicked_by_three(visit: Visit) -> list[dict[str, float]]:

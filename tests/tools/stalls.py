@@ -12,6 +12,8 @@ from typing import Any
 
 PERIOD_S = 0.005
 PROCESSES_PERIOD_S = 0.02
+DESCENDANTS_PERIOD_S = 0.1
+"""To look for new processes means to read of all that the machine runs."""
 STALL_S = 0.05
 """Longer than a processor that is shared fairly lets a process wait, and half of the shortest lease."""
 MOST_TOLD = 5
@@ -94,14 +96,14 @@ def descendants(pid: int) -> set[int]:
 
 
 class _Watch:
-    """Looks at this process every 5 ms and at its descendants every 20 ms."""
+    """Looks at this process every 5 ms, at its descendants every 20 ms, and for new ones every 100 ms."""
 
     def __init__(self, evidence: Evidence) -> None:
         self._evidence = evidence
         self._before_s, self._computed_s = time.monotonic(), time.process_time()
-        self._looked_s = self._before_s
+        self._looked_s = self._sought_s = self._before_s
         self._processes = dict[int, _Process]()
-        self._look_at_processes(self._before_s)
+        self._seek_processes()
 
     def look(self) -> None:
         """Compare the time that went by with the time that this process computed."""
@@ -111,14 +113,20 @@ class _Watch:
         self._before_s, self._computed_s = now_s, computed_s
         if now_s - self._looked_s > PROCESSES_PERIOD_S:
             self._looked_s = now_s
-            self._look_at_processes(now_s)
+            for process in self._processes.values():
+                with contextlib.suppress(OSError, IndexError):  # it ends while it is looked at
+                    process.look(self._evidence, now_s)
+        if now_s - self._sought_s > DESCENDANTS_PERIOD_S:
+            self._sought_s = now_s
+            self._seek_processes()
 
-    def _look_at_processes(self, now_s: float) -> None:
-        for pid in descendants(os.getpid()):
-            with contextlib.suppress(OSError, IndexError):  # it ends while it is looked at
-                if pid not in self._processes:
-                    self._processes[pid] = _Process(pid)
-                self._processes[pid].look(self._evidence, now_s)
+    def _seek_processes(self) -> None:
+        found = descendants(os.getpid())
+        for pid in self._processes.keys() - found:
+            del self._processes[pid]
+        for pid in found - self._processes.keys():
+            with contextlib.suppress(OSError, IndexError):
+                self._processes[pid] = _Process(pid)
 
 
 @contextmanager

@@ -64,7 +64,8 @@ def test_catch_trials_alone_tell_of_bias_and_nothing_of_the_threshold() -> None:
     assert low == pytest.approx(-15, abs=1) and middle == pytest.approx(5, abs=1) and high == pytest.approx(25, abs=1)
 
 
-def test_a_plan_says_how_long_and_how_precise(folder: Path) -> None:
+def test_a_plan_says_how_long_and_how_precise(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactable.experiment.simulate._OBSERVERS", 2)
     done = run_here(folder, "experiment", "felt-and-quiet", "--plan")
     assert done.returncode == 0 and "266 trials, about" in done.stdout and "which, trials of a track" in done.stdout
     widths = [float(width) for width in re.findall(r"([0-9.]+) dB with", done.stdout.splitlines()[-1])]
