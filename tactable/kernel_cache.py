@@ -20,7 +20,6 @@ from base.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGE = Path(__file__).parents[1] / "precompute"
-_SOLVER = _PACKAGE.parent / "engine" / "steady"
 
 
 def refuse_open_caches() -> Iterator[str]:
@@ -55,20 +54,25 @@ def provide_kernel_cache(package: Path = _PACKAGE, home: Path | None = None) -> 
 
 
 def compile_steady_solver(on_compile: Callable[[str], None]) -> None:
-    """Compile the kernels of steady drives where no earlier command has; `on_compile` is told before that begins.
+    """Compile the kernels of steady drives where no earlier command has; `on_compile` is told when that begins.
 
-    Code that is older than a source counts as none. A build compiles at its end and a run at its start, so that neither
-    a run nor a touch waits without a word.
+    A build compiles at its end and a run at its start, so that neither a run nor a touch waits without a word.
     """
-    name = "drive_search.find_drive-*.nbi"
-    folder = os.environ.get(_VARIABLE)
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    beside = _SOLVER / "__pycache__"
-    kept = Path(folder).glob(f"*/{name}") if folder else (*beside.glob(name), *user.glob(f"*/{name}"))
-    newest_s = max(source.stat().st_mtime for source in _SOLVER.glob("*.py"))
-    if not any(path.stat().st_mtime >= newest_s for path in kept):
-        on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
-    import_module("engine.steady.steady_solver")
+    from numba.core.event import Listener, install_listener  # a run that is refused does not wait for it
+
+    class Told(Listener):
+        is_told = False
+
+        def on_start(self, _event: object) -> None:
+            if not self.is_told:
+                self.is_told = True
+                on_compile("compiling the solver of steady drives, once on this machine: about half a minute")
+
+        def on_end(self, _event: object) -> None:
+            pass
+
+    with install_listener("numba:compile", Told()):
+        import_module("engine.steady.steady_solver")
 
 
 def _is_writable(folder: Path) -> bool:

@@ -180,7 +180,7 @@ def _relocate(channels: Sequence[Channel], poles: Complex) -> Complex:
         rows = []
         for s, value in channels:
             terms, common, response = _weighted(s, value, poles)
-            triangle: Complex = np.linalg.qr(np.hstack([terms, common, response[:, None]]), mode="r")
+            triangle = np.asarray(np.linalg.qr(np.hstack([terms, common, response[:, None]]), mode="r"))
             rows.append(triangle[terms.shape[1] :, terms.shape[1] :])  # the residues of this response are eliminated
         every = np.vstack(rows)
         share = np.linalg.lstsq(every[:, :-1], every[:, -1], rcond=None)[0]
