@@ -37,7 +37,9 @@ class ScanTimes:
 
     def summarise(self) -> ScanPeriods | None:
         """Over intervals between frames of one touch; None with fewer than 50, or where the scan time stands still."""
-        kept = self._times_ns[: self._count] if self._count < len(self._times_ns) else self._in_order()
+        kept, capacity = self._times_ns[: self._count], len(self._times_ns)
+        if self._count > capacity:
+            kept = np.roll(kept, -(self._count % capacity), axis=0)
         host_ns, scan_ns = np.diff(kept, axis=0).T
         # A reset of the counter shows as an interval that is the host's own.
         follows = (host_ns < _LONGEST_PERIOD_NS) & (host_ns > 0) & (scan_ns > 0) & (scan_ns < 2 * _LONGEST_PERIOD_NS)
@@ -49,6 +51,3 @@ class ScanTimes:
         period_ns = np.percentile(scale * scan_ns, 50, method="inverted_cdf")
         p99_ns = np.percentile(jitter_ns, 99, method="inverted_cdf")
         return ScanPeriods(len(host_ns), round(period_ns), round(p99_ns))
-
-    def _in_order(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-        return np.roll(self._times_ns, -(self._count % len(self._times_ns)), axis=0)
