@@ -20,7 +20,9 @@ _F2 = types.Array(types.float32, 2, "C", readonly=True)
 _F3 = types.Array(types.float32, 3, "C", readonly=True)
 _F4 = types.Array(types.float32, 4, "C", readonly=True)
 _I1 = types.Array(types.int64, 1, "C", readonly=True)
-_FAST = {"nnan", "nsz", "contract", "reassoc"}  # no NaN inside; the order of a sum or maximum is free
+# No NaN inside. The loop of a parallel kernel is compiled once more where it comes from the cache: operations that may
+# be fused or reordered would have other last digits there.
+_FAST = {"nnan", "nsz"}
 _OUT3 = types.Array(types.float32, 3, "C")
 _OUT4 = types.Array(types.float32, 4, "C")
 

@@ -3,6 +3,10 @@
 import ast
 from pathlib import Path
 
+from precompute.model.band_solver import solve_banded
+from precompute.model.gram import fill_gram
+from precompute.sweep.sweep_kernels import fill_coherent_sweep, fill_pair_sweep
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -22,6 +26,24 @@ def test_reordering_kernels_that_others_call_are_inlined() -> None:
     reordering = {name for name, options in kernels.items() if "fastmath" in options}
     assert len(reordering) > 5 and reordering & called
     assert {name for name in reordering & called if "inline" not in kernels[name]} == set()
+
+
+def test_parallel_kernels_neither_fuse_nor_reorder() -> None:
+    """Their loop is a function of its own, of which a process that loads the kernel compiles another copy."""
+    kernels = fill_pair_sweep, fill_coherent_sweep, fill_gram, solve_banded
+    assert {kernel.__name__ for kernel in kernels} == _parallel_kernels()
+    for kernel in kernels:
+        assert set(kernel.targetoptions.get("fastmath", ())) <= {"nnan", "ninf", "nsz"}
+
+
+def _parallel_kernels() -> set[str]:
+    """Names of the kernels whose loops run on several processors."""
+    found = set[str]()
+    for path in (*(ROOT / "precompute").rglob("*.py"), *(ROOT / "engine").rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef) and "parallel" in (_options_of(function) or ()):
+                found.add(function.name)
+    return found
 
 
 def _options_of(function: ast.FunctionDef) -> set[str] | None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from base.arrays import Array
-from precompute.calibration.adequacy import LARGEST_MISFIT, adequacy_report, assess
+from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
