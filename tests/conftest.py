@@ -64,12 +64,12 @@ def pytest_configure(config: pytest.Config) -> None:
     is_search = config.getoption("--order-seed") is not None
     settings.register_profile("tier", deadline=None, max_examples=EXAMPLES, derandomize=not is_search)
     settings.load_profile("tier")
-    if hasattr(config, "workerinput"):
+    if hasattr(config, "workerinput") or not config.option.numprocesses:
         _compile_kernels()
 
 
 def _compile_kernels() -> None:
-    """With an empty cache each kernel is compiled by one worker: the other leaves it out and reads it afterwards."""
+    """With an empty cache each kernel is compiled by one process: others leave it out and read it afterwards."""
     for how in fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX:
         for name in KERNELS:
             with ROOT.joinpath(*name.split(".")).with_suffix(".py").open() as lock, suppress(BlockingIOError):

@@ -11,7 +11,7 @@ from precompute.calibration.calibrate import Calibration, calibrate
 from precompute.measurements.parameters import default_names, paper_names
 from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
-from tests.precompute.devices import shipped, with_actuators, with_bar
+from tests.precompute.devices import shipped, with_actuators
 from tests.precompute.measured import NAN, TRUTH, read_bar
 
 pytestmark = pytest.mark.long
@@ -41,22 +41,6 @@ def test_the_first_fit_takes_a_wrong_modulus_in_and_its_intervals_hold_the_truth
     assert outside(found, truth | own) == []
     assert assess(found).is_noise
     assert adequacy_report(DEVICE, found, {})["doubt"] == ""
-
-
-def test_a_length_that_was_misread_is_named_with_its_value() -> None:
-    """The bar of the readings is shorter than its description; test_on_a_plate has an actuator in another place."""
-    left, right = DEVICE.actuators
-    described = replace(DEVICE, actuators=(replace(left, position_m=0.04), replace(right, position_m=0.24)))
-    true_m = DEVICE.bar.length_m - 5e-3
-    bar = with_bar(described, length_m=true_m)
-    names = ["actuator.full_scale", "bar.mass_damping", "bar.stiffness_damping", "bar.youngs_modulus"]
-    truth = {value: TRUTH[value] for value in names[:3]}
-    found = calibrate(described, read_bar(bar, truth, flaws=FLAWS), names, starts=1)
-    report = adequacy_report(described, found, {})
-    assert report["remedy"]["name"] == "bar.length"
-    assert report["remedy"]["length_m"] == pytest.approx(true_m, abs=5e-4)
-    millimetres = f"{1e3 * report['remedy']['length_m']:.4g} mm"
-    assert f"Measure bar.length again: with {millimetres} in the device file" in report["doubt"]
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.02])

@@ -43,6 +43,9 @@ def test_the_fit_of_its_responses_is_doubted() -> None:
     found = fitted_bars.beam_calibration(every=40)
     report = adequacy_report(found.device, found, {})
     assert "too narrow" in report["doubt"]  # beside resonances so sharp, a thousandth of a frequency shows
+    assert report["remedy"]["name"] == "bar.length" and report["remedy"]["length_m"] == pytest.approx(1.0, abs=2e-3)
+    millimetres = f"{1e3 * report['remedy']['length_m']:.4g} mm"
+    assert f"Measure bar.length again: with {millimetres} in the device file" in report["doubt"]
 
 
 def test_a_ruler_has_the_models_modes_to_a_third_of_a_per_cent() -> None:

@@ -65,7 +65,7 @@ def test_catch_trials_alone_tell_of_bias_and_nothing_of_the_threshold() -> None:
 
 
 def test_a_plan_says_how_long_and_how_precise(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactable.experiment.simulate._OBSERVERS", 2)
+    monkeypatch.setattr("tactable.experiment.observer._OBSERVERS", 2)
     done = run_here(folder, "experiment", "felt-and-quiet", "--plan")
     assert done.returncode == 0 and "266 trials, about" in done.stdout and "which, trials of a track" in done.stdout
     widths = [float(width) for width in re.findall(r"([0-9.]+) dB with", done.stdout.splitlines()[-1])]
