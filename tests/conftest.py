@@ -29,11 +29,27 @@ EXAMPLES = 20
 
 ROOT = Path(__file__).parents[1]
 SLOWEST = (
-    "tests/tactable/rig/test_ready.py",
-    "tests/test_house.py",
-    "tests/tactable/rig/test_demo_run.py",
     "tests/test_docs.py",
     "tests/test_notebooks.py",
+    "tests/precompute/calibration/test_adequacy.py",
+    "tests/precompute/calibration/test_measured_bars.py",
+    "tests/tactable/track/test_tracked_run.py",
+    "tests/tactable/calibration/test_apply.py",
+    "tests/system/test_compiled_step.py",
+    "tests/system/test_fleet.py",
+    "tests/firmware_link/firmware/test_core.py",
+    "tests/precompute/calibration/test_conventions.py",
+    "tests/tactable/rig/test_demo_run.py",
+    "tests/tactable/rig/test_ready.py",
+    "tests/precompute/calibration/test_on_a_plate.py",
+    "tests/precompute/clicks/test_closed_form.py",
+    "tests/tactable/page/test_live_backend.py",
+    "tests/precompute/fleet/test_fleet_run.py",
+    "tests/precompute/parallel/test_pool.py",
+    "tests/tactable/measure/test_taps.py",
+    "tests/tactable/experiment/test_report.py",
+    "tests/studies/physics/test_steady_optimum.py",
+    "tests/test_house.py",
     # Not while the browser of the page's tests is open: they keep time.
     "tests/system/test_guest.py",
     "tests/system/test_qemu_firmware.py",
@@ -64,7 +80,8 @@ def pytest_configure(config: pytest.Config) -> None:
     is_search = config.getoption("--order-seed") is not None
     settings.register_profile("tier", deadline=None, max_examples=EXAMPLES, derandomize=not is_search)
     settings.load_profile("tier")
-    if hasattr(config, "workerinput") or not config.option.numprocesses:
+    has_all = config.args_source is config.ArgsSource.TESTPATHS
+    if hasattr(config, "workerinput") or (has_all and not config.option.numprocesses):
         _compile_kernels()
 
 
