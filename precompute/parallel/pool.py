@@ -13,6 +13,7 @@ import itertools
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -198,11 +199,11 @@ def remembered_interrupt() -> Iterator[Callable[[], None]]:
 
     Only where Ctrl-C raises it anyway: in the main thread, under Python's own handler.
     """
-    asked = False
+    asked, hook = False, sys.unraisablehook
 
     def handle(*_: object) -> None:
         nonlocal asked
-        asked = True
+        asked, sys.unraisablehook = True, say_nothing
         raise KeyboardInterrupt
 
     def check() -> None:
@@ -217,4 +218,9 @@ def remembered_interrupt() -> Iterator[Callable[[], None]]:
     try:
         yield check
     finally:
+        sys.unraisablehook = hook
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def say_nothing(_: object) -> None:
+    """Take what cannot be raised: an object that Ctrl-C left half closed fails as it is destroyed, and nobody asked."""

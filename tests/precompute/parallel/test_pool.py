@@ -240,6 +240,21 @@ def test_an_interrupt_elsewhere_comes_up_at_once() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
+def test_what_an_interrupt_left_half_closed_is_destroyed_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    class HalfClosed:
+        def __del__(self) -> None:
+            raise AttributeError
+
+    before = sys.unraisablehook
+    with remembered_interrupt(), pytest.raises(KeyboardInterrupt):
+        half_closed = HalfClosed()
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            del half_closed
+    assert sys.unraisablehook is before and capfd.readouterr() == ("", "")
+
+
 def test_a_handler_of_somebody_else_stays() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with remembered_interrupt() as check:
