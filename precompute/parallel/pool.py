@@ -203,7 +203,7 @@ def remembered_interrupt() -> Iterator[Callable[[], None]]:
 
     def handle(*_: object) -> None:
         nonlocal asked
-        asked, sys.unraisablehook = True, say_nothing
+        asked, sys.unraisablehook = True, _ignore
         raise KeyboardInterrupt
 
     def check() -> None:
@@ -222,5 +222,5 @@ def remembered_interrupt() -> Iterator[Callable[[], None]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def say_nothing(_: object) -> None:
-    """Take what cannot be raised: an object that Ctrl-C left half closed fails as it is destroyed, and nobody asked."""
+def _ignore(_: object) -> None:
+    """Do not print an exception of a finalizer. After Ctrl-C the finalizers of half-closed objects fail."""

@@ -216,7 +216,7 @@ def main() -> None:
             sys.stderr.write(f"tactable: {note}\n" if note else "")
         app(prog_name="tactable")
     except KeyboardInterrupt:
-        sys.unraisablehook = lambda _: None  # what Ctrl-C left half closed fails as it is destroyed, and nobody asked
+        sys.unraisablehook = lambda _: None  # after Ctrl-C the finalizers of half-closed objects fail
         raise SystemExit(EXIT_INTERRUPTED) from None
     except (TactableError, OSError) as error:
         from tactable.cli.console import print_error

@@ -38,12 +38,10 @@ def test_parallel_kernels_neither_fuse_nor_reorder() -> None:
 
 def _parallel_kernels() -> set[str]:
     """Names of the kernels whose loops run on several processors."""
-    found = set[str]()
-    for path in (*(ROOT / "precompute").rglob("*.py"), *(ROOT / "engine").rglob("*.py")):
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(function, ast.FunctionDef) and "parallel" in (_options_of(function) or ()):
-                found.add(function.name)
-    return found
+    paths = (*(ROOT / "precompute").rglob("*.py"), *(ROOT / "engine").rglob("*.py"))
+    nodes = (node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    functions = (node for node in nodes if isinstance(node, ast.FunctionDef))
+    return {function.name for function in functions if "parallel" in (_options_of(function) or ())}
 
 
 def _options_of(function: ast.FunctionDef) -> set[str] | None:
