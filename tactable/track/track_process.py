@@ -185,15 +185,15 @@ class Service:
         if status["trouble"] and not self._told:
             write_note(f"tracking: the table is left as it is: {status['trouble']}")
         self._told = status["trouble"]
-        write_text(self._played.with_name(STATUS), json.dumps(status))
         if device is not None:
+            tracker.note_rescaled(status["drift"], SystemClock.now_ns())
+        write_text(self._played.with_name(STATUS), json.dumps(tracker.status()))
+        if device is not None:  # all is said before the build, of which a run plays the first part at once
             write_note(f"tracking: the table is re-scaled for a drift of {100 * status['drift']:+.2f} %")
             try:
                 _build(device, self._played)
             except TactableError as error:
                 write_note(f"tracking: the table is left as it is: {error}")
-            tracker.note_made(status["drift"], SystemClock.now_ns())
-            write_text(self._played.with_name(STATUS), json.dumps(tracker.status()))
 
 
 def _build(device: Device, played: Path) -> None:

@@ -124,8 +124,8 @@ class Tracker:
         self._told = found
         return list(found.values())
 
-    def note_made(self, drift: float, now_ns: int) -> None:
-        """A table for this drift plays from now on."""
+    def note_rescaled(self, drift: float, now_ns: int) -> None:
+        """The table is built for this drift from now on."""
         self.made_for, self._agreeing = drift, 0
         self._rescaled.append({"after_s": (now_ns - self._began_ns) / _NS_PER_S, "drift": drift})
 

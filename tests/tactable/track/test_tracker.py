@@ -181,7 +181,7 @@ def test_taps_become_windows_with_their_finger_and_a_table_is_due_once_the_drift
     assert found.drift - 2 * found.drift_error > STEP
     due = tracked.due_device()
     assert due is not None and due.bar.youngs_modulus_pa > DEVICE.bar.youngs_modulus_pa
-    tracked.note_made(found.drift, 3_000 * MS)
+    tracked.note_rescaled(found.drift, 3_000 * MS)
     assert tracked.due_device() is None
     text = track_text(tracked.status())
     assert "SIMULATED" in text and f"from {count} windows, 0 refused; table re-scaled to +1." in text
