@@ -12,8 +12,7 @@ import pytest
 
 from base.errors import TactableError
 from engine.device import Device
-from engine.device.named_files import text_with_threshold
-from engine.device.texts import text_with_values
+from engine.device.named_files import text_with_threshold, text_with_values
 from engine.device.toml_table import TomlTable
 from engine.effects.rule_file import parse_effects
 from tactable.shipped import device_folder, find_device, named_effects

@@ -2,9 +2,9 @@
 
 from engine.device.actuator_transfer import Transfer as Transfer
 from engine.device.device import Device as Device
-from engine.device.electrodes import Electrodes as Electrodes
 from engine.device.parts import Actuator as Actuator
 from engine.device.parts import DeviceError as DeviceError
+from engine.device.parts import Electrodes as Electrodes
 from engine.device.parts import Finger as Finger
 from engine.device.parts import FittedValue as FittedValue
 from engine.device.parts import Limits as Limits

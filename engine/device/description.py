@@ -9,8 +9,7 @@ import numpy as np
 
 from base.points import point_text
 from engine.device.actuator_transfer import FEWEST_POINTS, GREATEST_GROWTH, GREATEST_MISS, Transfer
-from engine.device.electrodes import LINEARISERS, Electrodes
-from engine.device.parts import Actuator, Bar, DeviceError, Limits, Spread, Surface, Sweep
+from engine.device.parts import LINEARISERS, Actuator, Bar, DeviceError, Electrodes, Limits, Spread, Surface, Sweep
 from engine.device.quantity import QuantityError, read_angle_rad, read_quantity
 from engine.device.toml_table import TomlTable
 

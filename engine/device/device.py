@@ -25,7 +25,14 @@ from engine.device.description import (
     read_sweep,
 )
 from engine.device.finger import FingerOrigin, read_finger
-from engine.device.named_files import names_files, shipped_names, shipped_path, text_with_threshold, with_files_inside
+from engine.device.named_files import (
+    names_files,
+    shipped_names,
+    shipped_path,
+    text_with_threshold,
+    text_with_values,
+    with_files_inside,
+)
 from engine.device.parts import (
     Actuator,
     Bar,
@@ -40,7 +47,6 @@ from engine.device.parts import (
     Zone,
 )
 from engine.device.surface_description import read_surface, read_touch_axis, read_zones
-from engine.device.texts import text_with_values
 from engine.device.threshold import DEFAULT, Threshold, read_threshold, shipped_threshold
 from engine.device.toml_table import read_text
 from engine.device.uncertainty import read_uncertainty

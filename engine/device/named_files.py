@@ -1,10 +1,11 @@
-"""Puts the files that a device description names into it: threshold curves, fingers, impedances and sets of spreads.
+"""Texts of device files with other values, and with the contents of the files that they name.
 
-A table holds the text of its device, which must be whole wherever the table goes. So a named file becomes a part of the
-text when the description is read. A path counts from the folder of the file that names it; a text that is no file, such
-as one that a page was given, names no files.
+A table holds the text of its device, which must be whole wherever the table goes. So a named file (a threshold curve, a
+finger, an impedance or a set of spreads) becomes a part of the text when the description is read. A path counts from
+the folder of the file that names it; a text that is no file, such as one that a page was given, names no files.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ from typing import Any
 from base.files import shipped
 from engine.device.parts import DeviceError
 from engine.device.quantity import QuantityError, read_number
-from engine.device.texts import document_of
 from engine.device.toml_table import read_text
 
 _TABLES = {"finger": "fingers", "spread": "spreads"}  # tables that a name may stand for, and the folders of such files
@@ -125,3 +125,53 @@ def _read(path: Path, source: str, key: str) -> str:
         return read_text(path, DeviceError)
     except OSError as error:
         raise DeviceError(f"{source}: {key}: {path}: cannot be read: {error.strerror}") from error
+
+
+_KEY = re.compile(r"(?:(\w+)(?:\[([1-9]\d{0,2})\])?\.)?(\w+)")
+
+
+def text_with_values(text: str, values: Mapping[str, str | float | list[str]], source: str) -> str:
+    """Text with `values` by key: bar.thickness, actuator[2].mass, or actuator.mass for every actuator.
+
+    Whether a key exists and a value is valid shows when the text is read. Raises DeviceError.
+    """
+    if not values:
+        return text
+    import tomlkit  # only who changes a text needs it
+
+    document = document_of(text, source)
+    for key, value in values.items():
+        tables, last = tables_of(document, key, source)
+        for table in tables:
+            if isinstance(table.get(last), dict):
+                table.pop(last)  # a value in its place would stand among the keys of the table before it
+            table[last] = int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
+    return tomlkit.dumps(document)
+
+
+def document_of(text: str, source: str) -> Any:
+    """The text as a TOML document that keeps comments and order. Raises DeviceError."""
+    import tomlkit
+    from tomlkit.exceptions import ParseError
+
+    try:
+        return tomlkit.parse(text)
+    except ParseError as error:
+        raise DeviceError(f"{source}: not TOML: {error}") from error
+
+
+def tables_of(document: Any, key: str, source: str) -> tuple[list[Any], str]:
+    """The TOML tables that a key addresses, and its last part."""
+    match = _KEY.fullmatch(key)
+    if match is None:
+        raise DeviceError(f"{source}: {key!r}: expected a key such as bar.thickness or actuator[1].stiffness")
+    part, index, last = match.groups()
+    if part is None:
+        return [document], last
+    found = document.get(part)
+    tables = found if isinstance(found, list) else [found]
+    if index is not None:
+        tables = tables[int(index) - 1 : int(index)] if isinstance(found, list) else []
+    if not tables or not all(isinstance(table, dict) for table in tables):
+        raise DeviceError(f"{source}: {key}: the description has no such table")
+    return tables, last

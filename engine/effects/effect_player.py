@@ -51,9 +51,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from base.points import clip_point, is_within
-from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_play import Play
-from engine.effects.rules import Effects, Rule, Trigger, changed_level
+from engine.effects.rules import (
+    ControlStep,
+    Effects,
+    Outcome,
+    Role,
+    Rule,
+    SceneSettings,
+    Trigger,
+    TriggeredEffect,
+    changed_level,
+)
 from engine.touch import Placement, Touch
 from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged

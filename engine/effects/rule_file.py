@@ -7,8 +7,7 @@ from types import MappingProxyType
 from engine.device import Device
 from engine.device.parts import Bar
 from engine.device.toml_table import HIGHEST_LEVEL_DB, TomlTable, read_text
-from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS, Converted, Fate
-from engine.effects.files.read import read_effect_file
+from engine.effects.files.conversion import FULL_LEVEL_DB, MOST_SEGMENTS, Converted, Fate, read_effect_file
 from engine.effects.rules import FULL_SCALE_DB, Drives, Effect, EffectError, Effects, Rule, Segment, Trigger
 
 CLICK, HELD, FULL_SCALE, QUIET = "click", "held", "full scale", "quiet"

@@ -9,8 +9,7 @@ have, where it can.
 
 from typing import NamedTuple
 
-from engine.render.link_commands import Command
-from engine.render.renderer import Renderer
+from engine.render.renderer import Command, Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
 

@@ -13,7 +13,7 @@ gives the records of a pass.
 from collections.abc import Callable, Sequence
 
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
-from engine.render.link_commands import SILENCE, Command, DriveCommand
+from engine.render.renderer import SILENCE, Command, DriveCommand
 from firmware_link.host.session import Session
 
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
-from engine.loop.command_latency import LatencyRecorder, Stage, Stamps
+from engine.loop.command_latency import LatencyRecorder, ScanTimes, Stage, Stamps
 from engine.touch import Placement, Touch, TouchFrame
-from engine.touch.scan_time import ScanTimes
 
 
 class Fate(Enum):

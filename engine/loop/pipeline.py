@@ -29,13 +29,11 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from engine.device import Device
-from engine.effects.control_step import ControlStep, Outcome
 from engine.effects.effect_player import DEFAULT_CLICK_NS, EffectPlayer
-from engine.effects.rules import Effects
+from engine.effects.rules import ControlStep, Effects, Outcome
 from engine.loop.answerer import NOTHING, Answerer, Wanted
-from engine.render.link_commands import SILENCE, Command
 from engine.render.prepared import Rendering
-from engine.render.renderer import Renderer
+from engine.render.renderer import SILENCE, Command, Renderer
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases

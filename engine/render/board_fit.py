@@ -13,22 +13,36 @@ divided by the board's:
 - **beyond: refused**, with what to do. A ratio above GREATEST_RATIO is a unit mistake, or another device.
 
 Scaling and everything else that a user should know is said in a note.
+
+Of the basis of clicks the board gets the part that it, over its line, can hold and play. Its functions are scaled; the
+weights of clicks, which are what travels, stay as they are. A scale above 1 could take a function beyond its 16 bits.
+So the functions are then halved until no scale is above 1, and a PLAY has as many fraction bits less, which doubles
+them back.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from base.errors import TactableError
 from engine.device import Device
-from engine.render.link_commands import RendererError
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
-from firmware_link.protocol.messages import LINEARISES, PM_PER_M
+from firmware_link.protocol.basis import Basis, encode_basis
+from firmware_link.protocol.framing import encode_message
+from firmware_link.protocol.line_rate import occupied_ns
+from firmware_link.protocol.messages import LINEARISES, PM_PER_M, Features, Play
 
 TOLERANCE = 0.1  # 0.9 dB, less than the smallest difference in level that a finger tells (about 1.5 dB)
 GREATEST_RATIO = 10.0  # the example above is a factor of 5, a wrong unit one of 25 (inch) or 1000
 COARSEST_STEP = 0.01  # of the lowest frequency; rounding moves it by half of that, as 1 % of stiffness does
 LEAST_SAMPLES_A_PERIOD = 10  # held samples are an amplitude of sinc(1 / 10): 0.14 dB are lost
 _UM_PER_M = 1e6
+
+
+class RendererError(TactableError, ValueError):
+    """The table, the device description and the connected device do not belong together; the message has the remedy."""
 
 
 @dataclass(frozen=True)
@@ -172,3 +186,63 @@ def _notes_on_others(device: Device, capabilities: Capabilities) -> tuple[str, .
             f"{lease_ms:g} ms: a drive ends {capabilities.longest_lease_ms} ms after its last renewal"
         )
     return tuple(notes)
+
+
+MOST_OF_LEASE = 0.5  # share of the lease that a PLAY may take on the line: an older command is refused
+
+
+@dataclass(frozen=True)
+class ChosenBasis:
+    """The basis that a device is to hold, None for none, and the number in it of each set of the table's basis."""
+
+    basis: Basis | None
+    sets: Mapping[int, int]
+    halvings: int = 0  # how often the device's functions are halved; each takes one fraction bit off a PLAY
+
+
+NO_BASIS = ChosenBasis(None, {})
+
+
+def choose_basis(whole: Basis | None, capabilities: Capabilities, bit_rate_hz: int, lease_ms: int) -> ChosenBasis:
+    """The sets that fit into the device's memory, last no longer than it plays, whose PLAY the line carries in time.
+
+    They are taken in the order of the table's basis, in which lengths are preferred. A device that plays no clicks, or
+    makes fewer samples a second than a click has, gets none.
+    """
+    plays_clicks = Features.WAVEFORMS in capabilities.features
+    if whole is None or not plays_clicks or capabilities.synthesis_rate_hz < whole.sample_rate_hz:
+        return NO_BASIS
+    chosen = list[int]()
+    for number, each in enumerate(whole.sets):
+        length_ms = 1e3 * (each.samples - 1) / whole.sample_rate_hz
+        slow_ms = 1e-6 * play_ns(len(each.actuators), bit_rate_hz)
+        if length_ms > capabilities.longest_waveform_ms or slow_ms > MOST_OF_LEASE * lease_ms:
+            continue
+        if len(encode_basis(_part(whole, [*chosen, number]))) <= capabilities.basis_capacity_bytes:
+            chosen.append(number)
+    if not chosen:
+        return NO_BASIS
+    return ChosenBasis(_part(whole, chosen), {number: place for place, number in enumerate(chosen)})
+
+
+def scaled(chosen: ChosenBasis, scales: Sequence[float]) -> ChosenBasis:
+    """The same with the functions of each actuator multiplied by its scale, then halved until none is greater."""
+    if chosen.basis is None or set(scales) == {1.0}:
+        return chosen
+    halvings = max(0, math.ceil(math.log2(max(scales))))
+    sets = []
+    for each in chosen.basis.sets:
+        factors = np.array(scales)[each.actuators] / 2**halvings
+        sets.append(replace(each, functions=np.rint(each.functions * factors[:, None]).astype(np.int16)))
+    return ChosenBasis(Basis(chosen.basis.sample_rate_hz, tuple(sets)), chosen.sets, halvings)
+
+
+def play_ns(weights: int, bit_rate_hz: int) -> int:
+    """Duration for which a PLAY with this number of weights occupies a serial line."""
+    return occupied_ns(bit_rate_hz, len(encode_message(Play(0, 0, 1, 0, weights, (0,) * weights), 0)))
+
+
+def _part(basis: Basis, numbers: Sequence[int]) -> Basis:
+    if len(numbers) == len(basis.sets):
+        return basis
+    return Basis(basis.sample_rate_hz, tuple(basis.sets[number] for number in numbers))

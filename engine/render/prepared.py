@@ -10,12 +10,9 @@ import numpy as np
 from engine.device import Device
 from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effects
-from engine.render.board_fit import BoardFit, fit_board
-from engine.render.chosen_basis import choose_basis, play_ns, scaled
-from engine.render.click_renderer import RenderedClicks
+from engine.render.board_fit import BoardFit, RendererError, choose_basis, fit_board, play_ns, scaled
 from engine.render.limits import link_configuration
-from engine.render.link_commands import RendererError
-from engine.render.renderer import Renderer, Steady
+from engine.render.renderer import RenderedClicks, Renderer, Steady
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.table import Table
 from firmware_link.host.link_values import Capabilities, LinkConfiguration

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from engine.device import Device
 from engine.render.limits import clamp, encode_scaled
-from engine.render.link_commands import SILENCE, DriveCommand, Rendered
+from engine.render.renderer import SILENCE, DriveCommand, Rendered
 from engine.steady import Modes
 from engine.steady.cases import MeasuredFinger
 from engine.table.best_rows import BestRows, combination_of

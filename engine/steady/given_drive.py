@@ -1,20 +1,21 @@
-"""Levels under fingers at any positions of a steady drive that is given, over the sampled cases of a device.
+"""Responses and levels under fingers at any positions, of a steady drive that is given, in NumPy.
 
 The drive is any that a device was sent: each actuator has its frequency. The solver states levels over the few cases
 that it optimises for, these are over more, of the same spread. Responses are interpolated over frequency and place as
-the solver interpolates them (engine.steady.drive_search), in NumPy alone, so no kernel is compiled.
+the solver interpolates them (engine.steady.drive_search). All fingers of a case are attached at once, by one small
+system of equations. `engine.steady.loading` does the same by compiled kernels.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from base.arrays import Array, Complex
+from base.arrays import Array, Complex, Points
 from engine.device import Device
 from engine.steady.cases import Deviations, FingerCases, PlantErrors, axes_of, cases_at, sample_deviations
 from engine.steady.modes import Modes
-from engine.steady.plain_loading import PlainLoading
 from engine.touch.placement import MOST_FINGERS
 
 CASES = 32  # as many as `tactable explain` takes for fingers at positions
@@ -76,3 +77,42 @@ def _neighbours(hz: float, grid_hz: Array) -> tuple[slice, Array]:
     off_hz = np.broadcast_to(hz - at_hz, apart_hz.shape).copy()
     np.fill_diagonal(off_hz, 1.0)
     return slice(first, first + _NEIGHBOURS), (off_hz / apart_hz).prod(axis=1)
+
+
+class PlainLoading:
+    """Loads the surface of one device at all frequencies of its modes, or at those of `lines` (indices)."""
+
+    def __init__(self, modes: Modes, lines: slice = slice(None)) -> None:
+        self._modes = modes = replace(
+            modes,
+            frequency_hz=modes.frequency_hz[lines],
+            threshold_m_per_s2=modes.threshold_m_per_s2[lines],
+            drive=modes.drive[..., lines],
+        )
+        self._omega = 2 * np.pi * modes.frequency_hz
+        self._own = len(modes.natural_frequency_hz)
+
+    def untouched(self, points_m: Points) -> Complex:
+        """Response over threshold (..., line, actuator) at full scale at points (...,), no finger on the surface."""
+        response = np.einsum("...m,mak->...ka", self._modes.at(points_m), self._modes.drive, optimize=True)
+        return response * self._modes.per_threshold[:, None]
+
+    def loaded(self, cases: FingerCases) -> Complex:
+        """Response over threshold (case, line, finger, actuator) at full scale, all fingers on the surface."""
+        free = self.untouched(cases.position_m).swapaxes(1, 2)
+        coupled = np.array([self.receptances(each, each) for each in cases.position_m])
+        coupled = np.eye(coupled.shape[2]) + coupled * self.impedance(cases)[:, :, None]
+        return np.asarray(np.linalg.solve(coupled, free), dtype=np.complex128)
+
+    def receptances(self, points_m: Points, others_m: Points) -> Complex:
+        """Receptance (line, point, other), metres per newton, of the untouched surface."""
+        modes = self._modes
+        one, other = (modes.at(each)[..., : self._own] for each in (points_m, others_m))
+        taken, also = (np.einsum("pm,mdk->kpd", shape, modes.damped, optimize=True) for shape in (one, other))
+        return (one * modes.modal.T[:, None]) @ other.T - taken @ also.swapaxes(1, 2)
+
+    def impedance(self, cases: FingerCases) -> Complex:
+        """Force per displacement of each finger (case, line, finger)."""
+        stiffness, damping, mass = np.moveaxis(cases.impedance[:, None], 3, 0)
+        omega = self._omega[:, None]
+        return stiffness + 1j * omega * damping - omega**2 * mass

@@ -27,10 +27,9 @@ from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
 from engine.steady.cases import FingerCases, MeasuredFinger, PlantErrors, axes_of, cases_at, sample_deviations
-from engine.steady.condensed import CondensedModes
 from engine.steady.drive_search import find_drive
 from engine.steady.loading import fill_energies, fill_loaded, fill_powers, fill_shapes
-from engine.steady.modes import Modes, energy_points, held_zones
+from engine.steady.modes import CondensedModes, Modes, energy_points, held_zones
 from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
 

@@ -20,7 +20,7 @@ from engine.device import Device
 from engine.table.error import TableError
 from engine.table.netcdf_file import pieces, read_points
 from engine.table.schema import FIXED_SIZES, REAL_ATTRIBUTES, SCHEMA, TEXT_ATTRIBUTES, WHOLE_ATTRIBUTES, ArrayKind, Kind
-from engine.touch.places import Places
+from engine.touch.placement import Places
 
 _ROUNDING_M = 1e-9
 _FEWEST_PLACES = 4  # values between are cubic through four

@@ -14,18 +14,16 @@ from base.points import point_text
 from engine.device import Device
 from engine.steady.modes import Modes
 from engine.table.best_rows import BestRow, BestRows, combination_of, read_best_rows
-from engine.table.click_columns import read_clicks
-from engine.table.click_entry import ClickEntry
-from engine.table.click_entry import played_at as click_played_at
-from engine.table.click_grid import Clicks
+from engine.table.clicks import ClickEntry, Clicks
+from engine.table.clicks import played_at as click_played_at
+from engine.table.columns import read_clicks, read_modes
 from engine.table.error import TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
-from engine.table.mode_columns import read_modes
 from engine.table.netcdf_file import FORMAT, FORMAT_REVISION, TableWriter, Values, check_bytes, read_points
 from engine.table.schema import IS_SHIPPED
 from engine.table.soundness import check_values, sound_arrays
 from engine.touch import Placement
-from engine.touch.places import Places
+from engine.touch.placement import Places
 
 if TYPE_CHECKING:
     from engine.steady import SteadyDrive

@@ -11,7 +11,7 @@ import numpy as np
 from base.points import point_text
 from engine.device.values import Change, Value, compare_values, device_values
 from engine.table.best_rows import BestRow
-from engine.table.click_entry import ClickEntry
+from engine.table.clicks import ClickEntry
 from engine.table.table import Table
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 

@@ -26,11 +26,10 @@ from engine.device import Device
 from engine.device.values import restated
 from engine.table import ClickEntry, Table, TableError
 from engine.table.best_rows import write_best_rows
-from engine.table.click_columns import write_clicks
-from engine.table.click_grid import Clicks
-from engine.table.mode_columns import write_modes
+from engine.table.clicks import Clicks
+from engine.table.columns import write_clicks, write_modes
 from engine.table.netcdf_file import TableWriter
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.incremental import BuildOptions, Part, input_fingerprint
 from precompute.builder.measured_responses import source_attributes, write_measured

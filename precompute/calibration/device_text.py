@@ -6,8 +6,8 @@ from typing import Any
 import tomlkit
 
 from engine.device import Device, Transfer
+from engine.device.named_files import tables_of
 from engine.device.quantity import quantity_text
-from engine.device.texts import tables_of
 from precompute.calibration.calibrate import FittedDevice
 
 _DIGITS = 10  # finer than any interval, and still short

@@ -7,7 +7,7 @@ from typing import Any
 
 from engine.device.parts import Spread
 from engine.table import Table, TableError
-from engine.touch.places import Places
+from engine.touch.placement import Places
 
 FINEST_M = 3e-3  # of neighbouring places on a bar: its clicks of one and two fingers are solved in a minute
 MOST_PLACES = 900  # about, of a plate: clicks of one finger are solved in 20 s, and fit the compiled step

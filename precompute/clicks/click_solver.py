@@ -29,7 +29,7 @@ from threadpoolctl import ThreadpoolController
 from base.arrays import Array, Complex32
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click_entry import ClickFigures
+from engine.table.clicks import ClickFigures
 from engine.touch import Placement
 from firmware_link.protocol.basis import (
     SAMPLE_FULL_SCALE,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from base.arrays import Array, Complex
-from engine.table.click_entry import ClickFigures, ClickFinger, LevelSpread
+from engine.table.clicks import ClickFigures, ClickFinger, LevelSpread
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE
 from precompute.clicks.click_responses import Responses

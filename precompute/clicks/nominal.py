@@ -7,7 +7,7 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click_entry import ClickFinger
+from engine.table.clicks import ClickFinger
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, EVALUATIONS_PER_SAMPLE, RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import fingers_of

@@ -6,8 +6,7 @@ from itertools import groupby
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.touch.placement import CLOSEST_M
-from engine.touch.places import Key, Places
+from engine.touch.placement import CLOSEST_M, Key, Places
 from precompute.clicks.click_options import ClickOptions
 from precompute.clicks.click_solver import ClickSolver
 from precompute.parallel.pool import WorkerPool

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from base.errors import TactableError
 from base.files import remove_partials, replace_file, write_new_folder
 from engine.device import Device, DeviceError
-from engine.device.texts import text_with_values
+from engine.device.named_files import text_with_values
 from engine.device.toml_table import read_text
 from engine.device.values import device_values
 from engine.table import Table

@@ -6,7 +6,7 @@ import numpy as np
 
 from base.arrays import Array, even_points
 from engine.steady.modes import Modes
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from precompute.model.frequencies import add_resonances
 from precompute.model.modal import Basis, compute_basis, compute_modal_model, mount_dampers
 from precompute.model.plant import Plant

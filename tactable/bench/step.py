@@ -20,8 +20,8 @@ from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effects
 from engine.loop import realtime
 from engine.loop.pipeline import open_pipeline
 from engine.render.limits import link_configuration
-from engine.render.link_commands import PlayCommand
 from engine.render.prepared import render_table
+from engine.render.renderer import PlayCommand
 from engine.table import Table
 from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording

@@ -12,8 +12,7 @@ from typer import Argument, Option
 from base.files import write_text
 from base.points import json_of
 from engine.device import Device
-from engine.effects.files.conversion import FULL_LEVEL_DB, Converted, Fate
-from engine.effects.files.read import FORMATS, read_effect_file
+from engine.effects.files.conversion import FORMATS, FULL_LEVEL_DB, Converted, Fate, read_effect_file
 from engine.effects.rules import NS_PER_MS, Effect, EffectError, Segment
 from tactable.cli.console import EXIT_DOUBTFUL, print_json, say
 from tactable.cli.options import AsJson, DeviceArgument, OptionError, names_in, read_level

@@ -141,7 +141,7 @@ def click(
     acceleration under each finger at its position, and its spread over sampled plants that the click was not optimised
     over.
     """
-    from engine.table.click_entry import played_at
+    from engine.table.clicks import played_at
 
     with _opened_table(table_path) as table:
         from tactable.explain.click_source import ClickSource

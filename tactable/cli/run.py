@@ -16,16 +16,15 @@ from base.files import identity_of
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import Effects
+from engine.loop.beside import Updates
 from engine.loop.command_latency import Stage
 from engine.loop.loop import Clock, StopRequest, SystemClock
 from engine.loop.realtime import ALL_STEPS, Step, parse_steps
 from engine.loop.ring import RingWriter
-from engine.loop.table_swap import Updates
 from engine.table import Table
 from engine.touch.digitizer import FOREIGN_NOTICED
 from engine.touch.sources import Source
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import read_recording
+from engine.touch.sources.recording import Playback, read_recording
 from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link_values import BOARD_EMULATED, Capabilities
 from firmware_link.host.reopening import ReopeningPort, stable_name_of

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from base.child import Parent
 from base.files import identity_of
 from base.printable import printable, write_note
-from engine.effects.control_step import Outcome
+from engine.effects.rules import Outcome
 from engine.loop.ring import RingReader
 from engine.table import Table, TableError
 from tactable.control.control_server import ControlServer

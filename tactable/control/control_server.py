@@ -23,7 +23,7 @@ from typing import Any, Protocol
 
 from base.points import json_of, point_text
 from engine.device import Device
-from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
+from engine.effects.rules import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from tactable.control.program_scene import Scene
 from tactable.control.requests import (
     VERSION,

@@ -21,8 +21,7 @@ import numpy as np
 from base.arrays import Array
 from base.points import json_of
 from engine.loop.ring import Record
-from engine.render.board_fit import scales_for
-from engine.render.link_commands import RendererError
+from engine.render.board_fit import RendererError, scales_for
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch

@@ -7,8 +7,7 @@ defines an effect again takes it over. A region keeps the effects that it was se
 """
 
 from base.points import is_within
-from engine.effects.control_step import SceneSettings
-from engine.effects.rules import Effect
+from engine.effects.rules import Effect, SceneSettings
 from tactable.control.requests import ControlError, Region
 
 MOST_REGIONS = 32  # with 8 rules each; docs/programs.md has the time of a change beside them

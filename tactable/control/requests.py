@@ -13,12 +13,10 @@ from typing import Any
 from base.errors import TactableError
 from engine.device import Device
 from engine.device.toml_table import HIGHEST_LEVEL_DB
-from engine.effects.control_step import Role, SceneSettings, TriggeredEffect
-from engine.effects.files.conversion import FULL_LEVEL_DB, Converted
+from engine.effects.files.conversion import FORMATS, FULL_LEVEL_DB, Converted, decode_effect_file
 from engine.effects.files.json_part import Part, read_json
-from engine.effects.files.read import FORMATS, decode_effect_file
 from engine.effects.rule_file import RuleTable, read_envelope, read_place, read_rule
-from engine.effects.rules import Effect, EffectError, Rule
+from engine.effects.rules import Effect, EffectError, Role, Rule, SceneSettings, TriggeredEffect
 
 VERSION = 1  # version of the messages; `hello` states it
 MOST_BYTES = 16_384  # limit of a line

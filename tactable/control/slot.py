@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from base.child import Child
-from engine.effects.control_step import ControlStep, Outcome
+from engine.effects.rules import ControlStep, Outcome
 from firmware_link.host.link_values import Capabilities
 from tactable.control.steps import MOST_BYTES, StepDecoder, StepError
 from tactable.run.beside_loop import BesideLoop
@@ -31,7 +31,7 @@ class ControlOf:
 
 
 class ControlProcess(BesideLoop):
-    """The child process, and the slot that the loop reads (program_steps.ControlSlot). Raises ChildError."""
+    """The child process, and the slot that the loop reads (engine.loop.beside.ControlSlot). Raises ChildError."""
 
     def __init__(self, served: ControlOf, start: Callable[..., Child] = Child) -> None:
         super().__init__("tactable.control.control_process", {"served": served}, "the control channel", start)

@@ -23,8 +23,7 @@ from typing import Any
 
 from base.errors import TactableError
 from base.points import json_of, point_of_json
-from engine.effects.control_step import ControlStep, Role, SceneSettings, TriggeredEffect
-from engine.effects.rules import Effect, Rule, Segment, Trigger
+from engine.effects.rules import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
 from tactable.control.program_scene import Scene
 from tactable.control.requests import Region
 

@@ -198,7 +198,7 @@ def write_digitizer(path: Path, table: str) -> None:
     written.
     """
     from engine.device import Device  # only who writes a file needs it
-    from engine.device.texts import document_of
+    from engine.device.named_files import document_of
 
     document = document_of(path.read_text(encoding="utf-8"), str(path))
     document["digitizer"] = document_of(table, str(path))["digitizer"]

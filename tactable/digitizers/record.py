@@ -14,8 +14,7 @@ from engine.touch.sources import Source
 from engine.touch.sources.evdev import open_evdev
 from engine.touch.sources.hid_discovery import split_surface, undecodable
 from engine.touch.sources.hidraw import HidrawSource, open_hidraw
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, Report, read_recording
+from engine.touch.sources.recording import Playback, Recording, Report, read_recording
 from tactable.digitizers.axis_map import LearntAxis, learn
 from tactable.digitizers.listing import SIMULATED
 from tactable.doctor.touch_check import Machine

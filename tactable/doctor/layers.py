@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from engine.loop.command_latency import Percentiles
-from engine.render.chosen_basis import play_ns
+from engine.render.board_fit import play_ns
 from engine.table import Table, TableError
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, open_digitizer

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from base.arrays import Array, Complex
 from engine.table import ClickEntry, Table, TableError
-from engine.table.click_entry import ClickFinger
+from engine.table.clicks import ClickFinger
 from engine.touch import Placement
 from precompute.clicks import Click, ClickSolver
 from precompute.clicks.baselines import solve_baseline

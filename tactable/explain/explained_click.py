@@ -17,7 +17,7 @@ from base.arrays import Array
 from base.plain import to_plain
 from engine.device import Device
 from engine.table import ClickEntry, Table
-from engine.table.click_entry import LevelSpread, played_at
+from engine.table.clicks import LevelSpread, played_at
 from engine.touch import Placement
 from precompute.clicks import Click, ClickOptions
 from precompute.clicks.baselines import BASELINES

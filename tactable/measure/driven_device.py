@@ -16,8 +16,7 @@ import numpy as np
 from base.arrays import Array
 from engine.device import Device
 from engine.loop.loop import Clock, Listener, connect
-from engine.render.board_fit import check_frequencies, fit_board
-from engine.render.chosen_basis import choose_basis, scaled
+from engine.render.board_fit import check_frequencies, choose_basis, fit_board, scaled
 from engine.render.limits import Drive, encode_scaled, link_configuration
 from firmware_link import BIT_RATE_HZ
 from firmware_link.host.link import Link

@@ -129,7 +129,7 @@ class Drive(_Asked, SteadyDrive):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Click(_Asked, ClickEntry):
-    """The click that a table has for the nearest places, or one that was solved (engine.table.click_entry)."""
+    """The click that a table has for the nearest places, or one that was solved (engine.table.clicks)."""
 
     def plot(self) -> "Figure":
         """Picture of the waveform and of what every finger feels of it, over fresh plants; takes a second.

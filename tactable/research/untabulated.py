@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from base.arrays import Points
 from engine.device import Device
-from engine.table.click_entry import played_at
+from engine.table.clicks import played_at
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.placement import PlacementError

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.device import Device
-from engine.device.electrodes import board_bias
+from engine.device.parts import board_bias
 from firmware_link.emulator.c_core import CompiledFirmware, open_library
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.device_state import LONGEST_LEASE_MS, DeviceConfiguration

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any
 from engine.device import Device
 from engine.table import Table
 from engine.table.best_rows import write_best_rows
-from engine.table.click_columns import write_clicks
-from engine.table.click_grid import Clicks
-from engine.table.mode_columns import write_modes
+from engine.table.clicks import Clicks
+from engine.table.columns import write_clicks, write_modes
 from engine.table.netcdf_file import TableWriter
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis

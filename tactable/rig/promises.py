@@ -20,7 +20,7 @@ from engine.steady import SteadyDrive
 from engine.steady.given_drive import standard_levels
 from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRow
-from engine.table.click_entry import played_at
+from engine.table.clicks import played_at
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis, weighted_sum
 from firmware_link.protocol.messages import FULL_SCALE_WORD, ChannelDrive, Play, decode_body, encode_play_body

@@ -24,7 +24,7 @@ from base.files import replace_file
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.table.mode_columns import write_modes
+from engine.table.columns import write_modes
 from engine.table.netcdf_file import TableWriter
 from engine.table.table_diff import compare_tables
 from precompute.builder.code_fingerprint import code_fingerprint

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
-from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.beside import ClickSolving
 from engine.loop.command_latency import LatencyRecorder
 from engine.loop.loop import Clock, SystemClock
 from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observers, Trace
@@ -15,8 +15,7 @@ from engine.loop.reconnect import Reopening
 from engine.table import Table
 from engine.touch import Placement, Touch
 from engine.touch.sources import Source
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording
+from engine.touch.sources.recording import Playback, Recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome, ReceivedFrame
 from firmware_link.emulator.emulator_process import EmulatorLog, run_emulator
 from firmware_link.host.reopening import ReopeningPort

@@ -34,7 +34,7 @@ _NAME = "the solver of clicks"
 
 
 class ClickProcess(BesideLoop):
-    """The child, as the loop asks it (awaited_clicks.ClickSolving)."""
+    """The child, as the loop asks it (engine.loop.beside.ClickSolving)."""
 
     def __init__(self, table: Path, start: Callable[..., Child] = Child) -> None:
         super().__init__("tactable.run.click_process", {"table": str(table)}, _NAME, start)

@@ -10,7 +10,7 @@ from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
 from engine.loop.answerer import LATEST_NS
-from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_path import FastPath, PacketSource
 from engine.loop.fast.fast_session import FastLink, FastSession
@@ -19,11 +19,9 @@ from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.loop.loop import Clock, Loop, Measuring, StopRequest, connect
 from engine.loop.observer import Observer, Observers, Timing
 from engine.loop.pipeline import open_pipeline
-from engine.loop.program_steps import ControlSlot
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.loop.reconnect import Reopening
 from engine.loop.ring import RingWriter
-from engine.loop.table_swap import Updates
 from engine.render.limits import link_configuration
 from engine.render.prepared import render_table
 from engine.table import Table

@@ -20,8 +20,8 @@ from base.printable import write_note
 from engine.device import DeviceError
 from engine.effects.rules import Effects
 from engine.loop.fast.fast_table import FastRendering, with_fast_table
+from engine.render.board_fit import RendererError
 from engine.render.limits import LimitError
-from engine.render.link_commands import RendererError
 from engine.render.prepared import Rendering, render_table
 from engine.table import Table, TableError
 from firmware_link.host.link_values import Capabilities

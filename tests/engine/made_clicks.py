@@ -8,9 +8,9 @@ import numpy as np
 
 from engine.device import Device
 from engine.table import ClickEntry, Clicks
-from engine.table.click_entry import ClickFinger, LevelSpread
+from engine.table.clicks import ClickFinger, LevelSpread
 from engine.touch import Placement
-from engine.touch.places import Key, Places
+from engine.touch.placement import Key, Places
 from firmware_link.protocol.basis import Basis, BasisSet
 
 PITCH_M, TOLERANCE_M = 28e-3, 15e-3

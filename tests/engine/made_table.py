@@ -9,10 +9,9 @@ from engine.device import Device
 from engine.steady.modes import Modes
 from engine.table import ClickEntry, Clicks
 from engine.table.best_rows import BestRows, write_best_rows
-from engine.table.click_columns import write_clicks
-from engine.table.mode_columns import write_modes
+from engine.table.columns import write_clicks, write_modes
 from engine.table.netcdf_file import TableWriter, Variable
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from tests.engine.made_clicks import TOLERANCE_M, made_clicks
 
 PLAIN = {"created": "2024-01-01", "code_fingerprint": "c0de", "code_version": "1"}

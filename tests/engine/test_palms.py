@@ -2,9 +2,8 @@
 
 import pytest
 
-from engine.effects.control_step import ControlStep, Outcome, Role, TriggeredEffect
 from engine.effects.effect_player import EffectPlayer
-from engine.effects.rules import Effects, Rule, Trigger, burst, click
+from engine.effects.rules import ControlStep, Effects, Outcome, Role, Rule, Trigger, TriggeredEffect, burst, click
 from engine.touch import Touch, open_digitizer
 from engine.touch.finger_tracker import FingerTracker
 from tests.engine.loop.rig import DEVICE

@@ -15,7 +15,7 @@ import pytest
 
 from engine.loop.observer import CommandRecord
 from engine.touch.sources.hidraw import RING_SIZE
-from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Playback
 from firmware_link.emulator.drive_log import Cause, DriveEvent, Outcome
 from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.host.serial_port import SerialPort

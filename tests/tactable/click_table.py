@@ -5,7 +5,7 @@ from pathlib import Path
 
 from engine.device import Device
 from engine.table import ClickEntry
-from engine.table.click_entry import played_at
+from engine.table.clicks import played_at
 from engine.touch import Placement
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.effects.files.json_part import LONGEST_WORD, Part, clipped
-from engine.effects.files.pattern import Budget, Event, Kind, Pattern
+from engine.effects.files.json_part import LONGEST_WORD, Budget, Event, Kind, Part, Pattern, clipped
 
 FORMAT = "ahap"
 _INTENSITY_CURVE = "HapticIntensityControl"

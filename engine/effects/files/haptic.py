@@ -7,8 +7,7 @@ transient. Each stretch of the envelope above 0 is one continuous event.
 
 from itertools import pairwise
 
-from engine.effects.files.json_part import Part, clipped
-from engine.effects.files.pattern import Event, Kind, Pattern
+from engine.effects.files.json_part import Event, Kind, Part, Pattern, clipped
 from engine.effects.rules import EffectError
 
 FORMAT = "haptic"

@@ -11,8 +11,7 @@ of the reference software (github.com/MPEGGroup/HapticReferenceSoftware); a nega
 
 from collections.abc import Iterator, Mapping
 
-from engine.effects.files.json_part import LONGEST_S, LONGEST_WORD, Part, clipped
-from engine.effects.files.pattern import Budget, Event, Kind, Pattern
+from engine.effects.files.json_part import LONGEST_S, LONGEST_WORD, Budget, Event, Kind, Part, Pattern, clipped
 
 FORMAT = "hjif"
 DEFAULT_TICKS_PER_S = 1000

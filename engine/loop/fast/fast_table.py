@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.loop.fast.fast_layout import CONSTANTS
-from engine.render.link_commands import SILENCE, DriveCommand
 from engine.render.prepared import Rendering
+from engine.render.renderer import SILENCE, DriveCommand
 from engine.render.steady_drives import ZoneDrives
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.messages import DRIVE_SIZE, encode_set_body
 
@@ -28,7 +28,7 @@ class FastTable:
 
     levels_db: tuple[float, ...]  # rising
     places: Places
-    pair: NDArray[np.int32]  # rows by the codes of two fingers, as `engine.table.click_grid.Clicks.pair`
+    pair: NDArray[np.int32]  # rows by the codes of two fingers, as `engine.table.clicks.Clicks.pair`
     head: NDArray[np.uint8]  # (click, 3): number of the click's set, its fraction bits, its number of weights
     weights: NDArray[np.int16]  # shape (row, function)
     amplitude: NDArray[np.int32]  # words (level, row); NONE for a click that is not played

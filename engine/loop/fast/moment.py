@@ -15,7 +15,7 @@ from engine.loop.fast.fast_session import FastLink
 from engine.loop.fast.fast_table import FastTable
 from engine.loop.fast.library import FastPathError
 from engine.loop.pipeline import Pipeline
-from engine.render.link_commands import DriveCommand
+from engine.render.renderer import DriveCommand
 from engine.touch import Digitizer
 from engine.touch.digitizer import AGAIN
 from engine.touch.finger_tracker import REACH_M

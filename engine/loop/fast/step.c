@@ -252,9 +252,9 @@ static int follow(const Fast *fast, const Active *active, int count, int64_t tim
     return changed;
 }
 
-/* ---- placement to click, as engine/table/click_grid.py ---- */
+/* ---- placement to click, as engine/table/clicks.py ---- */
 
-/* The nearest place; they are numbered along the surface first, as engine/touch/places.py has it. */
+/* The nearest place; they are numbered along the surface first, as engine/touch/placement.py has it. */
 static int64_t place_of(const Fast *fast, Point point) {
     int64_t number = 0;
     for (int i = 0; i < SIDES; i++) {

@@ -16,8 +16,7 @@ from base.child import Parent
 from base.files import identity_of
 from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingReader
-from engine.render.board_fit import scales_for
-from engine.render.link_commands import RendererError
+from engine.render.board_fit import RendererError, scales_for
 from engine.table import Table, TableError
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.messages import decode_drive

@@ -11,7 +11,7 @@ import pytest
 from engine.device import Device, DeviceError
 from engine.device.threshold import read_threshold_file
 from engine.device.toml_table import MOST_BYTES, MOST_DOTS, TomlTable
-from engine.effects.files.read import read_effect_file
+from engine.effects.files.conversion import read_effect_file
 from engine.effects.rule_file import read_effects, read_vocabulary
 from engine.effects.rules import EffectError
 from tests.precompute.devices import shipped

@@ -4,8 +4,20 @@ from dataclasses import replace
 
 import pytest
 
-from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
+from engine.effects.rules import (
+    ControlStep,
+    Effect,
+    Effects,
+    Outcome,
+    Role,
+    Rule,
+    SceneSettings,
+    Segment,
+    Trigger,
+    TriggeredEffect,
+    burst,
+    click,
+)
 from engine.touch.placement import CLOSEST_M
 from tests.engine.effects.test_effect_player import MM, MS, Story, pulse, touch
 

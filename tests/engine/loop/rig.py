@@ -11,22 +11,18 @@ from typing import ClassVar
 from engine.device import Device
 from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effect, Effects, Rule, Segment, Trigger, burst
-from engine.loop.awaited_clicks import ClickSolving
+from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_session import FastLink, FastSession
 from engine.loop.fast.fast_table import with_fast_table
 from engine.loop.loop import Clock, Loop, Measuring, connect
 from engine.loop.observer import Observer, Observers, Timing, Trace
 from engine.loop.pipeline import open_pipeline
-from engine.loop.program_steps import ControlSlot
 from engine.loop.ring import RingWriter
-from engine.loop.table_swap import Updates
-from engine.render.board_fit import BoardFit
-from engine.render.chosen_basis import choose_basis
-from engine.render.click_renderer import RenderedClicks
+from engine.render.board_fit import BoardFit, choose_basis
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
-from engine.render.renderer import Renderer
+from engine.render.renderer import RenderedClicks, Renderer
 from engine.render.steady_drives import ZoneDrives
 from engine.table import Clicks
 from engine.table.best_rows import BestRows

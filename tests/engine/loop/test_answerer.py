@@ -3,7 +3,7 @@
 import pytest
 
 from engine.loop.answerer import SAME_FINGER_M, HeldDrive
-from engine.render.link_commands import SILENCE, Command, DriveCommand
+from engine.render.renderer import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 
 HERE = Placement((0.05, 0.15), (True, False))

@@ -9,11 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.device import Device, TouchAxis, Zone
-from engine.effects.control_step import ControlStep, Outcome, Role, TriggeredEffect
-from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
+from engine.effects.rules import (
+    ControlStep,
+    Effect,
+    Effects,
+    Outcome,
+    Role,
+    Rule,
+    Segment,
+    Trigger,
+    TriggeredEffect,
+    burst,
+    click,
+)
 from engine.loop.pipeline import Pipeline, open_pipeline
-from engine.render.link_commands import SILENCE
 from engine.render.prepared import Rendering
+from engine.render.renderer import SILENCE
 from engine.touch.digitizer import RELEASE_AFTER_NS
 from engine.touch.finger_tracker import REACH_M
 from engine.touch.placement import CLOSEST_M

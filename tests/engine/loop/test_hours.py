@@ -18,8 +18,7 @@ from engine.loop.observer import Timing
 from engine.loop.pipeline import open_pipeline
 from engine.loop.realtime import Step, real_time
 from engine.render.limits import link_configuration
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, read_recording
+from engine.touch.sources.recording import Playback, Recording, read_recording
 from firmware_link.emulator.device_state import DeviceCounters
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.host.link import Link

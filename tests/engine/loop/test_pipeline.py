@@ -9,7 +9,7 @@ import pytest
 
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
 from engine.loop.pipeline import Pipeline, open_pipeline
-from engine.render.link_commands import SILENCE, Command
+from engine.render.renderer import SILENCE, Command
 from engine.touch import Placement
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.loop.rig import DEVICE, HELD, Rig, recording_of, report

@@ -6,8 +6,17 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from engine.effects.control_step import ControlStep, Outcome, SceneSettings, TriggeredEffect
-from engine.effects.rules import Effects, Rule, Trigger, burst, click
+from engine.effects.rules import (
+    ControlStep,
+    Effects,
+    Outcome,
+    Rule,
+    SceneSettings,
+    Trigger,
+    TriggeredEffect,
+    burst,
+    click,
+)
 from engine.loop.observer import Fate
 from firmware_link.emulator.drive_log import Cause
 from tests.engine.loop.rig import DEVICE, Rig, held, recording_of, report

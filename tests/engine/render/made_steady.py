@@ -5,11 +5,9 @@ from types import SimpleNamespace
 
 from base.points import is_within
 from engine.device import Device
-from engine.render.chosen_basis import NO_BASIS
-from engine.render.click_renderer import RenderedClicks
+from engine.render.board_fit import NO_BASIS
 from engine.render.limits import clamp
-from engine.render.link_commands import SILENCE, DriveCommand, Rendered
-from engine.render.renderer import Renderer
+from engine.render.renderer import SILENCE, DriveCommand, Rendered, RenderedClicks, Renderer
 from engine.steady.cases import MeasuredFinger
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities

@@ -10,9 +10,9 @@ from base.arrays import Array
 from engine.device import Device, Electrodes
 from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.fast.fast_table import with_fast_table
-from engine.render.board_fit import fit_board
-from engine.render.link_commands import DriveCommand, PlayCommand, RendererError
+from engine.render.board_fit import RendererError, fit_board
 from engine.render.prepared import Rendering, render_table
+from engine.render.renderer import DriveCommand, PlayCommand
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.render.chosen_basis import NO_BASIS, choose_basis
+from engine.render.board_fit import NO_BASIS, choose_basis
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import Features
 from tests.engine.render.boards import board

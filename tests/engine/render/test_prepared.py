@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from engine.effects.rules import DEFAULT_EFFECTS, Drives, Effect, Effects, Rule, Segment, Trigger
-from engine.render.link_commands import SILENCE, PlayCommand, RendererError
+from engine.render.board_fit import RendererError
 from engine.render.prepared import render_table
+from engine.render.renderer import SILENCE, PlayCommand
 from engine.table import Table
 from firmware_link.protocol.messages import Features
 from tests.engine.made_clicks import click_of, in_zones

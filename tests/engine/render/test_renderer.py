@@ -5,10 +5,8 @@ from math import inf
 
 import pytest
 
-from engine.render.chosen_basis import ChosenBasis
-from engine.render.click_renderer import RenderedClicks
-from engine.render.link_commands import SILENCE, PlayCommand
-from engine.render.renderer import Renderer
+from engine.render.board_fit import ChosenBasis
+from engine.render.renderer import SILENCE, PlayCommand, RenderedClicks, Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
 from firmware_link.protocol.messages import Play, decode_body, encode_play_body
@@ -73,7 +71,7 @@ def test_a_click_that_nobody_has_solved_is_unknown_until_it_is_learned_for_just_
 
 
 def test_the_earliest_learned_click_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("engine.render.click_renderer.MOST_LEARNED", 2)
+    monkeypatch.setattr("engine.render.renderer.MOST_LEARNED", 2)
     rendered = RenderedClicks(made_clicks(REFERENCE, CLICKS), HELD, refuses=False)
     learned = [in_zones(REFERENCE, [felt], [zone for zone in (0, 2, 4) if zone != felt]) for felt in (0, 2, 4)]
     for placement in learned:

@@ -6,7 +6,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from engine.render.link_commands import SILENCE, DriveCommand
+from engine.render.renderer import SILENCE, DriveCommand
 from engine.render.steady_drives import SteadyDrives, ZoneDrives
 from engine.steady import Modes
 from engine.steady.cases import MeasuredFinger, cases_at, sample_deviations

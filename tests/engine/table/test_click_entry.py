@@ -4,7 +4,7 @@ from math import inf
 
 import pytest
 
-from engine.table.click_entry import played_at
+from engine.table.clicks import played_at
 from tests.engine.made_clicks import click_of, in_zones
 from tests.precompute.devices import shipped
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from engine.table import ClickEntry, Table, TableError
-from engine.table.click_grid import NO_ROW
+from engine.table.clicks import NO_ROW
 from engine.touch import Placement, PlacementError
 from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.made_clicks import click_of, in_zones, places_of

@@ -8,8 +8,7 @@ import pytest
 
 from engine.table.best_rows import write_best_rows
 from engine.table.error import TableError
-from engine.table.netcdf_file import TableWriter, Variable
-from engine.table.spool import SpoolFile
+from engine.table.netcdf_file import SpoolFile, TableWriter, Variable
 from tests.base.test_files import full_disk
 from tests.engine.table.test_table import DEVICE, ROWS
 

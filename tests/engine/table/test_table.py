@@ -14,7 +14,7 @@ import pytest
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.best_rows import write_best_rows
-from engine.table.mode_columns import write_modes
+from engine.table.columns import write_modes
 from engine.table.netcdf_file import TableWriter, Variable
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import modes_of

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from base.points import clip_points, order_of
 from engine.touch import Placement
-from engine.touch.places import Places
+from engine.touch.placement import Places
 
 LENGTH_M, CORNER_M = 0.2794, 0.3 + 0.18j
 LENGTHS = st.floats(0.01, 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from engine.touch.scan_time import ScanTimes
+from engine.loop.command_latency import ScanTimes
 
 MS = 1_000_000
 

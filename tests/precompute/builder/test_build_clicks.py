@@ -9,7 +9,7 @@ import xarray
 from engine.device import Device
 from engine.table import ClickEntry, Table, TableError
 from engine.table.history import previous_of
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from precompute.builder.table_build import EARLY_IN_PLACE, build_table
 from precompute.clicks import ClickOptions
 from precompute.clicks.click_basis import lines_for

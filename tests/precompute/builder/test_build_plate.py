@@ -7,7 +7,7 @@ import pytest
 
 from engine.device import Device
 from engine.table import Table, TableError
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
 from precompute.model.assembly import assemble

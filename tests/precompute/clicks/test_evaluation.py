@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from base.arrays import Array
-from engine.table.click_entry import ClickFigures
+from engine.table.clicks import ClickFigures
 from engine.touch import Placement
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ, lines_for, make_tones
 from precompute.clicks.click_plants import SampledPlants, weighting

@@ -2,7 +2,7 @@
 
 import pytest
 
-from engine.table.click_entry import played_at
+from engine.table.clicks import played_at
 from precompute.clicks.nominal import NominalFingers
 from tests.precompute.clicks.click_cases import placed, solver_of
 

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.touch import Placement
-from engine.touch.placement import CLOSEST_M
-from engine.touch.places import Places
+from engine.touch.placement import CLOSEST_M, Places
 from precompute.clicks.tabulated import tabulate_clicks, tabulated_keys
 from tests.precompute.clicks.click_cases import CHEAP
 from tests.precompute.devices import shipped

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from engine.device import Device, DeviceError
-from engine.device.texts import text_with_values
+from engine.device.named_files import text_with_values
 from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.units import FleetError, Unit
 from tests.precompute.fleet.small_fleet import small_text

@@ -24,7 +24,7 @@ from base.plain import to_plain
 from base.points import point_at
 from engine.device import Device
 from engine.table import Clicks, Table
-from engine.table.click_entry import ClickFigures
+from engine.table.clicks import ClickFigures
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import zone_finder
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver

@@ -8,7 +8,7 @@ import pytest
 from engine.device import Device
 from engine.table import Clicks
 from engine.touch import PlacementError
-from engine.touch.places import Places
+from engine.touch.placement import Places
 from precompute.clicks import ClickSolver
 from precompute.clicks.tabulated import tabulate_clicks
 from precompute.sampling.placements import Anywhere, random_placements

@@ -11,8 +11,7 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from engine.effects.files.conversion import FULL_LEVEL_DB
-from engine.effects.files.read import FORMATS, read_effect_file
+from engine.effects.files.conversion import FORMATS, FULL_LEVEL_DB, read_effect_file
 from tests.studies.options import read_options
 
 _MPEG = "github.com/MPEGGroup/HapticReferenceSoftware"

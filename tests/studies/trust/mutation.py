@@ -72,7 +72,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/engine/effects/test_effect_player.py",
         "tests/engine/effects/test_control_step.py",
     ),
-    "engine/loop/program_steps.py": (_LOOP_CONTROL,),
+    "engine/loop/beside.py": (_LOOP_CONTROL,),
     "tactable/control/program_scene.py": _control("program_scene", "control_server", "laws"),
     "tactable/control/control_server.py": _control("control_server", "laws"),
     "tactable/control/steps.py": _control("steps", "program_scene", "laws"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from engine.effects.control_step import SceneSettings
+from engine.effects.rules import SceneSettings
 from tactable.control.control_server import MOST_UNREAD_BYTES, ControlServer
 from tactable.shipped import find_device
 from tests.tactable.control.messages import HELLO, ROOT, SAID, VALID, hostile_line

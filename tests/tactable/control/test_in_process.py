@@ -15,8 +15,8 @@ import pytest
 
 import tactable
 from engine.device import Device
-from engine.effects.control_step import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.effects.effect_player import EffectPlayer
+from engine.effects.rules import ControlStep, Outcome, Role, SceneSettings, TriggeredEffect
 from engine.loop.command_latency import Stage
 from engine.loop.observer import CommandRecord, Fate, LoopCounters
 from engine.loop.ring import RingReader, RingWriter

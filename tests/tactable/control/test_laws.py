@@ -12,7 +12,7 @@ from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from engine.effects.control_step import ControlStep, SceneSettings
+from engine.effects.rules import ControlStep, SceneSettings
 from tactable.control.steps import StepDecoder, StepEncoder
 from tactable.shipped import find_device
 from tests.tactable.control.virtual import BASE, Program, VirtualSlot, VirtualTime, server_of, settle

@@ -2,9 +2,8 @@
 
 import pytest
 
-from engine.effects.control_step import SceneSettings
 from engine.effects.effect_player import EffectPlayer
-from engine.effects.rules import Effect, Effects, Rule, Trigger, click
+from engine.effects.rules import Effect, Effects, Rule, SceneSettings, Trigger, click
 from engine.touch import Touch
 from tactable.control.program_scene import Scene
 from tactable.control.requests import ControlError, Region

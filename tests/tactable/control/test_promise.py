@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.render.link_commands import RendererError
+from engine.render.board_fit import RendererError
 from engine.table import Table
 from engine.touch import Placement
 from firmware_link.protocol.messages import decode_drive, encode_drive

@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from engine.effects.control_step import ControlStep, Role, SceneSettings, TriggeredEffect
 from engine.effects.files.conversion import MOST_SEGMENTS as MOST_OF_AN_EFFECT
-from engine.effects.rules import Effect, Rule, Segment, Trigger
+from engine.effects.rules import ControlStep, Effect, Role, Rule, SceneSettings, Segment, Trigger, TriggeredEffect
 from tactable.control.program_scene import MOST_DEFINED, MOST_REGIONS, Scene
 from tactable.control.requests import MOST_RULES, Region
 from tactable.control.steps import MOST_BYTES, MOST_SEGMENTS, StepDecoder, StepEncoder, StepError

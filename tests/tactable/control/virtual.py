@@ -11,9 +11,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, ParamSpec, TypeVar
 
-from engine.effects.control_step import ControlStep, Outcome
 from engine.effects.effect_player import EffectPlayer
-from engine.effects.rules import Effects, Rule, Trigger, click
+from engine.effects.rules import ControlStep, Effects, Outcome, Rule, Trigger, click
 from engine.touch import Touch
 from tactable.control.control_server import ControlServer
 from tactable.control.program_scene import Scene

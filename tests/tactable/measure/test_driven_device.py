@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from engine.device import Device
+from engine.render.board_fit import RendererError
 from engine.render.limits import LimitError
-from engine.render.link_commands import RendererError
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.firmware import EmulatedFirmware

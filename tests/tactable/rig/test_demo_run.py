@@ -17,8 +17,7 @@ from engine.table import ClickEntry, Table
 from engine.table.best_rows import BestRows
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, open_digitizer
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import Recording, read_recording, write_recording
+from engine.touch.sources.recording import Playback, Recording, read_recording, write_recording
 from firmware_link.emulator.drive_log import Cause, DriveEvent
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.host.reopening import ReopeningPort

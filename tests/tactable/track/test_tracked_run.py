@@ -14,8 +14,7 @@ from engine.device.values import restated
 from engine.loop.observer import CommandRecord, LoopCounters
 from engine.steady.cases import MeasuredFinger
 from engine.table import Table
-from engine.touch.sources.playback import Playback
-from engine.touch.sources.recording import write_recording
+from engine.touch.sources.recording import Playback, write_recording
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link_values import AccelerometerDescribed, Event
 from firmware_link.protocol.link_errors import LinkError

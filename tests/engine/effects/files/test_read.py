@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from engine.effects.files.ahap import read_ahap
+from engine.effects.files.conversion import read_effect_file
 from engine.effects.files.haptic import read_haptic
 from engine.effects.files.hjif import read_hjif
-from engine.effects.files.json_part import Part
-from engine.effects.files.pattern import MOST_PARTS, Kind
-from engine.effects.files.read import read_effect_file
+from engine.effects.files.json_part import MOST_PARTS, Kind, Part
 from engine.effects.rules import EffectError
 
 SHIPPED = Path(__file__).parents[4] / "tables" / "effects"

@@ -9,7 +9,7 @@ from engine.device import Device
 from engine.device.parts import Plate, TouchAcross, Zone
 from engine.effects.rules import Effect, Rule, Segment, Trigger, click
 from engine.table import Clicks
-from engine.touch.places import Key
+from engine.touch.placement import Key
 from firmware_link.protocol.basis import Basis, BasisSet
 from tests.engine.loop import rig
 from tests.engine.loop.rig import DEVICE, SLOTS

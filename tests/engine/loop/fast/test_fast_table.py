@@ -9,8 +9,8 @@ import pytest
 from engine.effects.rules import Effects, Rule, Trigger, click
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_table import FastTable, with_fast_table
-from engine.render.link_commands import PlayCommand
-from engine.touch.places import Places
+from engine.render.renderer import PlayCommand
+from engine.touch.placement import Places
 from firmware_link.protocol.basis import Basis, BasisSet
 from firmware_link.protocol.messages import encode_play
 from tests.engine.loop.fast.scripts import LOUD_DB, varied_clicks

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.touch.sources.playback import Playback
+from engine.touch.sources.recording import Playback
 
 if TYPE_CHECKING:
     from tests.tools.virtual import VirtualLine

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from engine.touch.sources import Source
-from engine.touch.sources.playback import PAUSE_NS, Playback
-from engine.touch.sources.recording import Recording, Report
+from engine.touch.sources.recording import PAUSE_NS, Playback, Recording, Report
 
 START_NS = 10**15
 speeds = st.none() | st.floats(0.01, 1000)
