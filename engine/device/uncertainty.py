@@ -24,7 +24,7 @@ FITTED_UNITS = {
     "finger.stiffness": "N/m",
 }
 """Units of the values that a calibration can fit; actuator[2].mass is of one actuator, actuator.mass of all."""
-_PROVENANCE = ("created", "measurements", "sha256", "report", "loss")
+_PROVENANCE = ("created", "measurements", "sha256", "report", "loss")  # "loss": of files of earlier versions
 _ROUNDING = 1e-9
 
 

@@ -1,7 +1,4 @@
-"""Calibration: fit the parameters of a device to measured accelerations, with an interval for each.
-
-For comparison the paper's procedure too: each drive fitted alone by its L1 objective (12), then the average.
-"""
+"""Calibration: fit the parameters of a device to measured accelerations, with an interval for each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +11,7 @@ from base.arrays import Array, Complex, Mask
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.confidence import compute_confidence, compute_intervals
 from precompute.calibration.fit import Fit, Problem, fit, pose
-from precompute.calibration.misfit import Loss, MisfitModel
+from precompute.calibration.misfit import MisfitModel
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
 from precompute.measurements.types import Kind, MeasurementError, Measurements
@@ -28,7 +25,6 @@ _WITHIN_SENSOR = 0.01
 """A reading within 1 % of the fit is never wrong: accelerometers are not calibrated better than that."""
 _AT_BOUND = 1e-3  # of the width of the bounds
 _ROUGH_FACTOR = 2.0
-_MOST_DRIVES = 24  # a fit for each: bounds the time of a comparison, whose answer is an average anyway
 
 
 class Known(Enum):
@@ -63,7 +59,6 @@ class FittedDevice:
     """
 
     device: Device
-    loss: Loss
     estimates: tuple[Estimate, ...]
     coordinate: Array
     covariance: Array
@@ -110,7 +105,6 @@ def calibrate(
     device: Device,
     measurements: Measurements,
     parameters: Sequence[str] | None = None,
-    loss: Loss = Loss.ROBUST,
     *,
     bounds: Mapping[str, Bounds] | None = None,
     starts: int = STARTS,
@@ -131,7 +125,7 @@ def calibrate(
     names = names_told(measurements, default_names(device)) if parameters is None else tuple(parameters)
     chosen = find_parameters(device, names, bounds or {}, sensor_mass_of(measurements))
     with threadpool_limits(1, "blas"):  # unlimited BLAS is 100 times slower on a busy machine
-        found = fit(pose_fit(device, measurements, chosen), loss, starts, seed)
+        found = fit(pose_fit(device, measurements, chosen), starts, seed)
         fitted, residual = conclude(device, found), found.misfit.log_residual
         size = np.abs(residual)
         if measurements.kind is Kind.RESPONSE:
@@ -198,7 +192,6 @@ def conclude(device: Device, found: Fit) -> FittedDevice:
     )
     return FittedDevice(
         device=with_values(device, parameters, np.array([estimate.value for estimate in estimates])),
-        loss=found.loss,
         estimates=estimates,
         coordinate=found.coordinate,
         covariance=confidence.covariance,
@@ -219,51 +212,3 @@ def _known(parameter: Parameter, ends: Sequence[float]) -> Known:
     if at_low or at_high:
         return Known.NOT if at_low and at_high else Known.AT_MOST if at_low else Known.AT_LEAST
     return Known.WELL if ends[1] - ends[0] <= 2 * np.log(_ROUGH_FACTOR) else Known.ROUGHLY
-
-
-@dataclass(frozen=True)
-class Pairwise:
-    """Values (drive, parameter) from each drive alone, SI; `average` (parameter,) is the paper's estimate.
-
-    The full scale of an actuator that stands still in a drive is NaN there.
-
-    typical, total: median |ln(measured / predicted)| and sum |measured - predicted| in m/s^2 of all rows, for the
-    average; `joint_typical`, `joint_total` for the one fit of all drives.
-    """
-
-    value: Array
-    average: Array
-    typical: float
-    total: float
-    joint_typical: float
-    joint_total: float
-
-
-def fit_pairwise(device: Device, calibration: Calibration) -> Pairwise | None:
-    """Fit each drive alone; None with one drive or more than 24, or where a drive has too few rows."""
-    measurements, parameters = calibration.measurements, calibration.parameters
-    drive = measurements.drive_of_row
-    drives = int(drive.max()) + 1
-    readings = np.bincount(drive) * (2 if measurements.kind is Kind.RESPONSE else 1)
-    if not 2 <= drives <= _MOST_DRIVES or readings.min() <= len(parameters):
-        return None
-    values = np.array([_fit_alone(device, measurements.part(drive == i), parameters) for i in range(drives)])
-    average: Array = np.nanmean(values, axis=0)
-    model = MeasurementModel(device, measurements, parameters)
-    typical, total = _misfit(measurements, np.exp(model.predict(average).log_acceleration))
-    joint_typical, joint_total = _misfit(measurements, calibration.predicted)
-    return Pairwise(values, average, typical, total, joint_typical, joint_total)
-
-
-def _fit_alone(device: Device, rows: Measurements, parameters: tuple[Parameter, ...]) -> list[float]:
-    names = names_told(rows, [parameter.name for parameter in parameters])
-    told = tuple(parameter for parameter in parameters if parameter.name in names)
-    found = fit(pose_fit(device, rows, told), Loss.L1, starts=1, seed=0)
-    value = {p.name: p.value_at(x) for p, x in zip(told, found.coordinate.tolist(), strict=True)}
-    return [value.get(parameter.name, np.nan) for parameter in parameters]
-
-
-def _misfit(measurements: Measurements, predicted: Complex) -> tuple[float, float]:
-    measured = measurements.acceleration
-    ratio = np.log(np.abs(measured) / np.abs(predicted))
-    return float(np.median(np.abs(ratio))), float(np.abs(measured - predicted).sum())

@@ -11,7 +11,7 @@ from base.arrays import Mask
 from base.plain import to_plain
 from base.points import json_of, point_of_json, point_text
 from engine.device.quantity import interval_text, quantity_text
-from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known, Pairwise
+from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
 from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy, advise, open_combinations
 from precompute.measurements.types import Kind
 
@@ -20,8 +20,8 @@ _UNTOLD = "- Full scale: responses per newton do not tell it. Every level rests 
 _LISTED = 12  # a page's worth; JSON has all
 
 
-def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> dict[str, Any]:
-    """All results of the fit in SI, ready for JSON. `pairwise`: the paper's procedure, None where it is impossible."""
+def calibration_report(calibration: Calibration) -> dict[str, Any]:
+    """All results of the fit in SI, ready for JSON."""
     measurements = calibration.measurements
     accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
     return report_of_fit(calibration, float(np.median(measurements.sensor_mass_kg)), accuracy) | {
@@ -33,7 +33,6 @@ def calibration_report(calibration: Calibration, pairwise: Pairwise | None) -> d
         "wrong_readings": _wrong(calibration),
         "residual_by_drive": _by_drive(calibration),
         "residual_by_position": _by_position(calibration),
-        "pairwise": None if pairwise is None else _pairwise(calibration, pairwise),
     }
 
 
@@ -41,7 +40,6 @@ def report_of_fit(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Ac
     """The part of a report about parameters, for any kind of fit; `accuracy`: of the proposed readings."""
     return {
         "device": calibration.device.name,
-        "loss": calibration.loss.value,
         "noise": calibration.noise,
         "parameters": [_parameter(estimate) for estimate in calibration.estimates],
         "correlations": _correlations(calibration),
@@ -116,27 +114,12 @@ def _spread(calibration: Calibration, rows: Mask) -> dict[str, Any]:
     }
 
 
-def _pairwise(calibration: Calibration, pairwise: Pairwise) -> dict[str, Any]:
-    names = [parameter.name for parameter in calibration.parameters]
-    return {
-        "average": dict(zip(names, pairwise.average.tolist(), strict=True)),
-        "by_drive": [
-            {name: value for name, value in zip(names, row, strict=True) if not math.isnan(value)}
-            for row in pairwise.value.tolist()
-        ],
-        "median_misfit": pairwise.typical,
-        "total_misfit_m_per_s2": pairwise.total,
-        "joint_median_misfit": pairwise.joint_typical,
-        "joint_total_misfit_m_per_s2": pairwise.joint_total,
-    }
-
-
 def report_markdown(report: dict[str, Any]) -> str:
     """The report as a Markdown page."""
     marked = " SIMULATED" if report["simulated"] else ""
     parts = [
         f"# Calibration of {report['device']}{marked}",
-        f"{report['readings']} readings ({report['kind']}), loss: {report['loss']}; typical misfit "
+        f"{report['readings']} readings ({report['kind']}); typical misfit "
         f"{_percent(report['median_misfit'])}, noise of a reading {_percent(report['noise'])}.",
         _parameters_markdown(report["parameters"]),
         f"Flash the board with `{report['flash']}`, so that HELLO says what was fitted."
@@ -171,8 +154,6 @@ def _residuals_markdown(report: dict[str, Any]) -> list[str]:
         _spread_markdown("drive", [(row["drive"], row) for row in report["residual_by_drive"]][:_LISTED]),
         _spread_markdown("position", [(place_text(row["position_m"]), row) for row in report["residual_by_position"]]),
         _wrong_markdown(report["wrong_readings"]),
-        "## The paper's procedure: every drive alone, then the average",
-        _pairwise_markdown(report),
     ]
 
 
@@ -259,21 +240,6 @@ def _wrong_markdown(wrong: Sequence[dict[str, Any]]) -> str:
     ]
     more = [f"- and {len(wrong) - _LISTED} more"] if len(wrong) > _LISTED else []
     return "\n".join([f"Readings that are off by more than four times the noise: {len(wrong)}.", "", *lines, *more])
-
-
-def _pairwise_markdown(report: dict[str, Any]) -> str:
-    found = report["pairwise"]
-    if found is None:
-        needs = "it needs from 2 to 24 drives, each with more readings than there are parameters"
-        return f"Not done: not asked for, or impossible; {needs}."
-    rows = [
-        [p["name"], quantity_text(found["average"][p["name"]], p["unit"], 5), quantity_text(p["value"], p["unit"], 5)]
-        for p in report["parameters"]
-    ]
-    rows.append(["typical misfit", _percent(found["median_misfit"]), _percent(found["joint_median_misfit"])])
-    totals = (found["total_misfit_m_per_s2"], found["joint_total_misfit_m_per_s2"])
-    rows.append(["sum of absolute differences, eq. (12)", *(f"{total:.4g} m/s^2" for total in totals)])
-    return _table(["", "average of the drives", "all drives at once"], rows)
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

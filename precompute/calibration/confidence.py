@@ -1,6 +1,6 @@
 """Covariance and confidence intervals of a fit.
 
-The covariance is the sandwich estimate for the loss that was minimised: the inverse of the curvature of the cost around
+The covariance is the sandwich estimate for the robust loss: the inverse of the curvature of the cost around
 the scatter of its gradient. Outliers and the shape of the loss count in it, which an inverse Hessian alone would
 ignore. It includes a prior, uniform within the bounds of each parameter; without it a parameter that the data leave
 open would have no finite variance.
@@ -26,7 +26,6 @@ from scipy.special import stdtrit
 
 from base.arrays import Array
 from precompute.calibration.fit import CAUCHY, Fit, refit_held
-from precompute.calibration.misfit import Loss
 
 CONFIDENCE = 0.95  # the custom of the field; docs/calibration-coverage.png shows that it is kept
 _NEARLY_LINEAR = 0.05
@@ -74,9 +73,9 @@ class Confidence:
 
 
 def compute_confidence(fit: Fit) -> Confidence:
-    """Confidence in a fit, by the sandwich covariance for its loss."""
+    """Confidence in a fit, by the sandwich covariance for the robust loss."""
     data, parameters = fit.misfit.log_slope.shape
-    information, curvature, *fewer = _absolute(fit) if fit.loss is Loss.L1 else _squares(fit)
+    information, curvature, *fewer = _information(fit)
     prior = np.array([parameter.prior for parameter in fit.problem.misfit.parameters])
     return Confidence(information, curvature, prior, min([max(data - parameters, 1), *fewer]))
 
@@ -125,12 +124,12 @@ def _between(inner: tuple[float, float], outer: tuple[float, float], wanted: flo
     return inner[0] + min(max(share, 0.1), 0.9) * (outer[0] - inner[0])
 
 
-def _squares(fit: Fit) -> tuple[Array, Array] | tuple[Array, Array, int]:
+def _information(fit: Fit) -> tuple[Array, Array] | tuple[Array, Array, int]:
     """Huber's covariance of an M-estimator: (J^T J)^-1 mean psi^2 / (mean psi')^2; of responses, reading by reading."""
     slope, u = fit.misfit.log_slope / fit.noise, fit.misfit.log_residual / fit.noise
     data, parameters = slope.shape
-    weight = 1 / (1 + (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
-    bend = weight**2 * (1 - (u / CAUCHY) ** 2) if fit.loss is Loss.ROBUST else np.ones(data)
+    weight = 1 / (1 + (u / CAUCHY) ** 2)
+    bend = weight**2 * (1 - (u / CAUCHY) ** 2)
     least = (fit.problem.misfit.least_noise / fit.noise) ** 2
     spread = max(float(((weight * u) ** 2).sum()) / max(data - parameters, 1), least)
     gram, mean = slope.T @ slope, max(float(bend.mean()), 0.1)
@@ -162,24 +161,6 @@ def _by_reading(slope: Array, gradient: Array, least: float) -> tuple[Array, int
     share = (both @ np.linalg.pinv(A, rcond=_RANK)) ** 2 + _NOTHING
     freedom = 2 * share.sum(axis=0) ** 2 / (share**2).sum(axis=0)
     return information, max(_FEWEST, int(freedom.min()))
-
-
-def _absolute(fit: Fit) -> tuple[Array, Array]:
-    """Covariance of least absolute residuals, A S^-1 A with S = sum j j^T, A = sum 2 f(0) j j^T; noise grows with size.
-
-    Columns are scaled to length 1 first, since a parameter with almost no effect would spoil the inverse.
-    """
-    mean_reading = fit.problem.misfit.mean_reading
-    slope = fit.misfit.plain_slope / (fit.noise * mean_reading)
-    data, parameters = slope.shape
-    scale = np.maximum(np.linalg.norm(slope, axis=0), _NOTHING)
-    unit, outer = slope / scale, np.outer(scale, scale)
-    density = mean_reading / fit.misfit.size / np.sqrt(2 * np.pi)
-    A = 2 * unit.T @ (unit * density[:, None])
-    root, vector = np.linalg.eigh(unit.T @ unit)
-    kept = root > _RANK * root[-1]
-    half = (vector[:, kept] / np.sqrt(root[kept])).T @ A
-    return half.T @ half * outer * max(data - parameters, 1) / data, A * outer
 
 
 def _inverse(matrix: Array) -> Array:

@@ -25,7 +25,7 @@ from engine.device import Device
 from engine.device.quantity import quantity_text
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
 from precompute.calibration.fit import Fit, Problem, minimise, settle
-from precompute.calibration.misfit import Loss, Misfit
+from precompute.calibration.misfit import Misfit
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
 from precompute.measurements.types import Kind, Measurements
@@ -118,7 +118,7 @@ def find_convention(device: Device, calibration: Calibration, bounds: Mapping[st
     screened = list[tuple[float, _Change, Array]]()
     for change in _changes(device, read):
         problem = pose_fit(device, change.undo(read), chosen)
-        place, cost = minimise(problem, Loss.ROBUST, _SCREEN_NOISE, problem.start, _SCREEN_TOLERANCE)
+        place, cost = minimise(problem, _SCREEN_NOISE, problem.start, _SCREEN_TOLERANCE)
         screened.append((cost + change.number, change, place))
     best = sorted(screened, key=lambda each: each[0])[:_FITTED]
     tried = [_fitted(device, read, chosen, change, place) for _, change, place in best]
@@ -197,7 +197,7 @@ def _fitted(
         return pose_fit(device, replace(change, delay_s=delay_s).undo(read), chosen)
 
     def cost_at(delay_s: float) -> float:
-        return minimise(problem_at(float(delay_s)), Loss.ROBUST, _COARSE_NOISE, place, _TOLERANCE)[1]
+        return minimise(problem_at(float(delay_s)), _COARSE_NOISE, place, _TOLERANCE)[1]
 
     if reach_s:
         ends_s = change.delay_s - reach_s, change.delay_s + reach_s
@@ -205,10 +205,10 @@ def _fitted(
         change = replace(change, delay_s=float(found_s))
     for _ in range(1 if any(p.key == "full_scale" for p in chosen) else _ROUNDS):
         problem = problem_at(change.delay_s)
-        place, _cost = minimise(problem, Loss.ROBUST, _COARSE_NOISE, place, _TOLERANCE)
+        place, _cost = minimise(problem, _COARSE_NOISE, place, _TOLERANCE)
         over = float(np.median(problem.misfit.at(place).log_residual[: len(read)]))
         change = replace(change, factor=change.factor * math.exp(-over))
-    return change, settle(problem_at(change.delay_s), Loss.ROBUST, place)
+    return change, settle(problem_at(change.delay_s), place)
 
 
 def _words(device: Device, change: _Change, factor: float) -> Iterator[str]:

@@ -19,7 +19,7 @@ def calibrated_text(calibration: FittedDevice, provenance: Mapping[str, str]) ->
     """The description with the fitted values, which are no longer marked as estimates.
 
     Its table [calibration] states which values were fitted and their covariance, and holds `provenance` (created,
-    measurements, sha256, report, loss) unchanged.
+    measurements, sha256, report) unchanged.
     """
     document = tomlkit.parse(calibration.device.text)
     for estimate in calibration.estimates:
@@ -62,7 +62,7 @@ def text_with_transfers(device: Device, transfers: Sequence[Transfer]) -> str:
 
 def calibrated_device(calibration: FittedDevice) -> Device:
     """The device with the fitted values, and a text that states them: to build a table from, or to write to a file."""
-    return Device.parse(calibrated_text(calibration, {"loss": calibration.loss.value}), calibration.device.name)
+    return Device.parse(calibrated_text(calibration, {}), calibration.device.name)
 
 
 def _calibration_table(calibration: FittedDevice, provenance: Mapping[str, str]) -> Any:

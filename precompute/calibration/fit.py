@@ -1,4 +1,4 @@
-"""Fit of the parameters to measurements: global screening, then a local minimisation of the chosen loss.
+"""Fit of the parameters to measurements: global screening, then a local minimisation with a robust loss.
 
 The misfit has many local minima, because a resonance that is fitted to the wrong peak cannot move past the right one.
 So a fit starts from several places: the device's own values, and the most promising of 64 points of a Latin hypercube
@@ -7,8 +7,7 @@ residual of the best stays above that noise its basin is doubtful, and up to fou
 
 Near the best place the loss and the noise are settled in turn: the noise is a robust estimate (median absolute
 deviation) of the residuals, the robust loss (Cauchy) is scaled by it, and the minimum is refitted until the noise
-stays. Plain least squares and the paper's sum of absolute differences (12) start from the robust minimum; the sum is
-minimised by a sequence of linear programs in a trust region.
+stays.
 
 All parameters are minimised in coordinates (logarithms; asinh for dampings that may be 0), so bounds of several decades
 are no trouble. A weak tie to the start, three widths of the bounds wide, keeps a parameter in place that no reading
@@ -20,10 +19,10 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from scipy.optimize import least_squares, linprog
+from scipy.optimize import least_squares
 
 from base.arrays import Array, Mask
-from precompute.calibration.misfit import Loss, Misfit, MisfitModel
+from precompute.calibration.misfit import Misfit, MisfitModel
 from precompute.sampling.plants import latin_hypercube
 
 Rho = Callable[[Array], Array]
@@ -35,18 +34,10 @@ _COARSE_NOISE = 0.1  # relative noise that the screening assumes
 _TIE = 3.0  # widths of the bounds
 _SCREENED, _PATIENCE = 64, 4  # places screened; times as many starts while the basin is doubtful
 _NEAR = 1e-6  # of the width of the bounds
-_ROUNDS, _ROUNDS_L1 = 15, 2  # the sum of absolute residuals needs the noise for its tie only
+_ROUNDS = 15
 _SETTLED = 0.02  # of the noise: its own error is more; fits of the tests take 3 rounds at most, also with 0.2
 _TOLERANCE = 1e-13  # of the cost; 1e-9 passes the tests of fits too
-_LEAST_PROMISE = 1e-10  # of the cost: the rounding of the linear programs
 _ROUGH = 1e-5  # of the cost: a hundredth of a standard deviation
-Linearised = Callable[[Array], tuple[Array, Array]]
-
-_FIRST_STEP = 0.1  # of a natural logarithm
-_LONGEST_STEP = 1.0
-_SHORTEST_STEP = 1e-13  # of a natural logarithm: some hundred roundings; no shorter step changes a value
-_ITERATIONS = 60  # fits of the tests take 25 at most; against a loop that gains nothing
-_NOTHING = 1e-300  # against division by 0
 
 
 @dataclass(frozen=True)
@@ -79,7 +70,6 @@ class Fit:
     """The minimum of a problem: coordinate (parameter,), cost, and relative standard deviation of the noise."""
 
     problem: Problem
-    loss: Loss
     coordinate: Array
     cost: float
     noise: float
@@ -97,8 +87,8 @@ def pose(misfit: MisfitModel) -> Problem:
     return Problem(misfit, start, low, high, np.ones(len(start), dtype=np.bool_))
 
 
-def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
-    """Minimise `loss` from the device's values and the `starts` - 1 best places of a seeded screening."""
+def fit(problem: Problem, starts: int, seed: int) -> Fit:
+    """Minimise from the device's values and the `starts` - 1 best places of a seeded screening."""
     places = [problem.start, *_screen(problem, _PATIENCE * starts - 1, seed)] if starts > 1 else [problem.start]
     first, least = problem.start, np.inf
     for tried, place in enumerate(places):
@@ -107,20 +97,19 @@ def fit(problem: Problem, loss: Loss, starts: int, seed: int) -> Fit:
         value, cost = _minimise_squares(problem, _soft, _COARSE_NOISE, place, _ROUGH)
         if cost < least:
             first, least = value, cost
-    robust = settle(problem, Loss.ROBUST, first)
-    return robust if loss is Loss.ROBUST else settle(problem, loss, robust.coordinate)
+    return settle(problem, first)
 
 
-def settle(problem: Problem, loss: Loss, first: Array) -> Fit:
+def settle(problem: Problem, first: Array) -> Fit:
     """Minimise near `first`, parameters and noise in turn, until the noise stays."""
     value, noise = first, max(_noise(problem, first), problem.misfit.least_noise)
-    for _ in range(_ROUNDS_L1 if loss is Loss.L1 else _ROUNDS):
-        value, cost = minimise(problem, loss, noise, value)
+    for _ in range(_ROUNDS):
+        value, cost = minimise(problem, noise, value)
         last, noise = noise, max(_noise(problem, value), problem.misfit.least_noise)
         if abs(noise - last) <= _SETTLED * last:
             break
-    value, cost = minimise(problem, loss, noise, value)
-    return Fit(problem, loss, _snapped(problem, value), cost, noise)
+    value, cost = minimise(problem, noise, value)
+    return Fit(problem, _snapped(problem, value), cost, noise)
 
 
 def _snapped(problem: Problem, value: Array) -> Array:
@@ -130,20 +119,16 @@ def _snapped(problem: Problem, value: Array) -> Array:
     return np.where(value - low <= near, low, np.where(high - value <= near, high, value))
 
 
-def minimise(
-    problem: Problem, loss: Loss, noise: float, first: Array, tolerance: float = _TOLERANCE
-) -> tuple[Array, float]:
+def minimise(problem: Problem, noise: float, first: Array, tolerance: float = _TOLERANCE) -> tuple[Array, float]:
     """The minimum near `first`: coordinates and cost, to the relative `tolerance` of the cost."""
-    if loss is Loss.L1:
-        return _minimise_absolute(problem, noise, first, tolerance)
-    return _minimise_squares(problem, _cauchy if loss is Loss.ROBUST else _plain, noise, first, tolerance)
+    return _minimise_squares(problem, _cauchy, noise, first, tolerance)
 
 
 def refit_held(fit: Fit, index: int, first: Array) -> tuple[Array, float]:
     """A rough minimum with one parameter held where it is in `first` and the noise unchanged."""
     free = fit.problem.free.copy()
     free[index] = False
-    return minimise(replace(fit.problem, free=free), fit.loss, fit.noise, first, _ROUGH)
+    return minimise(replace(fit.problem, free=free), fit.noise, first, _ROUGH)
 
 
 def _screen(problem: Problem, count: int, seed: int) -> list[Array]:
@@ -206,67 +191,3 @@ def _minimise_squares(problem: Problem, rho: Rho, noise: float, first: Array, to
         max_nfev=200,
     )
     return problem.whole(found.x, first), float(found.cost)
-
-
-def _minimise_absolute(problem: Problem, noise: float, first: Array, tolerance: float) -> tuple[Array, float]:
-    """Minimise the sum of |residual| in units of the noise of a mean reading, and of |ties|."""
-    free, unit = problem.free, noise * problem.misfit.mean_reading
-
-    def linearised(x: Array) -> tuple[Array, Array]:
-        value = problem.whole(x, first)
-        misfit = problem.misfit.at(value)
-        tie = np.sqrt(2) / problem.tie
-        residual = np.concatenate([misfit.plain_residual / unit, tie * (value - problem.start)])
-        return residual, np.concatenate([misfit.plain_slope[:, free] / unit, np.diag(tie)[:, free]])
-
-    found = solve_least_absolute(
-        linearised, first[free], problem.low[free], problem.high[free], max(tolerance, _LEAST_PROMISE)
-    )
-    return problem.whole(found, first), float(np.abs(linearised(found)[0]).sum())
-
-
-def solve_least_absolute(linearised: Linearised, start: Array, low: Array, high: Array, tolerance: float) -> Array:
-    """The point (parameter,) near `start` within the bounds that minimises the sum of |residual|.
-
-    `linearised` gives residuals (datum,) and their derivatives (datum, parameter). At the minimum one residual for each
-    parameter is 0, so the steps converge quadratically, as Newton's. The iteration ends when a step promises less than
-    `tolerance` of the sum.
-    """
-    point, step = start, _FIRST_STEP
-    residual, slope = linearised(point)
-    cost = float(np.abs(residual).sum())
-    for _ in range(_ITERATIONS):
-        move = _solve_program(residual, slope, np.maximum(low - point, -step), np.minimum(high - point, step))
-        promised = cost - float(np.abs(residual + slope @ move).sum())
-        if promised <= tolerance * cost or step < _SHORTEST_STEP:
-            break
-        candidate = np.clip(point + move, low, high)
-        there = linearised(candidate)
-        kept = (cost - float(np.abs(there[0]).sum())) / promised
-        if kept > 0:
-            point, (residual, slope) = candidate, there
-            cost = float(np.abs(residual).sum())
-        step = min(2 * step, _LONGEST_STEP) if kept > 0.75 else step if kept > 0.25 else step / 4
-    return point
-
-
-def _solve_program(residual: Array, slope: Array, low: Array, high: Array) -> Array:
-    """The move within bounds that minimises sum |residual + slope move|, read from the multipliers of the dual program.
-
-    maximise residual^T u + low^T v - high^T w, |u| <= 1, v, w >= 0, slope^T u = v - w. The dual has a row for each
-    parameter, the primal one for each datum.
-    """
-    data, parameters = slope.shape
-    scale = np.maximum(np.abs(slope).max(axis=0), _NOTHING)
-    size = max(float(np.abs(residual).max()), _NOTHING)
-    program = linprog(
-        -np.concatenate([residual / size, low * scale / size, -high * scale / size]),
-        A_eq=np.hstack([(slope / scale).T, -np.eye(parameters), np.eye(parameters)]),
-        b_eq=np.zeros(parameters),
-        bounds=[(-1.0, 1.0)] * data + [(0.0, None)] * (2 * parameters),
-        method="highs-ds",
-    )
-    if program.x is None:
-        return np.zeros(parameters)
-    move: Array = np.clip(program.eqlin.marginals * size / scale, low, high)
-    return move

@@ -11,10 +11,9 @@ from threadpoolctl import threadpool_limits
 
 from engine.device import Device
 from precompute.calibration.adequacy import adequacy_report
-from precompute.calibration.calibrate import STARTS, FittedDevice, calibrate, fit_pairwise, names_told
+from precompute.calibration.calibrate import STARTS, FittedDevice, calibrate, names_told
 from precompute.calibration.calibration_report import calibration_report, report_markdown
 from precompute.calibration.device_text import calibrated_text
-from precompute.calibration.misfit import Loss
 from precompute.calibration.modal_fit import calibrate_modes, modal_report
 from precompute.measurements.measured_modes import read_modes
 from precompute.measurements.measurement_file import check_file, read_measurements
@@ -59,7 +58,6 @@ class Fitted:
             "measurements": self._data_name,
             "sha256": hashlib.sha256(self.raw).hexdigest(),
             "report": REPORT,
-            "loss": self.calibration.loss.value,
         }
 
     @property
@@ -71,19 +69,15 @@ def fit_file(
     device: Device,
     path: Path,
     names: Sequence[str],
-    loss: Loss,
     *,
     sensor_mass_kg: float,
     created: str,
     bounds: Mapping[str, Bounds],
     starts: int = STARTS,
     seed: int = 0,
-    compares: bool = True,
     is_modes: bool = False,
 ) -> Fitted:
     """Fit a device to a file of measurements, or of modes alone.
-
-    `compares`: also as the paper does, each drive alone, then the mean.
 
     Raises CalibrationError; OSError where the file cannot be read.
     """
@@ -91,13 +85,13 @@ def fit_file(
     raw = path.read_bytes()
     if is_modes:
         modal = calibrate_modes(
-            device, read_modes(path, device, sensor_mass_kg), names, loss, bounds=bounds, starts=starts, seed=seed
+            device, read_modes(path, device, sensor_mass_kg), names, bounds=bounds, starts=starts, seed=seed
         )
         return Fitted(modal, modal_report(modal), raw, path.suffix.lower(), created)
     with threadpool_limits(1, "blas"):
         measurements = read_measurements(path, device, sensor_mass_kg)
         names = names_told(measurements, names)
-        found = calibrate(device, measurements, names, loss, bounds=bounds, starts=starts, seed=seed)
-        report = calibration_report(found, fit_pairwise(device, found) if compares else None)
+        found = calibrate(device, measurements, names, bounds=bounds, starts=starts, seed=seed)
+        report = calibration_report(found)
         report["adequacy"] = adequacy_report(device, found, bounds)
     return Fitted(found, report, raw, path.suffix.lower(), created)

@@ -27,7 +27,7 @@ from precompute.calibration.calibrate import STARTS, FittedDevice, conclude
 from precompute.calibration.calibration_report import report_of_fit
 from precompute.calibration.fit import fit, pose
 from precompute.calibration.measuring_plan import Accuracy
-from precompute.calibration.misfit import Loss, Misfit, MisfitModel
+from precompute.calibration.misfit import Misfit, MisfitModel
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
 from precompute.measurements.model import force_slopes
 from precompute.measurements.parameters import (
@@ -73,7 +73,7 @@ class ModesMisfit(MisfitModel):
 
     def __init__(self, device: Device, modes: Modes, parameters: tuple[Parameter, ...]) -> None:
         self._device, self._modes, self._last, self._free = device, modes, None, free_surface(device)
-        self.parameters, self.is_peak, self.mean_reading = parameters, True, 1.0
+        self.parameters, self.is_peak = parameters, True
         self.least_noise = float(np.median(modes.frequency_error))
         self._is_damped = ~np.isnan(modes.damping_ratio)
         self.weight = self.least_noise / self._stack(modes.frequency_error, modes.damping_error)
@@ -123,7 +123,7 @@ class ModesMisfit(MisfitModel):
         measured = self._modes
         log = self._stack(np.log(size / (2 * np.pi * measured.frequency_hz)), np.log(damping / measured.damping_ratio))
         residual, slope = self.weight * log, self.weight[:, None] * self._stack(of_size, of_damping / damping[:, None])
-        return Misfit(residual, slope, residual, slope, np.ones(len(log)))
+        return Misfit(residual, slope)
 
 
 def _pair(found: ModelModes, modes: Modes) -> Integers:
@@ -179,7 +179,6 @@ def calibrate_modes(
     device: Device,
     modes: Modes,
     parameters: Sequence[str] | None = None,
-    loss: Loss = Loss.ROBUST,
     *,
     bounds: Mapping[str, Bounds] | None = None,
     starts: int = STARTS,
@@ -199,7 +198,7 @@ def calibrate_modes(
         for parameter, column in zip(chosen, misfit.at(problem.start).log_slope.T, strict=True):
             if not column.any():
                 raise MeasurementError(f"{parameter.name}: not identifiable: no mode changes with it; leave it out")
-        found = fit(problem, loss, starts, seed)
+        found = fit(problem, starts, seed)
         fitted = conclude(device, found)
         model, pair = misfit.model_at(found.coordinate)
     pole = model.pole[pair]
@@ -235,7 +234,6 @@ def modal_report(calibration: ModalCalibration) -> dict[str, Any]:
         "median_misfit": float(np.median(np.abs(off[0]))),
         "modes": [dict(zip(keys, row, strict=True)) for row in rows],
         "wrong_readings": [],
-        "pairwise": None,
         "adequacy": {"doubt": _doubt(calibration)},
     }
 

@@ -25,7 +25,6 @@ from base.points import parts_of
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
 from precompute.calibration.fit import CAUCHY, Fit, Problem, fit, minimise, settle
-from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds, find_parameters, known_names
 from precompute.measurements.types import CalibrationError, Measurements
 
@@ -93,7 +92,7 @@ def find_remedy(device: Device, calibration: Calibration, bounds: Mapping[str, B
     gains = dict[float, Remedy]()
     for _, name, fitted_with in candidates[: _MOST_FITTED[device.surface.kind]]:
         length_m, better = fitted_with()
-        _, cost = minimise(without, Loss.ROBUST, better.noise, calibration.coordinate)
+        _, cost = minimise(without, better.noise, calibration.coordinate)
         misfit = float(np.median(np.abs(better.misfit.log_residual[: len(measurements)])))
         if misfit <= _WORTH * before or better.cost <= _WORTH**2 * cost:
             gains[2 * (cost - better.cost)] = Remedy(name, misfit, length_m)
@@ -118,8 +117,8 @@ def _parameters_worth_a_fit(
         started = np.append(calibration.coordinate, problem.start[-1])
 
         def fitted_with(problem: Problem = problem, started: Array = started) -> tuple[None, Fit]:
-            found = [settle(problem, Loss.ROBUST, started)]
-            found += [fit(problem, Loss.ROBUST, 1, 0)] if device.surface.kind in _SOUGHT_EVERYWHERE else []
+            found = [settle(problem, started)]
+            found += [fit(problem, 1, 0)] if device.surface.kind in _SOUGHT_EVERYWHERE else []
             return None, min(reversed(found), key=lambda each: each.noise)
 
         score = _score(without, calibration, problem.misfit.at(started).log_slope[:, -1])
@@ -138,7 +137,7 @@ def _lengths_worth_a_fit(
 
         def cost_at(length_m: float, length: _Length = length) -> float:
             problem = pose_at(length, float(length_m))
-            return minimise(problem, Loss.ROBUST, calibration.noise, calibration.coordinate, _ROUGH)[1]
+            return minimise(problem, calibration.noise, calibration.coordinate, _ROUGH)[1]
 
         def fitted_with(length: _Length = length, cost_at: Callable[[float], float] = cost_at) -> tuple[complex, Fit]:
             places_m = np.linspace(length.low_m, length.high_m, _LOOKED_AT[kind])
@@ -146,7 +145,7 @@ def _lengths_worth_a_fit(
             ends_m = places_m[max(best - 1, 0)], places_m[min(best + 1, len(places_m) - 1)]
             exact_m = _EXACT * (length.high_m - length.low_m)
             found_m = float(minimize_scalar(cost_at, bounds=ends_m, method="bounded", options={"xatol": exact_m}).x)
-            return length.written(found_m), settle(pose_at(length, found_m), Loss.ROBUST, calibration.coordinate)
+            return length.written(found_m), settle(pose_at(length, found_m), calibration.coordinate)
 
         score = _score(without, calibration, (moved - residual) / step_m)
         if score >= _PROMISING or (calibration.noise > _NOISY and kind in _SOUGHT_EVERYWHERE):

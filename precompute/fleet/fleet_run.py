@@ -264,7 +264,7 @@ def _calibrate(job: Job, device: Device, path: Path) -> tuple[Device, dict[str, 
         options = job.options
         usual = default_names(device) if options.parameters is None else options.parameters
         names, mass_kg = (*usual, *options.also), options.sensor_mass_kg
-        fitted = fit_file(device, path, names, options.loss, sensor_mass_kg=mass_kg, created=job.created, bounds={})
+        fitted = fit_file(device, path, names, sensor_mass_kg=mass_kg, created=job.created, bounds={})
         write_new_folder(folder, fitted.files())
     calibrated = Device.read(folder / f"{device.name}.toml")
     report = json.loads((folder / REPORT).read_text(encoding="utf-8"))

@@ -12,7 +12,6 @@ from base.errors import TactableError
 from base.plain import to_plain
 from engine.device.values import Value
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.calibration.misfit import Loss
 from precompute.clicks import DEFAULT_OPTIONS
 
 NAME = re.compile(r"[\w+-][\w.+-]{0,63}")  # names of units, which are also the names of their folders
@@ -46,7 +45,6 @@ class FleetOptions:
 
     clicks_up_to: int | None = None
     pitch_m: float | None = DEFAULT_OPTIONS.pitch_m
-    loss: Loss = Loss.ROBUST
     parameters: tuple[str, ...] | None = None
     also: tuple[str, ...] = ()
     sensor_mass_kg: float = 0.0

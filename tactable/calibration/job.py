@@ -19,7 +19,6 @@ from engine.render.board_fit import card_text, flash_text
 from precompute.calibration.adequacy import doubts_of
 from precompute.calibration.device_text import calibrated_device
 from precompute.calibration.fitted import REPORT, Fitted, fit_file
-from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import Bounds
 
 Progress = Callable[[str, float], None]
@@ -70,11 +69,9 @@ class CalibrationJob:
     folder: Path
     names: tuple[str, ...]
     bounds: Mapping[str, Bounds]
-    loss: Loss
     sensor_mass_kg: float
     starts: int
     seed: int
-    compares: bool  # also fit as the paper does: each drive alone, then the mean
     accepted_misfit: float
     is_strict: bool  # a parameter that is not known within a factor of 2 makes the result doubtful
     is_modes: bool = False  # the measurements are modes
@@ -92,13 +89,11 @@ class CalibrationJob:
             self.device,
             self.measurements,
             self.names,
-            self.loss,
             sensor_mass_kg=self.sensor_mass_kg,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             bounds=self.bounds,
             starts=self.starts,
             seed=self.seed,
-            compares=self.compares,
             is_modes=self.is_modes,
         )
         report = fitted.report | {"asked": self._asked(fitted.raw)}
@@ -133,7 +128,6 @@ class CalibrationJob:
             "measurements_sha256": hashlib.sha256(raw).hexdigest(),
             "names": list(self.names),
             "bounds": {name: list(ends) for name, ends in self.bounds.items()},
-            "loss": self.loss.value,
             "sensor_mass_kg": self.sensor_mass_kg,
             "starts": self.starts,
             "seed": self.seed,

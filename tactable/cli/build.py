@@ -238,7 +238,6 @@ def fleet(
     ] = None,
     clicks_up_to: options.ClicksUpTo = None,
     pitch: options.Pitch = None,
-    loss: options.Loss = "robust",
     fit: options.Fit = None,
     also: options.Also = None,
     sensor_mass: options.SensorMass = "0 g",
@@ -249,7 +248,6 @@ def fleet(
     Each measured unit gets a verdict (PASS, RETEST or REJECT) and a page, report.md. Exit status 3: one failed or did
     not pass.
     """
-    from precompute.calibration.misfit import Loss
     from precompute.fleet.fleet_plan import plan_fleet
     from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
@@ -261,7 +259,6 @@ def fleet(
     fleet_options = FleetOptions(
         clicks_up_to=clicks_up_to,
         pitch_m=options.read_pitch(pitch),
-        loss=options.read_choice("--loss", loss, Loss),
         parameters=tuple(fit) if fit else None,
         also=tuple(also or ()),
         sensor_mass_kg=options.read_option("--sensor-mass", sensor_mass, "kg"),

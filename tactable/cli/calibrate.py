@@ -42,7 +42,6 @@ def calibrate(
     output: Annotated[Path | None, Option("-o", "--output", help="A new folder; default NAME-calibrated here.")] = None,
     fit: options.Fit = None,
     also: options.Also = None,
-    loss: options.Loss = "robust",
     sensor_mass: Annotated[
         str,
         Option(
@@ -54,10 +53,6 @@ def calibrate(
     seed: Annotated[int, Option(min=0, help="Seed of these points.")] = 0,
     accept: Annotated[str, Option(help="Greatest typical misfit; a fit above it is doubtful.")] = "5 %",
     strict: Annotated[bool, Option("--strict", help="A parameter not known within a factor of 2 is doubtful.")] = False,
-    compare: Annotated[
-        bool | None,
-        Option(help="Also fit as the paper does, each drive alone, then the mean; default: not with --apply."),
-    ] = None,
     apply: AppliedTable = None,
     despite_doubts: Annotated[bool, Option("--despite-doubts", help="With --apply: apply a doubtful fit too.")] = False,
     clicks: Annotated[
@@ -87,14 +82,13 @@ def calibrate(
     A new folder gets the new device file, the raw data and a report. Exit status 3: the result is doubtful, and a table
     to which it should be applied is left as it was. Readings of --measure that stay spoiled are told and left out.
     """
-    from precompute.calibration.misfit import Loss as Losses
     from tactable.calibration.job import CalibrationJob
 
     device = find_device(device_name)
     of_measure = ("port_name", "sensor_path", "places", "method", "most", "flaws", "change", "bit_rate_hz")
     options.need_switch(context, "--measure", measures, *of_measure)
     options.need_switch(context, "--apply", apply is not None, "despite_doubts", "clicks")
-    accepted, chosen = options.read_option("--accept", accept, ""), options.read_choice("--loss", loss, Losses)
+    accepted = options.read_option("--accept", accept, "")
     mass_kg = options.read_option("--sensor-mass", sensor_mass or ("2 g" if measures else "0 g"), "kg")
     usual = None
     if modes or pick_modes:
@@ -108,11 +102,9 @@ def calibrate(
         folder=output or Path(f"{device.name}-calibrated"),
         names=names,
         bounds=bounds,
-        loss=chosen,
         sensor_mass_kg=mass_kg,
         starts=starts,
         seed=seed,
-        compares=apply is None if compare is None else compare,
         accepted_misfit=accepted,
         is_strict=strict,
         is_modes=usual is not None,

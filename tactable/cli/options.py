@@ -75,7 +75,6 @@ Also = Annotated[
     list[str] | None,
     Option("--also", metavar="NAME[=LOW..HIGH]", help="Fit this parameter besides the usual ones. Repeat."),
 ]
-Loss = Annotated[str, Option(help="Loss of the fit: robust, squares, or l1 as the paper's equation (12).")]
 Change = Annotated[list[str] | None, Option(metavar="NAME=VALUE", help="Change this parameter of the device. Repeat.")]
 Frequencies = Annotated[
     str, Option(help="Frequencies of the actuators in Hz, - for still; drives separated by ; such as 150,130;-,90.")

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from precompute.calibration.calibrate import Pairwise
 from precompute.calibration.calibration_report import calibration_report, open_text, report_markdown
 from tests.precompute.calibration.calibrations import noisy_calibration, published_calibration
 from tests.precompute.measured import PAIRS_HZ
@@ -15,9 +14,7 @@ from tests.precompute.measured import PAIRS_HZ
 
 @cache
 def report() -> dict[str, Any]:
-    found = noisy_calibration()
-    value = np.array([[estimate.value for estimate in found.estimates]] * 3)
-    return calibration_report(found, Pairwise(value, value[0], 0.02, 9.0, 0.0135, 7.0))
+    return calibration_report(noisy_calibration())
 
 
 def test_the_report_is_json_with_the_numbers_of_the_fit() -> None:
@@ -43,14 +40,14 @@ def test_the_page_has_whole_tables_and_says_simulated() -> None:
     page = report_markdown(report())
     assert page.startswith("# Calibration of reference-a SIMULATED\n")
     tables = [block.splitlines() for block in page.split("\n\n") if block.startswith("|")]
-    assert len(tables) == 4
+    assert len(tables) == 3
     for table in tables:
         assert len({line.count("|") for line in table}) == 1
     assert "taken for wrong" not in page and "times the fitted" in page
 
 
 def test_what_is_open_is_told_with_what_would_close_it() -> None:
-    text = open_text(calibration_report(published_calibration(), None))
+    text = open_text(calibration_report(published_calibration()))
     assert "bar.mass_damping alone: it hardly changes what was measured" in text
     assert "bar.mass_damping is at most" in text
     assert "Leave it as it is, or give it bounds." in text or "read along the bar, would make that" in text

@@ -12,7 +12,7 @@ from precompute.measurements.simulate import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import read_bar
 
-PROVENANCE = {"created": "2026-11-21T12:00:00+00:00", "measurements": "measurements.csv", "loss": "robust"}
+PROVENANCE = {"created": "2026-11-21T12:00:00+00:00", "measurements": "measurements.csv"}
 
 
 def test_the_new_file_has_the_fitted_values_with_how_well_they_are_known_and_nothing_else_changed() -> None:

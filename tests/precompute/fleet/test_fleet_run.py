@@ -13,7 +13,6 @@ from engine.device import Device
 from engine.table import Table
 from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.table_build import build_table
-from precompute.calibration.misfit import Loss
 from precompute.fleet.figures import compute_table_figures
 from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.fleet_run import DEVICE, OUTCOME, TABLE, Pool, run_fleet, run_here, run_on_processes
@@ -137,7 +136,7 @@ def test_whatever_decides_a_table_decides_whether_it_is_kept(tmp_path: Path) -> 
         OPTIONS,
         FleetOptions(),
         FleetOptions(clicks_up_to=0, pitch_m=5e-3),
-        FleetOptions(clicks_up_to=0, loss=Loss.L1),
+        FleetOptions(clicks_up_to=0, also=("bar.density",)),
     )
     units = (
         unit,

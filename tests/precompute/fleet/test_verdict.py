@@ -66,7 +66,7 @@ def test_readings_that_are_off_in_phase_alone_are_asked_for_again_by_name(turned
     read = read_bar(device, {}, drives_hz, Flaws(0.02), points=4, kind=Kind.RESPONSE)
     read.acceleration[turned] *= np.exp(1j * np.pi / 3)
     found = calibrate(device, read, default_names(device), starts=1)
-    report = calibration_report(found, None) | {"adequacy": adequacy_report(device, found, {})}
+    report = calibration_report(found) | {"adequacy": adequacy_report(device, found, {})}
     verdict = judge(Outcome("bar", "key", report=report), {}, {})
     assert verdict.judgement is Judgement.RETEST
     named = [f"reading {row + 1} " in reason for row, reason in zip(range(16)[turned], verdict.reasons, strict=True)]

@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 from base.arrays import Array, Mask
 from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
-from precompute.calibration.misfit import Loss
 from precompute.measurements.parameters import find_parameters, paper_names, with_changes
 from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import lay_out
@@ -36,14 +35,13 @@ class Case:
     pairs: int
     noise: float
     wrong: float = 0.0
-    loss: str = "robust"
     published: bool = False
 
 
 CASES = (
     *(Case(*each) for each in product(("reference-a", "reference-d"), (3, 5, 7), (0, 0.01, 0.05))),
     *(Case("reference-a", 5, noise, published=True) for noise in (0.01, 0.05)),
-    *(Case("reference-a", 5, noise, 0.1, loss) for loss, noise in product(("l1", "robust", "squares"), (0, 0.01))),
+    *(Case("reference-a", 5, noise, 0.1) for noise in (0, 0.01)),
 )
 
 
@@ -82,7 +80,7 @@ def _run_draw(case: Case, seed: int) -> tuple[Array, Mask, Mask, float]:
     bar = with_changes(device, dict(zip(names, truth.tolist(), strict=True)))
     measured = simulate_measurements(bar, layout, Flaws(case.noise, case.wrong), seed)
     start = time.perf_counter()
-    found = calibrate(device, measured, names, Loss(case.loss))
+    found = calibrate(device, measured, names)
     seconds = time.perf_counter() - start
     value, low, high = np.array([(e.value, e.low, e.high) for e in found.estimates]).T
     held = (low <= truth * (1 + 1e-9)) & (truth <= high * (1 + 1e-9))
@@ -119,7 +117,6 @@ def _title(row: dict[str, Any]) -> str:
     return (
         f"{row['device']}, {row['pairs']} pairs, {100 * row['noise']:g} %"
         + (f", {100 * row['wrong']:g} % wrong" if row["wrong"] else "")
-        + (f", {row['loss']}" if row["loss"] != "robust" else "")
         + (", sigma as published" if row["published"] else "")
     )
 

@@ -18,7 +18,6 @@ from engine.device import Device
 from precompute.calibration.calibrate import pose_fit
 from precompute.calibration.confidence import compute_confidence
 from precompute.calibration.fit import fit
-from precompute.calibration.misfit import Loss
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import find_parameters
 from precompute.measurements.simulate import even_places
@@ -53,7 +52,7 @@ def measure_coverage(bars: int) -> tuple[Mask, Mask]:
     for seed in range(bars):
         true, values = true_bar(device, seed)
         parameters = find_parameters(device, NAMES, {}, SENSOR_MASS_KG)
-        found = fit(pose_fit(device, measure_uneven(true, seed), parameters), Loss.ROBUST, 1, 0)
+        found = fit(pose_fit(device, measure_uneven(true, seed), parameters), 1, 0)
         off = abs(found.coordinate - [parameter.coordinate(values[parameter.name]) for parameter in parameters])
         for is_even, out in ((False, held), (True, held_even)):
             found.problem.misfit.is_peak = is_even  # peaks are taken as even

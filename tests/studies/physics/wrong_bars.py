@@ -17,7 +17,6 @@ from engine.device import Device
 from precompute.calibration.adequacy import adequacy_report, doubts_of
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.calibration_report import calibration_report
-from precompute.calibration.misfit import Loss
 from precompute.fleet.units import Outcome
 from precompute.fleet.verdict import judge, lot_values
 from precompute.measurements.parameters import default_names
@@ -77,7 +76,7 @@ def report_about(device: Device, kind: str, seed: int) -> dict[str, Any]:
     pairs = np.array(PAIRS_HZ[:5], dtype=np.float64)
     measured = simulate_measurements(bar, lay_out(pairs, even_places(bar), sensor_mass_kg), Flaws(NOISE), seed)
     measured.sensor_mass_kg[:] = SENSOR_MASS_KG  # what the file says
-    found = calibrate(device, measured, default_names(device), Loss.ROBUST)
+    found = calibrate(device, measured, default_names(device))
     report = calibration_report(found, None)
     return report if doubts_of(report) else report | {"adequacy": adequacy_report(device, found, {})}
 

@@ -105,7 +105,7 @@ import precompute.calibration.calibrate, precompute.builder.table_build, tactabl
 from tactable.cli.main import app
 """
     script = """
-words = "calibrate bar.toml measurements.csv -o fitted --starts 1 --no-compare --apply bar.nc"
+words = "calibrate bar.toml measurements.csv -o fitted --starts 1 --apply bar.nc"
 app(words.split(), standalone_mode=False)
 """
     files = ("fit.png", "measurements.csv", "reference-a.toml", "report.json", "report.md")

@@ -14,7 +14,6 @@ from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of
 from precompute.builder.table_build import build_table
-from precompute.calibration.misfit import Loss
 from precompute.clicks.click_options import ClickOptions
 from precompute.measurements.parameters import paper_names
 from tactable.calibration.apply import apply_fit
@@ -60,7 +59,7 @@ def one_core() -> Iterator[None]:
 
 
 def apply(*options: str, measurements: str = "measured.csv") -> Result:
-    words = ["calibrate", "bar.toml", measurements, "-o", "new", "--starts", "1", "--no-compare", "--apply", "bar.nc"]
+    words = ["calibrate", "bar.toml", measurements, "-o", "new", "--starts", "1", "--apply", "bar.nc"]
     return CliRunner().invoke(app, [*words, *options])
 
 
@@ -141,11 +140,9 @@ def test_a_table_that_the_bar_does_not_keep_or_whose_test_was_interrupted_is_not
         folder=folder / "new",
         names=paper_names(DEVICE),
         bounds={},
-        loss=Loss.ROBUST,
         sensor_mass_kg=0.0,
         starts=1,
         seed=0,
-        compares=False,
         accepted_misfit=0.2,
         is_strict=False,
     )
