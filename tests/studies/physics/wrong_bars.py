@@ -77,7 +77,7 @@ def report_about(device: Device, kind: str, seed: int) -> dict[str, Any]:
     measured = simulate_measurements(bar, lay_out(pairs, even_places(bar), sensor_mass_kg), Flaws(NOISE), seed)
     measured.sensor_mass_kg[:] = SENSOR_MASS_KG  # what the file says
     found = calibrate(device, measured, default_names(device))
-    report = calibration_report(found, None)
+    report = calibration_report(found)
     return report if doubts_of(report) else report | {"adequacy": adequacy_report(device, found, {})}
 
 
