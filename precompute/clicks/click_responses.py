@@ -1,4 +1,4 @@
-"""Weighted acceleration under every finger in sampled plants, for a waveform or for each tone, and its peaks."""
+"""Weighted acceleration under every finger in sampled plants, for a waveform, and its peaks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 
 from base.arrays import Array, Complex32, Single
 from base.compiled import njit
-from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, Tones
+from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE
 from precompute.model.damped_lines import DampedLines
 
 _AT_ONCE = 64  # time courses transformed at once, so that they stay in the processor's cache
@@ -32,10 +32,6 @@ class Responses:
     def first(self, scenarios: int) -> "Responses":
         """The responses of the first scenarios."""
         return Responses(self.transfer[:scenarios], self.lines)
-
-    def mean(self) -> "Responses":
-        """The mean over the scenarios, as one scenario."""
-        return Responses(self.transfer.mean(axis=0, keepdims=True), self.lines)
 
     def play(self, waveform: Array) -> Single:
         """Weighted acceleration (scenario, finger, time) at EVALUATION_RATE_HZ under displacements (actuator, time)."""
@@ -62,16 +58,6 @@ class Responses:
             np.multiply(course[:, : lines.steps : 2], lines.growth[: lines.steps : 2], out=courses[part])
         shape = self.transfer.shape[:2]
         return courses.reshape(*shape, -1), peaks.reshape(shape).astype(np.float64)
-
-    def play_each(self, tones: Tones) -> Array:
-        """Weighted acceleration (scenario, finger, time, tone) of each tone alone, at EVALUATION_RATE_HZ."""
-        drive = self.lines.transform(tones.wave)
-        out = np.empty((*self.transfer.shape[:2], self.steps, len(drive)))
-        for scenario, transfer in enumerate(self.transfer):
-            out[scenario] = self.lines.course(transfer[:, tones.actuator] * drive, EVALUATIONS_PER_SAMPLE).transpose(
-                0, 2, 1
-            )
-        return out
 
     def spectrum(self, waveform: Array) -> Complex32:
         """Lines (scenario, finger, line) of the weighted acceleration under displacements (actuator, time)."""

@@ -43,12 +43,11 @@ from precompute.clicks.click_basis import click_basis, drive_rows, lines_for, to
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants, count_modes, weighting
 from precompute.clicks.click_responses import Responses
-from precompute.clicks.closed_form import OF_ROWS, SHARE, ClosedForm
+from precompute.clicks.closed_form import OF_ROWS, ClosedForm
 from precompute.clicks.evaluation import evaluate_waveform
-from precompute.clicks.percentiles import MANY, ManyPlants, percentiles
+from precompute.clicks.percentiles import MANY, ManyPlants
 from precompute.sampling.plants import sample_deviations, sample_scenarios
 
-FULL_SCALE = 32767  # full scale of a sample on the wire; waveforms that are of no weights are rounded to it, towards 0
 _POOLS, _MARGIN_DB = 2, 0.4
 """Where lengths, dampings, bolts or channels vary too, the plants of a pool, times this, and what they are trimmed to
 below the quiet level: a pool's 95th percentile is off by so much for all placements. Of 50 clicks for `hand` on each
@@ -66,20 +65,6 @@ class QuantisedWeights:
     words: NDArray[np.int16]
     fraction_bits: int
     waveform: Array
-
-
-@dataclass(frozen=True)
-class Click:
-    """One click: waveform (actuator, time) in fractions of full scale at SAMPLE_RATE_HZ, linear between samples.
-
-    weights: the words of which the device makes this waveform; None for a baseline, which only is evaluated.
-    """
-
-    placement: Placement
-    length_s: float
-    waveform: Array
-    weights: QuantisedWeights | None
-    evaluation: ClickFigures
 
 
 @dataclass(frozen=True)
@@ -116,8 +101,8 @@ class ClickSolver:
         self.plants_of = lru_cache(maxsize=1)(self._compute_plants)  # of all plants, by the fingers' rising positions
         self._many_of = lru_cache(maxsize=16)(self._make_many)
 
-    def solve(self, placement: Placement) -> Click:
-        """The click of one placement."""
+    def solve(self, placement: Placement) -> ClickEntry:
+        """The click of one placement, at full strength."""
         with self._one_thread():
             plants = self.plants_of(placement.position_m)
             margin_db = _MARGIN_DB if self.device.spread.is_of_bars else 0.0
@@ -125,42 +110,28 @@ class ClickSolver:
             many = self._many_of(len(placement.position_m))[0]
             weight = self._closed_form.solve(plants.pool, placement.felt, placement.quiet, limit, many)
             weights = quantise(self.basis.sets[0], weight, self.device.limits.amplitude)
-            return self._evaluated(placement, weights.waveform, weights)
-
-    def solve_entry(self, placement: Placement) -> ClickEntry:
-        """The click of one placement as a table holds it."""
-        click, tolerance_m = self.solve(placement), self.options.tolerance_m
-        assert click.weights is not None  # only baselines have none
+            figures = self.evaluate(placement, weights.waveform)
+        tolerance_m = self.options.tolerance_m
         return ClickEntry(
             placement=placement,
             tolerance_m=self.device.spread.reach_m if tolerance_m is None else tolerance_m,
             basis=self.basis,
             basis_set=0,
-            weights=click.weights.words,
-            fraction_bits=click.weights.fraction_bits,
-            **vars(click.evaluation),
+            weights=weights.words,
+            fraction_bits=weights.fraction_bits,
+            **vars(figures),
         )
 
-    def evaluate(self, placement: Placement, waveform: Array) -> Click:
-        """Any base displacements (actuator, time), scaled to the limits and the quiet level."""
+    def evaluate(self, placement: Placement, waveform: Array) -> ClickFigures:
+        """Figures of any base displacements (actuator, time), on the plants that clicks are evaluated with."""
+        judged, many = self.plants_of(placement.position_m).judged, self._many_of(len(placement.position_m))[1]
+        residual_s = self.options.length_s + RESIDUAL_S
         with self._one_thread():
-            full = waveform * (self.device.limits.amplitude / np.abs(waveform).max())
-            if placement.quiet:
-                peak = self.plants_of(placement.position_m).pool.peaks(full, placement.quiet)[1:].max(axis=1)
-                full *= min(1.0, float(10 ** (self.options.quiet_db / 20) / percentiles(peak, (SHARE,))[0]))
-            return self._evaluated(placement, np.trunc(full * FULL_SCALE) / FULL_SCALE, None)
+            return evaluate_waveform(waveform, judged, placement, self._weighting, self._levels_db, residual_s, many)
 
     def _one_thread(self) -> AbstractContextManager[object]:
         """Limit BLAS to one thread: the forms are small, and another order of summation gives another click."""
         return self._threads.limit(limits=1, user_api="blas")
-
-    def _evaluated(self, placement: Placement, waveform: Array, weights: QuantisedWeights | None) -> Click:
-        length_s, judged = self.options.length_s, self.plants_of(placement.position_m).judged
-        many = self._many_of(len(placement.position_m))[1]
-        evaluation = evaluate_waveform(
-            waveform, judged, placement, self._weighting, self._levels_db, length_s + RESIDUAL_S, many
-        )
-        return Click(placement, length_s, waveform, weights, evaluation)
 
     def _make_many(self, fingers: int) -> tuple[ManyPlants, ManyPlants]:
         """Plants that are not made, beside those that trim and those that are judged, for that many fingers."""

@@ -67,4 +67,4 @@ def _chunks(keys: Sequence[Key]) -> list[list[Key]]:
 
 def _begin(device: Device, options: ClickOptions, places: Places) -> Callable[[Key], ClickEntry]:
     solver = ClickSolver(device, options.at(places, device.spread))
-    return lambda key: solver.solve_entry(places.placement(key))
+    return lambda key: solver.solve(places.placement(key))

@@ -116,7 +116,7 @@ def study_robustness(
 def solve_clicks(where: Sequence[Placement], device: Device) -> Array:
     """Waveforms (placement, actuator, time) of the clicks that a run plays."""
     solver = ClickSolver(device, DEFAULT_OPTIONS.at_fingers)
-    return np.stack([solver.solve(placement).waveform for placement in where])
+    return np.stack([solver.solve(placement).waveform.T for placement in where])
 
 
 def kept_of(peaks: Array, felt: Integers) -> Kept:

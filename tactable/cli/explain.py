@@ -29,7 +29,6 @@ def explain(
     quiet: options.QuietFingers = "",
     level: options.Level = f"{DEFAULT_LEVEL_DB:g}",
     threshold: options.PressedThreshold = None,
-    alternatives: Annotated[bool, Option(help="With --click: also the alternatives that lost, and why.")] = True,
     click: Annotated[bool, Option("--click", help="Explain the click, not the steady drive.")] = False,
     summation: Annotated[
         str, Option(help="With --click: levels of the fingers by peaks (none), or corrected: zwislocki-1960.")
@@ -37,7 +36,7 @@ def explain(
     drives: options.DrivesOf = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Explain what is played for some fingers, and why others lost.
+    """Explain what is played for some fingers.
 
     It says what is played, what every finger feels, and how that varies over sampled bars and fingers. A zone's name
     means its middle. --drives zones: the row of the sweep. With --threshold a steady drive is solved for a person
@@ -53,7 +52,7 @@ def explain(
     with Table.open(table_path) as table, threadpool_limits(1, "blas"):
         placement = options.read_placement(table.device, felt, quiet)
         if click:
-            _explain_click(table, placement, level_db, alternatives, summation, as_json)
+            _explain_click(table, placement, level_db, summation, as_json)
         elif by_zones:
             _explain_row(table, placement, level_db, as_json)
         else:
@@ -68,15 +67,13 @@ def _explain_row(table: Table, placement: Placement, level_db: float, as_json: b
     show(best_row_json(explained), as_json, lambda out, _: print_best_row(out, explained))
 
 
-def _explain_click(
-    table: Table, placement: Placement, level_db: float, alternatives: bool, summation: str, as_json: bool
-) -> None:
+def _explain_click(table: Table, placement: Placement, level_db: float, summation: str, as_json: bool) -> None:
     from tactable.explain.click_source import ClickSource, Summation
     from tactable.explain.explained_click import click_json, explain_click, print_click
 
     source = ClickSource(table, summation=options.read_choice("--summation", summation, Summation))
     with shown_work("solving the click for these positions, over sampled bars and fingers", as_json):
-        explained = explain_click(source, placement, level_db, rivals=alternatives)
+        explained = explain_click(source, placement, level_db)
     show(click_json(table, explained), as_json, lambda out, _: print_click(out, table, explained))
 
 

@@ -63,7 +63,7 @@ COMMANDS: Mapping[str, Mapping[str, Mapping[str, Entry]]] = {
             "emulate": Entry("demo:emulate", "Emulate the firmware on a serial port, SIMULATED."),
         },
         "Understand": {
-            "explain": Entry("explain:explain", "Explain what is played for some fingers, and why others lost."),
+            "explain": Entry("explain:explain", "Explain what is played for some fingers."),
             "diff": Entry("explain:diff", "Compare two tables, as a whole, row by row and click by click."),
             "export": Entry("explain:export", "Write a part of a table as NetCDF, CSV or MATLAB."),
             "plot": Entry("", "Draw what a table or a bar does: PNG, SVG or PDF, and the data as CSV."),

@@ -7,7 +7,6 @@ from dataclasses import replace
 from enum import Enum
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import lfilter
@@ -16,15 +15,11 @@ from base.arrays import Array, Complex
 from engine.table import ClickEntry, Table, TableError
 from engine.table.clicks import ClickFinger
 from engine.touch import Placement
-from precompute.clicks import Click, ClickSolver
-from precompute.clicks.baselines import solve_baseline
+from precompute.clicks import ClickSolver
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
 from precompute.clicks.click_options import read_click_options
 from precompute.clicks.evaluation import decibels
 from precompute.clicks.nominal import NominalFingers
-
-if TYPE_CHECKING:  # its kernels are compiled when it is imported
-    from engine.steady.steady_solver import SteadySolver
 
 _TIME_CONSTANT_S = 0.2
 
@@ -84,12 +79,6 @@ class ClickSource:
         modes = self.table.attributes.get("modes")  # counting them takes compiled kernels
         return NominalFingers(self.table.device, None if modes is None else int(modes.item()))
 
-    @cached_property
-    def _steady(self) -> "SteadySolver":
-        from engine.steady.steady_solver import SteadySolver
-
-        return SteadySolver(self.table.device, self.table.modes)
-
     def holds(self, placement: Placement) -> bool:
         """Whether the table has the click of the nearest places."""
         return self.table.click_at(placement, inf) is not None
@@ -105,7 +94,7 @@ class ClickSource:
         """The click made for these positions, at full strength. Raises TableError where no finger is felt."""
         if not placement.felt:
             raise TableError(f"{self.table.path}: a click is for felt fingers: name at least one, such as --felt I")
-        return self.solver.solve_entry(placement)
+        return self.solver.solve(placement)
 
     def fingers_of(self, click: ClickEntry, placement: Placement) -> tuple[ClickFinger, ...]:
         """Levels of a click under standard fingers at these positions, in the nominal plant."""
@@ -124,9 +113,3 @@ class ClickSource:
         drive = np.where(tone[:, None] == np.arange(len(tones_hz)), amplitude[:, None], 0)
         reached = np.einsum("pfak,ak->pfk", self.solver.tones_of_plants(placement.position_m, tones_hz), drive)
         return decibels(np.linalg.norm(reached, axis=2))
-
-    def solve_baseline(self, placement: Placement, name: str) -> Click:
-        """A baseline, evaluated as the clicks are."""
-        levels_db = (*self.table.device.levels_db, inf)
-        drives = [self._steady.solve(placement.position_m, placement.is_felt, level_db) for level_db in levels_db]
-        return solve_baseline(self.solver, placement, drives, name)

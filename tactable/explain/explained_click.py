@@ -1,4 +1,4 @@
-"""Explanation of a click, as a page or as JSON: what each finger feels, bound, softer levels, and clicks that lost.
+"""Explanation of a click, as a page or as JSON: what each finger feels, and softer levels.
 
 The click is solved for the positions of the fingers. Beside it stands the row that the table has for their places,
 since that is what a run plays: evaluated under the same fingers, on the same plants.
@@ -19,22 +19,11 @@ from engine.device import Device
 from engine.table import ClickEntry, Table
 from engine.table.clicks import LevelSpread, played_at
 from engine.touch import Placement
-from precompute.clicks import Click, ClickOptions
-from precompute.clicks.baselines import BASELINES
+from precompute.clicks import ClickOptions
 from tactable.explain import words
 from tactable.explain.click_source import SAID, ClickSource, Summation
 
-_TIE_DB = 0.05  # half of the last digit that is shown
 _PERCENTILES = {"5 %": "low_db", "50 %": "middle_db", "95 %": "high_db"}
-
-
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """A waveform as loud as limits and quiet level allow; `lost_by` says by how much it is worse."""
-
-    name: str
-    click: Click
-    lost_by: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +36,7 @@ class Tabulated:
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A click as it is played, at full strength and at softer levels, with the alternatives that lost.
+    """A click as it is played, and at softer levels.
 
     finger_db (finger, 4): level under each finger, nominal, then 5th, 50th and 95th percentile over fresh plants, by
     the peak, or as `summation` says.
@@ -55,12 +44,10 @@ class Explained:
     """
 
     click: ClickEntry
-    strongest: ClickEntry
     softer: tuple[ClickEntry, ...]
     finger_db: Array
     tabulated: Tabulated | None
     options: ClickOptions
-    rivals: tuple[Rival, ...]
     summation: Summation
 
     @property
@@ -69,37 +56,19 @@ class Explained:
         return self.click.placement
 
 
-def explain_click(source: ClickSource, placement: Placement, level_db: float, *, rivals: bool) -> Explained:
-    """Explain the click of a placement at a level; rivals take seconds. Raises TableError where no finger is felt."""
+def explain_click(source: ClickSource, placement: Placement, level_db: float) -> Explained:
+    """Explain the click of a placement at a level. Raises TableError where no finger is felt."""
     strongest, own = source.solve(placement), source.table.click_at(placement, level_db)
     click = played_at(strongest, level_db)
     levels_db = [below_db for below_db in source.table.device.levels_db if below_db < click.level_db]
     return Explained(
         click=click,
-        strongest=strongest,
         softer=tuple(played_at(strongest, below_db) for below_db in levels_db),
         finger_db=_levels_under(source, placement, click),
         tabulated=None if own is None else Tabulated(own, _levels_under(source, placement, own)),
         options=source.options,
-        rivals=tuple(solve_rivals(source, strongest)) if rivals else (),
         summation=source.summation,
     )
-
-
-def solve_rivals(source: ClickSource, click: ClickEntry) -> list[Rival]:
-    """Evaluate every baseline against a click at full strength that the source solved."""
-    rivals = {name: source.solve_baseline(click.placement, name) for name in BASELINES}
-    return [Rival(name, rival, _lost_by(click, rival)) for name, rival in rivals.items()]
-
-
-def _lost_by(click: ClickEntry, rival: Click) -> str:
-    less_db = click.felt.low_db - rival.evaluation.felt.low_db
-    if abs(less_db) > _TIE_DB:
-        return f"{abs(less_db):.1f} dB {'less' if less_db > 0 else 'MORE'} felt"
-    if click.quiet is None or rival.evaluation.quiet is None:
-        return "as strong"
-    more_db = rival.evaluation.quiet.high_db - click.quiet.high_db
-    return f"as strong, {abs(more_db):.1f} dB {'less' if more_db > 0 else 'MORE'} quiet"
 
 
 def _levels_under(source: ClickSource, placement: Placement, click: ClickEntry) -> Array:
@@ -145,7 +114,6 @@ def click_json(table: Table, explained: Explained) -> dict[str, Any]:
             ],
             "options": explained.options,
             "spread": device.spread,
-            "alternatives": [_rival_json(rival) for rival in explained.rivals],
             "estimated": [*device.estimated_values, "detection threshold", "spreads of the sampled plants"],
         }
     )
@@ -165,7 +133,7 @@ def _tabulated_json(table: Table, placement: Placement, tabulated: Tabulated) ->
 
 
 def print_click(out: Console, table: Table, explained: Explained) -> None:
-    """Print the click, its prediction over the sampled plants, the table's, softer levels, and the alternatives."""
+    """Print the click, its prediction over the sampled plants, the table's, and softer levels."""
     click, options, device = explained.click, explained.options, table.device
     head = f"{device.name}, {words.placement_text(device, explained.placement)}: a click of {1e3 * click.length_s:g} ms"
     wanted = (
@@ -179,8 +147,6 @@ def print_click(out: Console, table: Table, explained: Explained) -> None:
     words.print_lines(out, f"{SAID[explained.summation]}; {_BORDER}", _table_words(table, explained))
     if explained.softer:
         out.print(_softer_grid(explained.softer))
-    if explained.rivals:
-        out.print(_rival_grid(explained, device.threshold.above))
     words.print_lines(out, f"made with: {_option_words(options, device)}")
     words.print_estimates(out, device, device.threshold)
 
@@ -240,30 +206,6 @@ def _softer_grid(softer: Sequence[ClickEntry]) -> Grid:
     return grid
 
 
-def _rival_grid(explained: Explained, above: str) -> Grid:
-    caption = f"dB {above}, as loud as limits and quiet level allow, on the same plants"
-    grid = Grid("alternative", "felt 5 %", "50 %", "quiet 95 %", "passed", "lost: ", caption=caption)
-    own = explained.strongest
-    grid.add_row("this click", *_rival_figures(own.felt, own.quiet, own.exceeds_at_s()), "")
-    for rival in explained.rivals:
-        evaluation = rival.click.evaluation
-        grid.add_row(
-            rival.name,
-            *_rival_figures(evaluation.felt, evaluation.quiet, evaluation.exceeds_s[math.inf]),
-            rival.lost_by,
-        )
-    return grid
-
-
-def _rival_figures(felt: LevelSpread, quiet: LevelSpread | None, passed_s: float | None) -> tuple[str, ...]:
-    return (
-        f"{felt.low_db:z.1f}",
-        f"{felt.middle_db:z.1f}",
-        "" if quiet is None else f"{quiet.high_db:z.1f}",
-        "never" if passed_s is None else f"{1e3 * passed_s:.1f} ms",
-    )
-
-
 def _option_words(options: ClickOptions, device: Device) -> str:
     """Options of clicks in words: limits, plants and what is not known of them."""
     within_m = device.spread.reach_m if options.tolerance_m is None else options.tolerance_m
@@ -280,15 +222,3 @@ def _spread_json(spread: LevelSpread | None) -> dict[str, float] | None:
     if spread is None:
         return None
     return {"nominal": spread.nominal_db, **{name: getattr(spread, key) for name, key in _PERCENTILES.items()}}
-
-
-def _rival_json(rival: Rival) -> dict[str, Any]:
-    evaluation = rival.click.evaluation
-    return {
-        "name": rival.name,
-        "lost_by": rival.lost_by,
-        "felt_db": _spread_json(evaluation.felt),
-        "quiet_db": _spread_json(evaluation.quiet),
-        "exceeds_s": evaluation.exceeds_s[math.inf],
-        "residual_db": evaluation.residual_db,
-    }

@@ -111,7 +111,7 @@ def solve_click(
     (121, 2)
     """
     placement = _felt_placement(device, felt, quiet, level_db)
-    return Click.of(played_at(_click_solver(device).solve_entry(placement), level_db), device, placement)
+    return Click.of(played_at(_click_solver(device).solve(placement), level_db), device, placement)
 
 
 def solve_drive(

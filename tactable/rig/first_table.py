@@ -63,7 +63,7 @@ def solve_first_click(device: Device) -> Clicks:
 
     places = early_options().places(device.surface.corner_m)
     middle = places.placement((2 * (places.count // 2) + 1,))
-    return Clicks.of(places, [ClickSolver(device, early_options().at(places, device.spread)).solve_entry(middle)])
+    return Clicks.of(places, [ClickSolver(device, early_options().at(places, device.spread)).solve(middle)])
 
 
 def is_first(table: Table) -> bool:

@@ -130,7 +130,7 @@ class Service:
             return
         # Its kernels are loaded, or compiled, before the first question.
         corner_m = self._solver.device.surface.corner_m
-        self._solver.solve_entry(Placement((0.2 * corner_m, 0.5 * corner_m, 0.8 * corner_m), (True, True, False)))
+        self._solver.solve(Placement((0.2 * corner_m, 0.5 * corner_m, 0.8 * corner_m), (True, True, False)))
         self._parent.say({"is_ready": True})
         while (question := self._parent.read()) is not None:
             while self._parent.has_spoken():
@@ -155,7 +155,7 @@ class Service:
         solver = self._solver
         if solver is None or solver.device.fingerprint != question["fingerprint"]:
             return
-        click = solver.solve_entry(Placement(tuple(map(point_of_json, question["at_m"])), tuple(question["is_felt"])))
+        click = solver.solve(Placement(tuple(map(point_of_json, question["at_m"])), tuple(question["is_felt"])))
         values = {field.name: getattr(click, field.name) for field in fields(click) if field.name != "basis"}
         answer = {"fingerprint": solver.device.fingerprint, "click": _packed(values), "basis_hash": click.basis.hash}
         if click.basis.hash not in self._told:

@@ -2,9 +2,12 @@
 
 from functools import cache
 
+import numpy as np
+
+from base.arrays import Array
 from engine.device import Device
 from engine.touch import Placement
-from precompute.clicks.click_basis import lines_for
+from precompute.clicks.click_basis import EVALUATIONS_PER_SAMPLE, Tones, lines_for
 from precompute.clicks.click_options import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_plants import SampledPlants
 from precompute.clicks.click_responses import Responses
@@ -38,3 +41,15 @@ def fresh_responses(name: str, placement: Placement, count: int = 2000, toleranc
     """Responses of sampled plants of a shipped device that no click was made with, under clicks of the usual length."""
     plants = _fresh_plants(name, count)
     return Responses(plants.transfer(plants.scenarios.place(placement.position_m, tolerance_m)), plants.lines)
+
+
+def mean_plant(responses: Responses) -> Responses:
+    """The mean over the scenarios, as one scenario."""
+    return Responses(responses.transfer.mean(axis=0, keepdims=True), responses.lines)
+
+
+def play_each(responses: Responses, tones: Tones) -> Array:
+    """Weighted acceleration (scenario, finger, time, tone) of each tone alone, at EVALUATION_RATE_HZ."""
+    lines = responses.transfer[:, :, tones.actuator] * responses.lines.transform(tones.wave)
+    courses = responses.lines.course(lines, EVALUATIONS_PER_SAMPLE)
+    return np.asarray(courses.swapaxes(2, 3), dtype=np.float64)

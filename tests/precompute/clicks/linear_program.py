@@ -29,6 +29,7 @@ from precompute.clicks.click_responses import Responses
 from precompute.clicks.closed_form import SHARE
 from precompute.clicks.evaluation import decibels
 from precompute.sampling.plants import sample_scenarios
+from tests.precompute.clicks.click_cases import mean_plant, play_each
 
 OPTIMISED, TRIMMED = 10, 200
 """Sampled plants of the programs, and those that their limit is moved on."""
@@ -73,8 +74,8 @@ def strongest_click(device: Device, options: ClickOptions, placement: Placement)
         Responses(plants.transfer(plants.scenarios.place(placement.position_m, options.tolerance_m)), lines)
         for plants in (SampledPlants(sample_scenarios(device, count, count), lines) for count in (OPTIMISED, TRIMMED))
     )
-    felt = optimised.under(placement.felt).mean().play_each(tones)[0]
-    quiet = optimised.under(placement.quiet).play_each(tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
+    felt = play_each(mean_plant(optimised.under(placement.felt)), tones)[0]
+    quiet = play_each(optimised.under(placement.quiet), tones)[:, :, ::EVALUATIONS_PER_SAMPLE]
     quiet = quiet.reshape(-1, *quiet.shape[2:])
     program = Program(drive_rows(tones, device.limits.amplitude), quiet)
 

@@ -15,7 +15,7 @@ def test_they_feel_what_the_evaluation_has_of_the_nominal_plant_and_as_much_less
 ) -> None:
     """The evaluation leaves out what lies above its lines, which the accelerations of quiet fingers show."""
     solver = solver_of(name)
-    click, nominal = solver.solve_entry(placed(solver.device, letters)), NominalFingers(solver.device)
+    click, nominal = solver.solve(placed(solver.device, letters)), NominalFingers(solver.device)
     whole, softer = (
         nominal.under(each, click.placement.position_m) for each in (click, played_at(click, click.level_db - 5.0))
     )

@@ -37,10 +37,10 @@ def promised_and_kept(name: str, made_for: str, played_on: str) -> Array:
     for placement in random_placements(device, PLACEMENTS):
         click = solver_for(name, made_for).solve(placement)
         played = Responses(fresh.transfer(fresh.scenarios.place(placement.position_m)), fresh.lines)
-        felt, quiet = (decibels(played.peaks(click.waveform, each)[1:]) for each in (placement.felt, placement.quiet))
+        felt, quiet = (decibels(played.peaks(click.waveform.T, each)[1:]) for each in (placement.felt, placement.quiet))
         kept = np.percentile(felt.min(axis=1), 5), np.percentile(quiet.max(axis=1), 95)
-        assert click.evaluation.quiet is not None
-        found.append([click.evaluation.felt.low_db, click.evaluation.quiet.high_db, *kept])
+        assert click.quiet is not None
+        found.append([click.felt.low_db, click.quiet.high_db, *kept])
     return np.array(found)
 
 

@@ -204,8 +204,8 @@ def _played_by_argyris(device: Device, waveform: Array, fingers_m: Sequence[comp
 def test_an_independent_plate_in_time_gives_what_a_click_promises(felt: list[str], quiet: list[str]) -> None:
     """Quiet fingers are 32 dB below felt ones, so that 0.2 dB of theirs is 0.5 per mille of what is felt."""
     click = solver_of("reference-p").solve(Placement.named(TABLET, felt, quiet))
-    found_db = _played_by_argyris(TABLET, click.waveform, click.placement.position_m)
-    promised_db = np.array([finger.level_db for finger in click.evaluation.fingers])
+    found_db = _played_by_argyris(TABLET, click.waveform.T, click.placement.position_m)
+    promised_db = np.array([finger.level_db for finger in click.fingers])
     is_felt = np.array(click.placement.is_felt)
     assert promised_db[is_felt].min() - promised_db[~is_felt].max() > 20
     assert found_db[is_felt] == pytest.approx(promised_db[is_felt], abs=0.05)

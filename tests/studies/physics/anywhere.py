@@ -28,7 +28,6 @@ from engine.table.clicks import ClickFigures
 from engine.touch import Placement, ZoneState
 from engine.touch.finger_tracker import zone_finder
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
-from precompute.clicks.click_solver import FULL_SCALE
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
 from precompute.sampling.placements import Anywhere, random_placements
@@ -119,7 +118,7 @@ def _begin(
             "position_m": placement.position_m,
             "is_felt": placement.is_felt,
             "shares_a_zone": len(set(touched)) < len(touched),
-            "by_position": _levels(click.evaluation),
+            "by_position": _levels(click),
             "processor_s": processor_s,
             **others,
         }
@@ -138,19 +137,14 @@ def _begin_others(
     def compare(placement: Placement) -> dict[str, Any]:
         states, waveforms = placement.zone_states(device), dict[str, Array]()
         if ZoneState.FELT in states:
-            waveforms["by_zone"] = zone_click(states).waveform
+            waveforms["by_zone"] = zone_click(states).waveform.T
         own = None if tabulated is None else tabulated.at(tabulated.places.key(placement))
         if own is not None:
-            waveforms["by_table"] = own.samples.T / FULL_SCALE
-        levels = {way: _levels(evaluate_as_it_is(solver, placement, each)) for way, each in waveforms.items()}
+            waveforms["by_table"] = own.waveform.T
+        levels = {way: _levels(solver.evaluate(placement, each)) for way, each in waveforms.items()}
         return {"by_table": None, "by_zone": None, **levels, "steady": _steady(designer, placement)}
 
     return compare
-
-
-def evaluate_as_it_is(solver: ClickSolver, placement: Placement, waveform: Array) -> ClickFigures:
-    """Evaluate displacements (actuator, time) as the solver does its own clicks; `evaluate` would scale them."""
-    return solver._evaluated(placement, waveform, None).evaluation
 
 
 def _steady(designer: SteadyDesigner, placement: Placement) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.precompute.measured import read_bar
 from tests.studies.options import read_options
-from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, evaluate_as_it_is, kept_share
+from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, kept_share
 
 
 def late_device(device: Device, late_s: float) -> Device:
@@ -54,7 +54,7 @@ def compare_late(
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in believed}
     for placement in random_placements(true, wanted):
         for name, solver in solvers.items():
-            figures = evaluate_as_it_is(judge, placement, solver.solve(placement).waveform)
+            figures = judge.evaluate(placement, solver.solve(placement).waveform.T)
             assert figures.quiet is not None
             found[name].append((figures.felt.low_db, figures.quiet.high_db))
     return found

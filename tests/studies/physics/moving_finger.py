@@ -18,11 +18,10 @@ from engine.effects.rules import DEFAULT_EFFECTS
 from engine.table import Clicks, Table
 from engine.touch import Placement, Touch
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
-from precompute.clicks.click_solver import FULL_SCALE
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device
 from tests.studies.options import read_options
-from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, evaluate_as_it_is, kept_share
+from tests.studies.physics.anywhere import TOLERANCE_M, contrast_cells, kept_share
 
 PEAK_NS, LINE_NS = 27_000_000, 1_000_000  # median time of a click's peak in the tables of bars; a PLAY at 921 600 bit/s
 PERIOD_MS, NOISE_M = 8, 1e-4
@@ -67,15 +66,15 @@ def compare_moving(
                 if len(placed.position_m) < 2:
                     continue
                 made = solver.solve(placed)
-                waveforms = {"made": (made.waveform, made.evaluation.peak_s)}
+                waveforms = {"made": (made.waveform.T, made.peak_s)}
                 own = None if tabulated is None else tabulated.at(tabulated.places.key(placed))
                 if own is not None:
-                    waveforms["table"] = own.samples.T / FULL_SCALE, own.peak_s
+                    waveforms["table"] = own.waveform.T, own.peak_s
                 for key, (waveform, peak_s) in waveforms.items():
                     really_m = float(np.clip(quiet_m + m_per_s * (peak_s + 1e-9 * LINE_NS), 0, device.surface.length_m))
                     if abs(really_m - felt_m) < 0.015:  # it would be under the felt finger
                         continue
-                    figures = evaluate_as_it_is(solver, Placement.on(device, [felt_m], [really_m]), waveform)
+                    figures = solver.evaluate(Placement.on(device, [felt_m], [really_m]), waveform)
                     assert figures.quiet is not None
                     levels = found.setdefault(speed, {}).setdefault(f"{key}, {way}", [])
                     levels.append((figures.felt.low_db, figures.quiet.high_db))

@@ -33,9 +33,9 @@ def draw(device: Device, placement: Placement) -> Figure:
     points_m = np.concatenate([field.position_m, placement.position_m])
     plant = TransientPlant(compute_basis(assemble(device)), points_m, _STEPS * SAMPLE_RATE_HZ)
     plant.touch([(at_m, device.finger) for at_m in placement.position_m])
-    samples = np.arange(click.waveform.shape[1])
+    samples = np.arange(len(click.waveform))
     at = np.arange(_STEPS * samples[-1] + 1) / _STEPS
-    played = np.column_stack([np.interp(at, samples, each) for each in click.waveform])
+    played = np.column_stack([np.interp(at, samples, each) for each in click.waveform.T])
     course = plant.accelerate(np.pad(played, ((0, round(RINGDOWN_S * plant.sample_rate_hz)), (0, 0))))
     taps = threshold_filter(device.threshold, plant.sample_rate_hz)
     level_db = decibels(np.array([abs(np.convolve(each, taps)[: len(each)]).max() for each in course.T]))
@@ -45,7 +45,7 @@ def draw(device: Device, placement: Placement) -> Figure:
     words = {True: "feels", False: "does not"}
     under = zip(placement.is_felt, level_db[field.count :].tolist(), strict=True)
     style.draw_fingers(axes, placement, [f"{words[is_felt]}: {level:z.0f} dB" for is_felt, level in under])
-    felt, quiet = click.evaluation.felt, click.evaluation.quiet
+    felt, quiet = click.felt, click.quiet
     assert quiet is not None  # all fingers but one are
     ends = f"{felt.low_db:.1f} dB felt and {quiet.high_db:z.1f} dB quiet"
     title = (

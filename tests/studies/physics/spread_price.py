@@ -26,9 +26,9 @@ def felt_and_quiet(name: str, spread: str, quiet_db: float, placements: int = 50
     solver = ClickSolver(device, replace(DEFAULT_OPTIONS.at_fingers, quiet_db=quiet_db, judged=400))
     found = list[tuple[float, float]]()
     for placement in random_placements(device, Anywhere(placements, seed=34)):
-        evaluation = solver.solve(placement).evaluation
-        assert evaluation.quiet is not None
-        found.append((evaluation.felt.low_db, evaluation.quiet.high_db))
+        click = solver.solve(placement)
+        assert click.quiet is not None
+        found.append((click.felt.low_db, click.quiet.high_db))
     return np.array(found)
 
 

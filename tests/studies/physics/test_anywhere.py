@@ -75,7 +75,7 @@ def test_clicks_for_positions_are_the_solver_s_and_keep_quiet_where_those_for_zo
     result = compare_anywhere(DEVICE, wanted, 1, CHEAP, plants=20)
     placements = random_placements(DEVICE, wanted)
     assert [tuple(row["position_m"]) for row in result["placements"]] == [each.position_m for each in placements]
-    own = ClickSolver(DEVICE, replace(CHEAP, tolerance_m=1e-3, judged=20)).solve(placements[3]).evaluation
+    own = ClickSolver(DEVICE, replace(CHEAP, tolerance_m=1e-3, judged=20)).solve(placements[3])
     row = result["placements"][3]["by_position"]
     assert own.quiet is not None
     assert (row["felt_db"]["low_db"], row["quiet_db"]["high_db"]) == (own.felt.low_db, own.quiet.high_db)

@@ -153,7 +153,7 @@ def main() -> None:
 def _run_drift(device: Device, placements: list[Placement]) -> None:
     """Print what a drift costs clicks that are made for none."""
     solver = ClickSolver(device)
-    clicks = [solver.solve(placement).waveform for placement in placements]
+    clicks = [solver.solve(placement).waveform.T for placement in placements]
     print("drift  felt (5 %), quiet (95 %), contrast (5, 50 %) dB; felt >= 14 and quiet <= 1, <= 6 dB")
     for drift in (0.0, 0.003, 0.005, 0.01, 0.02, 0.03):
         surface = replace(device.surface, youngs_modulus_pa=device.surface.youngs_modulus_pa * (1 + drift))
@@ -223,7 +223,7 @@ def _run(device: Device, placements: list[Placement], sensor: Sensor) -> None:
         steady.append([float(10 * np.log10(p[is_felt].min() / p[~np.array(is_felt)].max())) for p in power])
         exact = SampledPlants(sample_scenarios(true, 2, 1), solver._sampled[0].lines)
         truth = Fingers(lie_m[None], *(standard[0, k] * np.exp(log_factor)[None] for k in range(3)))
-        peaks = [Responses(exact.transfer(truth), exact.lines).peaks(click.waveform, (0, 1))[0] for click in clicks]
+        peaks = [Responses(exact.transfer(truth), exact.lines).peaks(click.waveform.T, (0, 1))[0] for click in clicks]
         felt.append([float(decibels(p[is_felt].min())) for p in peaks])
         quiet.append([float(decibels(p[~np.array(is_felt)].max())) for p in peaks])
     _print(np.array(steady), np.array(felt), np.array(quiet), np.array(off))

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from engine.table import ClickEntry, Table, TableError
-from engine.table.levels import shifted
+from engine.table import Table, TableError
 from engine.touch import Placement
 from tactable.explain.click_source import ClickSource, summed_db
-from tactable.explain.explained_click import Explained, click_json, explain_click, print_click, solve_rivals
+from tactable.explain.explained_click import Explained, click_json, explain_click, print_click
 from tests.tactable.click_table import CHEAP, build_click_table, placed
 
 
-def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf, rivals: bool = False) -> Explained:
-    return explain_click(source, placed(source, felt, quiet), level_db, rivals=rivals)
+def explained_of(source: ClickSource, felt: str, quiet: str, level_db: float = inf) -> Explained:
+    return explain_click(source, placed(source, felt, quiet), level_db)
 
 
 def page_of(source: ClickSource, explained: Explained) -> str:
@@ -48,7 +47,7 @@ def test_the_table_s_own_click_is_judged_under_the_same_fingers(source: ClickSou
     assert own is not None and own.click.placement.position_m == pytest.approx(at_place.placement.position_m)
     assert own.finger_db == pytest.approx(at_place.finger_db)
     elsewhere = Placement.named(source.table.device, ["60 mm"], ["215 mm"])
-    beside = explain_click(ClickSource(source.table), elsewhere, inf, rivals=False)
+    beside = explain_click(ClickSource(source.table), elsewhere, inf)
     values = click_json(source.table, beside)
     assert values["table"]["places_m"] == pytest.approx(at_place.placement.position_m)
     assert values["table"]["tolerance_m"] == pytest.approx(source.table.clicks.tolerance_m)
@@ -87,22 +86,6 @@ def test_the_page_names_the_promise_what_is_missed_and_what_is_not_known(source:
         page = page_of(source, case)
         assert all(part in page for part in parts), parts
         assert max(len(line) for line in page.splitlines() if line[:1] in "┏┃┡│└") <= 80
-
-
-@pytest.fixture(scope="module")
-def click(source: ClickSource) -> ClickEntry:
-    return source.solve(Placement.named(source.table.device, ["I"], ["III"]))
-
-
-def test_what_does_not_lose_says_so(source: ClickSource, click: ClickEntry) -> None:
-    rival = solve_rivals(source, click)[0].click.evaluation
-    assert rival.quiet is not None and click.quiet is not None
-    weaker = replace(click, felt=shifted(click.felt, rival.felt.low_db - click.felt.low_db - 1.0))
-    assert solve_rivals(source, weaker)[0].lost_by == "1.0 dB MORE felt"
-    quieter = shifted(click.quiet, rival.quiet.high_db - click.quiet.high_db - 2)
-    as_strong = replace(weaker, felt=shifted(weaker.felt, 1.0), quiet=quieter)
-    assert solve_rivals(source, as_strong)[0].lost_by == "as strong, 2.0 dB less quiet"
-    assert solve_rivals(source, replace(as_strong, quiet=None))[0].lost_by == "as strong"
 
 
 def test_a_click_of_the_table_is_taken_from_it_with_the_options_that_made_it(source: ClickSource) -> None:

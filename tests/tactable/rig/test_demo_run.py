@@ -86,7 +86,7 @@ class SolvingHere:
         return -2
 
     def ask_for_click(self, placement: Placement, device: Device) -> None:
-        self._ready.append((device.fingerprint, self.solver.solve_entry(placement)))
+        self._ready.append((device.fingerprint, self.solver.solve(placement)))
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         ready, self._ready = self._ready, []

@@ -66,7 +66,7 @@ def test_it_solves_the_newest_question_alone_for_the_fingers_where_they_are(path
     assert fingerprint == DEVICE.fingerprint and click.placement == placement
     with Table.open(path) as table:
         assert table.clicks.basis is not None and click.basis.hash == table.clicks.basis.hash
-    expected = ClickSolver(DEVICE, CHEAP.at_fingers).solve_entry(placement)
+    expected = ClickSolver(DEVICE, CHEAP.at_fingers).solve(placement)
     assert (click.weights == expected.weights).all() and click.fraction_bits == expected.fraction_bits
     assert (click.felt, click.quiet, click.tolerance_m) == (expected.felt, expected.quiet, expected.tolerance_m)
 
