@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from base.arrays import Array, Points
+from base.arrays import Array, Mask, Points
 from base.points import json_of, point_text
 from engine.device import Device
 from precompute.measurements.model import MeasurementModel
@@ -16,7 +16,7 @@ from precompute.measurements.types import Measurements, lay_out
 from tactable.figures import style
 from tactable.figures.picture_file import Picture
 
-MOST_PANELS = 12  # a page's worth
+MOST_PANELS, _MOST_STACKED = 12, 4  # a page's worth; one above the other
 NODE = 0.1  # a minimum below this fraction of the greatest acceleration is marked: a dead spot of this drive
 _MM_PER_INCH = 25.4  # by definition
 _MAPS_A_ROW, _MAP_INCHES = 2, 4.0
@@ -24,26 +24,29 @@ _TITLE_LETTERS = 60  # a line above a panel
 _HEADROOM = 1.18  # above the greatest value: the names of the zones
 
 
-def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -> Picture:
-    """Picture of the first MOST_PANELS drives of `layout`, a panel each; with the readings, if it has any.
+def plot_response(device: Device, layout: Measurements, *, has_readings: bool, is_wrong: Mask | None = None) -> Picture:
+    """Picture of at most MOST_PANELS drives of `layout`, evenly chosen, a panel each; with the readings, if it has any.
 
     The curve is what the sensor would read. Fields of one frequency add, of several magnitudes (paper eq. (8)).
+    is_wrong (row,): readings that a fit took for wrong.
     """
     measured = layout if has_readings else None
     number = layout.drive_of_row
-    first_rows = [int((number == drive).argmax()) for drive in range(min(int(number.max()) + 1, MOST_PANELS))]
+    drives = np.unique(np.linspace(0, number.max(), min(int(number.max()) + 1, MOST_PANELS)).round())
+    first_rows = [int((number == drive).argmax()) for drive in drives]
     place_m = style.surface_field(device).position_m
     curves = [(place_m, reading_at(device, layout, row, place_m)) for row in first_rows]
     figure, panels = _panels(device, len(curves))
     for k, (axes, row, curve) in enumerate(zip(panels, first_rows, curves, strict=True)):
         read = None if measured is None else measured.part(np.flatnonzero(number == number[row]))
+        wrong = np.zeros(0, np.bool_) if is_wrong is None else is_wrong[number == number[row]]
         if style.is_plate(device):
-            _draw_map(axes, device, curve[1], read)
+            _draw_map(axes, device, curve[1], read, wrong)
         else:
-            _draw(axes, device, curve, read, is_first=k == 0)
+            _draw(axes, device, curve, read, wrong, is_first=k == 0)
         axes.set_title(textwrap.fill(drive_text(device, layout, row), _TITLE_LETTERS), fontsize="small", loc="left")
     is_simulated = measured is not None and measured.is_simulated
-    drives = [
+    summaries = [
         {"drive": drive_text(device, layout, row), **_summary_of(*curve)}
         for row, curve in zip(first_rows, curves, strict=True)
     ]
@@ -53,9 +56,9 @@ def plot_response(device: Device, layout: Measurements, *, has_readings: bool) -
         figure,
         device,
         f"{device.name}: peak acceleration {where}{', SIMULATED points' if is_simulated else ''}",
-        "; ".join(f"{drive['drive']} {_words_of(*pair)}" for drive, pair in zip(drives, curves, strict=True)),
+        "; ".join(f"{drive['drive']} {_words_of(*pair)}" for drive, pair in zip(summaries, curves, strict=True)),
         _columns(device, layout, first_rows, curves) if measured is None else _compared(device, measured),
-        {"simulated": is_simulated, "readings": readings, "drives": drives},
+        {"simulated": is_simulated, "readings": readings, "drives": summaries},
         notes=(),
         origin=_origin(measured),
     )
@@ -104,19 +107,24 @@ def _predicted(device: Device, measurements: Measurements) -> Array:
 
 
 def _panels(device: Device, count: int) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels: stacked along one axis for a bar, maps side by side for a plate."""
+    """A figure with `count` panels: stacked along one axis for a bar, many in two columns; maps of a plate in pairs."""
     if not style.is_plate(device):
-        figure = Figure(figsize=(9, 1.8 + 2.0 * count), layout="constrained")
-        panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-        panels[-1].set(xlabel="along the bar (mm)")
-        return figure, list(panels)
+        columns = 1 if count <= _MOST_STACKED else 2
+        rows = math.ceil(count / columns)
+        figure = Figure(figsize=(9 + 3 * (columns - 1), 1.8 + 2.0 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        for axes in panels[-1]:
+            axes.set(xlabel="along the bar (mm)")
+        for axes in panels.ravel()[count:]:
+            axes.set_visible(False)
+        return figure, panels.ravel()[:count].tolist()
     rows = math.ceil(count / _MAPS_A_ROW)
     height = 1.2 + rows * style.map_height(device, _MAP_INCHES)
     figure = Figure(figsize=(_MAPS_A_ROW * (_MAP_INCHES + 1), height), layout="constrained")
     return figure, [figure.add_subplot(rows, _MAPS_A_ROW, k + 1) for k in range(count)]
 
 
-def _draw_map(axes: Axes, device: Device, level: Array, measured: Measurements | None) -> None:
+def _draw_map(axes: Axes, device: Device, level: Array, measured: Measurements | None, wrong: Mask) -> None:
     """The computed acceleration as a map, and on it the readings as discs of the same colours."""
     size = np.zeros(0) if measured is None else np.abs(measured.acceleration)
     greatest = float(np.max([*level, *size]))
@@ -124,10 +132,18 @@ def _draw_map(axes: Axes, device: Device, level: Array, measured: Measurements |
     image = style.draw_map(axes, device, style.surface_field(device), level, label, vmin=0.0, vmax=greatest)
     if measured is not None:
         style.draw_values(axes, image, measured.position_m, size)
+        at_mm = 1e3 * measured.position_m[np.flatnonzero(wrong)]
+        axes.plot(at_mm.real, at_mm.imag, "o", ms=8, mfc="none", color=style.ORANGE)
 
 
 def _draw(
-    axes: Axes, device: Device, curve: tuple[Points, Array], measured: Measurements | None, *, is_first: bool
+    axes: Axes,
+    device: Device,
+    curve: tuple[Points, Array],
+    measured: Measurements | None,
+    wrong: Mask,
+    *,
+    is_first: bool,
 ) -> None:
     place_m, level = curve[0].real, curve[1]
     label = "computed" if measured is None else "computed, with the sensor at each place"
@@ -139,6 +155,8 @@ def _draw(
         size = np.abs(measured.acceleration)
         name = "SIMULATED points" if measured.is_simulated else "measured"
         axes.plot(1e3 * measured.position_m, size, "o", ms=4.5, mfc="none", color=style.BLACK, label=name)
+        place_mm = 1e3 * measured.position_m[np.flatnonzero(wrong)]
+        axes.plot(place_mm, size[np.flatnonzero(wrong)], "o", ms=4.5, color=style.ORANGE, label="taken for wrong")
         greatest = max(greatest, float(size.max()))
     axes.set(xlim=(0, 1e3 * device.bar.length_m), ylim=(0, _HEADROOM * greatest), ylabel="peak (m/s²)")
     axes.grid(color=style.GREY, lw=0.3)

@@ -12,9 +12,9 @@ from precompute.studies.placement_search import Placement, PlacementSearch, even
 from precompute.studies.robustness import CHANGES, Kept
 from precompute.studies.two_fingers import TwoFingers
 from precompute.studies.zone_resolution import Resolved
-from tactable.figures.calibration import plot_calibration
 from tactable.figures.placement_picture import plot_placement
 from tactable.figures.resolution_picture import plot_resolution, plot_robustness
+from tactable.figures.response_picture import plot_response
 from tests.precompute.calibration.calibrations import noisy_calibration
 from tests.precompute.devices import shipped
 from tests.tactable.figures.pictures import check_picture
@@ -100,11 +100,9 @@ def test_a_row_is_two_bars_and_its_contrast_and_a_panel_a_set(tmp_path: Path) ->
     assert list(picture.columns["what is different"]) == [change.name for change in CHANGES[:2]] * 2
 
 
-def test_there_is_a_panel_for_every_drive_with_all_its_readings() -> None:
-    figure = plot_calibration(noisy_calibration())
-    panels = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_title() for axes in panels] == ["150 Hz and 130 Hz", "150 Hz and 200 Hz", "150 Hz and 230 Hz"]
-    lines = [{line.get_label(): np.size(line.get_xdata()) for line in axes.lines} for axes in panels]
-    assert all(line["measured"] + line["measured, taken for wrong"] == 22 for line in lines)
-    assert sum(line["measured, taken for wrong"] for line in lines) == 3
-    assert "SIMULATED" in figure.get_suptitle()
+def test_there_is_a_panel_for_every_drive_with_all_its_readings_and_the_wrong_ones_marked() -> None:
+    found = noisy_calibration()
+    figure = plot_response(found.device, found.measurements, has_readings=True, is_wrong=found.is_wrong).figure
+    lines = [{line.get_label(): np.size(line.get_xdata()) for line in axes.lines} for axes in figure.axes[:3]]
+    assert all(line["SIMULATED points"] == 22 for line in lines)
+    assert sum(line["taken for wrong"] for line in lines) == found.is_wrong.sum() == 3
