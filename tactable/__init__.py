@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from firmware_link.host.link_values import LinkState as LinkState
     from firmware_link.host.serial_port import SerialPort as SerialPort
     from firmware_link.host.session import Session as Session
-    from firmware_link.protocol.messages import ChannelDrive as ChannelDrive
+    from firmware_link.protocol.drive_words import ChannelDrive as ChannelDrive
+    from firmware_link.protocol.drive_words import encode_drive as encode_drive
     from firmware_link.protocol.messages import Fault as Fault
-    from firmware_link.protocol.messages import encode_drive as encode_drive
     from precompute.builder.table_build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
     from precompute.calibration.device_text import calibrated_device as calibrated_device
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from tactable.shipped import find_device as find_device
 
 _HOMES = {
-    "ChannelDrive": "firmware_link.protocol.messages",
+    "ChannelDrive": "firmware_link.protocol.drive_words",
     "Device": "engine.device",
     "Fault": "firmware_link.protocol.messages",
     "Link": "firmware_link.host.link",
@@ -55,7 +55,7 @@ _HOMES = {
     "compare_tables": "engine.table.table_diff",
     "connect": "tactable.control.client",
     "connect_async": "tactable.control.client",
-    "encode_drive": "firmware_link.protocol.messages",
+    "encode_drive": "firmware_link.protocol.drive_words",
     "find_device": "tactable.shipped",
     "modes": "tactable.research.untabulated",
     "placement": "tactable.research.untabulated",

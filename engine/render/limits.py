@@ -8,7 +8,7 @@ from typing import Protocol
 from base.errors import TactableError
 from engine.device import Actuator, Device, Limits
 from firmware_link.host.link_values import LinkConfiguration
-from firmware_link.protocol.messages import ChannelDrive, encode_drive
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 
 # Quotients such as 1 / (5 ms) fall short of the whole number they stand for by a few units in the last place.
 _ROUNDING = 1e-9

@@ -21,7 +21,7 @@ from engine.touch import Placement
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.basis import EncodedClick, encode_click
-from firmware_link.protocol.messages import encode_amplitude
+from firmware_link.protocol.drive_words import encode_amplitude
 
 MOST_LEARNED = 256  # of fingers that rest while their effect clicks again
 NOT_PLAYED = -1  # stands in place of an amplitude where the device lacks the click's set, or the level is refused

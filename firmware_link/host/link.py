@@ -58,7 +58,7 @@ from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
 from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
-from firmware_link.protocol import messages
+from firmware_link.protocol import drive_words, messages
 from firmware_link.protocol.basis import Basis, EncodedClick
 from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, Signal
 from firmware_link.protocol.layout import Message
@@ -269,7 +269,7 @@ class Link:
             case messages.Hello() if self.state is LinkState.GREETING and handshake.is_answered_by(message):
                 greeted = handshake.greeted(message, now_ns)
                 self.state = handshake.state
-                silent_drive = bytes(messages.DRIVE_SIZE * message.number_of_actuators)
+                silent_drive = bytes(drive_words.DRIVE_SIZE * message.number_of_actuators)
                 self._outbox.start(silent_drive, handshake.lease_ms, self.clock)
                 return greeted
             case messages.Time() if handshake.is_timed_by(message, now_ns):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from firmware_link import BIT_RATE_HZ
-from firmware_link.protocol import messages
+from firmware_link.protocol import drive_words, messages
 from firmware_link.protocol.basis import Basis
 
 BOARD_EMULATED, BOARD_SOUND_CARD = 0, 6  # numbers of the boards that are no boards, in HELLO
@@ -54,7 +54,7 @@ class LinkConfiguration:
     def arm_for(self, boot_id: int, number_of_actuators: int, lease_ms: int) -> messages.Arm:
         """The ARM for a device; its actuators beyond the configured ones may not move. Raises MessageError."""
         limits = self.amplitude_limits or (1.0,) * self.number_of_actuators
-        words = [*map(messages.encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
+        words = [*map(drive_words.encode_amplitude, limits), *[0] * (number_of_actuators - len(limits))]
         return messages.Arm(boot_id, self.slew_limit_per_s, lease_ms, self.longest_drive_s, tuple(words))
 
 

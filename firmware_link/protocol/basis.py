@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Array, Integers
-from firmware_link.protocol import messages
+from firmware_link.protocol import drive_words, messages
 from firmware_link.protocol.link_errors import MessageError
 
 US_PER_S = 1_000_000
@@ -126,7 +126,7 @@ def encode_click(
             f"{len(weights)} weights with {fraction_bits} fraction bits for set {basis_set} of a basis; expected "
             f"{functions} weights, and 1 to {messages.MAXIMUM_FRACTION_BITS} bits"
         )
-    word = messages.encode_amplitude(amplitude)
+    word = drive_words.encode_amplitude(amplitude)
     return EncodedClick(
         messages.encode_play(basis_set, fraction_bits, word, weights), basis.length_us(basis_set), word, basis.hash
     )
@@ -163,7 +163,7 @@ def sample_limits(amplitude_limits: Sequence[int], frequency_maximum_uhz: int, s
 
 def amplitude_steps(amplitude: float) -> int:
     """The bound of samples that an amplitude limit, in fractions of full scale, sets."""
-    return _steps_of(messages.encode_amplitude(amplitude))
+    return _steps_of(drive_words.encode_amplitude(amplitude))
 
 
 def clamp_samples(sums: Integers, limits: SampleLimits) -> Samples:

@@ -5,7 +5,6 @@ values are the integers that travel, so a round trip is exact. The one-line defi
 class, and its CRC-32 seeds the checksum of the frames: sides that define a message differently refuse each other's.
 """
 
-import math
 import struct
 import zlib
 from collections.abc import Sequence
@@ -14,7 +13,6 @@ from enum import KEEP, STRICT, IntEnum, IntFlag
 from typing import Annotated
 
 from firmware_link.protocol.layout import Counted, Layout, Message, PerActuator, Sender, Word
-from firmware_link.protocol.link_errors import MessageError
 
 VERSION_MAJOR = 3  # another one is refused; a minor one adds optional messages (PROTOCOL.md)
 VERSION_MINOR = 1
@@ -173,10 +171,7 @@ class Ack(Message, wire_name="ACK", type_byte=0x04, sender=Sender.BOTH):
 
 @dataclass(frozen=True)
 class Set(Message, wire_name="SET", type_byte=0x05, sender=Sender.HOST):
-    """Drive for one lease; no answer, the latest wins.
-
-    `drive` comes from `encode_drive`.
-    """
+    """Drive for one lease; no answer, the latest wins."""
 
     clock_reference: Annotated[int, _CLOCK_REFERENCE]
     flags: Annotated[SetFlag, _U8]
@@ -256,10 +251,7 @@ class Fault(Message, wire_name="FAULT", type_byte=0x0B, sender=Sender.DEVICE):
 
 @dataclass(frozen=True)
 class Log(Message, wire_name="LOG", type_byte=0x0C, sender=Sender.DEVICE):
-    """An event for people, as numbers; no answer.
-
-    `text` has the words.
-    """
+    """An event for people, as numbers; no answer."""
 
     level: Annotated[LogLevel, _U8]
     code: Annotated[LogCode, _U16]
@@ -405,58 +397,3 @@ def has_exact_length(body: bytes, number_of_actuators: int) -> bool:
 def longest_body_length(number_of_actuators: int) -> int:
     """Bytes of the longest body of any type for this number of actuators."""
     return max(layout.longest(number_of_actuators) for layout in _LAYOUTS.values())
-
-
-@dataclass(frozen=True)
-class ChannelDrive:
-    """One actuator's drive: base displacement `amplitude · sin(2π frequency t + phase)`, in fractions of full scale."""
-
-    frequency_hz: float
-    amplitude: float
-    phase_rad: float = 0.0
-
-
-_DRIVE_WORDS = struct.Struct("<HHH")
-DRIVE_SIZE = _DRIVE_WORDS.size
-
-
-def encode_drive(channels: Sequence[ChannelDrive], frequency_resolution_hz: float) -> bytes:
-    """Drive part of a SET, one channel an actuator; raises MessageError for a value out of its range, never wraps it.
-
-    A phase is an angle: any finite one is reduced to one turn.
-    """
-    return b"".join(
-        _DRIVE_WORDS.pack(
-            _nearest_word("frequency_hz", channel.frequency_hz, FULL_SCALE_WORD * frequency_resolution_hz),
-            encode_amplitude(channel.amplitude),
-            _phase_word(channel.phase_rad),
-        )
-        for channel in channels
-    )
-
-
-def decode_drive(drive: bytes, frequency_resolution_hz: float) -> tuple[ChannelDrive, ...]:
-    """Channels of the drive part of a SET, as near as its words tell."""
-    return tuple(
-        ChannelDrive(
-            frequency * frequency_resolution_hz, amplitude / FULL_SCALE_WORD, math.tau * phase / WORDS_PER_TURN
-        )
-        for frequency, amplitude, phase in _DRIVE_WORDS.iter_unpack(drive)
-    )
-
-
-def encode_amplitude(amplitude: float) -> int:
-    """Word of a fraction of full scale; raises MessageError outside 0 … 1."""
-    return _nearest_word("amplitude", amplitude, 1.0)
-
-
-def _nearest_word(name: str, value: float, full_scale: float) -> int:
-    if not 0 <= value <= full_scale:
-        raise MessageError(f"{name} is {value!r}; expected 0 to {full_scale:g}")
-    return round(value / full_scale * FULL_SCALE_WORD)
-
-
-def _phase_word(phase_rad: float) -> int:
-    if not math.isfinite(phase_rad):
-        raise MessageError(f"phase_rad is {phase_rad!r}; expected a finite angle")
-    return round(math.remainder(phase_rad, math.tau) / math.tau * WORDS_PER_TURN) % WORDS_PER_TURN

@@ -25,7 +25,7 @@ from engine.render.board_fit import RendererError, scales_for
 from engine.steady.given_drive import CASES, compute_levels
 from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch
-from firmware_link.protocol.messages import decode_drive
+from firmware_link.protocol.drive_words import decode_drive
 
 MATCHED_M = 4e-3  # a finger is the one of a placement if it touches within this distance of it
 RegionAt = Callable[[complex, int | None], str | None]

@@ -12,7 +12,7 @@ from engine.table import ClickEntry, Table
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M
 from firmware_link.emulator.synthesis import US_PER_S
-from firmware_link.protocol.messages import ChannelDrive, decode_drive
+from firmware_link.protocol.drive_words import ChannelDrive, decode_drive
 from tactable.page.page_messages import ChannelPicture, Drive, Role
 from tactable.rig.promises import Promises, SolvedClick
 

@@ -23,7 +23,8 @@ from engine.table.best_rows import BestRow
 from engine.table.clicks import played_at
 from engine.touch import Placement
 from firmware_link.protocol.basis import Basis, weighted_sum
-from firmware_link.protocol.messages import FULL_SCALE_WORD, ChannelDrive, Play, decode_body, encode_play_body
+from firmware_link.protocol.drive_words import ChannelDrive
+from firmware_link.protocol.messages import FULL_SCALE_WORD, Play, decode_body, encode_play_body
 from precompute.model.assembly import assemble
 from tactable.explain.words import zone_names
 from tactable.rig.other_bar import reach_beside_m

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from firmware_link.protocol.basis import Basis, BasisSet, encode_basis, transfer_messages
+from firmware_link.protocol.drive_words import ChannelDrive
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     MAXIMUM_WEIGHTS,
     BasisBegin,
     BasisChunk,
     BasisCommit,
-    ChannelDrive,
     DeviceState,
     FaultCode,
     KeepAlive,

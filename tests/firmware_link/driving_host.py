@@ -13,8 +13,9 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.link_errors import LinkError
-from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
+from firmware_link.protocol.messages import DeviceState
 
 LEASE_MS = 40
 SLEW_PER_S = 200

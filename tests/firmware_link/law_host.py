@@ -8,6 +8,7 @@ import numpy as np
 
 from base.arrays import Array
 from firmware_link.protocol.basis import Basis, transfer_messages
+from firmware_link.protocol.drive_words import ChannelDrive, encode_amplitude, encode_drive
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
@@ -18,7 +19,6 @@ from firmware_link.protocol.messages import (
     VERSION_MINOR,
     Ack,
     Arm,
-    ChannelDrive,
     DeviceState,
     Features,
     Hello,
@@ -30,8 +30,6 @@ from firmware_link.protocol.messages import (
     Time,
     TimeRequest,
     decode_body,
-    encode_amplitude,
-    encode_drive,
 )
 from tests.firmware_link.clicks import Clicks
 

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet
+from firmware_link.protocol.drive_words import ChannelDrive
 from firmware_link.protocol.layout import Layout, Message, Word
-from firmware_link.protocol.messages import MESSAGES, ChannelDrive, Hello
+from firmware_link.protocol.messages import MESSAGES, Hello
 
 BITS = {"u8": 8, "u16": 16, "u32": 32, "u64": 64}
 RESOLUTION_HZ = 0.01

@@ -16,7 +16,8 @@ from engine.render.renderer import SILENCE, DriveCommand
 from engine.render.steady_drives import ZoneDrives
 from engine.touch.placement import Places
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import DRIVE_SIZE, encode_set_body
+from firmware_link.protocol.drive_words import DRIVE_SIZE
+from firmware_link.protocol.messages import encode_set_body
 
 MOST_CELLS = 1 << 22  # rows by two fingers, or amplitudes by level and row: 16 MiB; beyond, the Python loop answers
 _MOST_WEIGHTS = (CONSTANTS["LONGEST_BODY"] - CONSTANTS["PLAY_HEAD"]) // 2

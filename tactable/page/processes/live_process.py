@@ -19,7 +19,7 @@ from engine.loop.ring import Record, RingReader
 from engine.render.board_fit import RendererError, scales_for
 from engine.table import Table, TableError
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
-from firmware_link.protocol.messages import decode_drive
+from firmware_link.protocol.drive_words import decode_drive
 from tactable.page.live_bar import LiveBar
 from tactable.page.opening import announcement, token_for
 from tactable.page.page_messages import encode_picture

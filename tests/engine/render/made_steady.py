@@ -11,7 +11,7 @@ from engine.render.renderer import SILENCE, DriveCommand, Rendered, RenderedClic
 from engine.steady.cases import MeasuredFinger
 from engine.touch import Placement, ZoneState
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import encode_drive
+from firmware_link.protocol.drive_words import encode_drive
 from tests.engine.made_clicks import made_clicks
 from tests.engine.made_states import LEVEL_DB
 

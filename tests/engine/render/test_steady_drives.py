@@ -14,7 +14,7 @@ from engine.steady.steady_solver import SteadySolver
 from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
-from firmware_link.protocol.messages import decode_drive
+from firmware_link.protocol.drive_words import decode_drive
 from precompute.predict.at_positions import SteadyDesigner
 from tests.engine.made_rows import row_of, rows_of
 from tests.engine.made_states import LEVEL_DB

@@ -12,7 +12,7 @@ import numpy as np
 import firmware_link
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.protocol import messages
+from firmware_link.protocol import drive_words, messages
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Message
@@ -45,8 +45,8 @@ def example_plays() -> tuple[messages.Play, ...]:
 
 def example_messages() -> tuple[Message, ...]:
     """One example or more of every message type, for two actuators."""
-    drive = messages.encode_drive(
-        [messages.ChannelDrive(60, 1.0, 0.0), messages.ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ
+    drive = drive_words.encode_drive(
+        [drive_words.ChannelDrive(60, 1.0, 0.0), drive_words.ChannelDrive(60, 0.5, 1.5707963267948966)], RESOLUTION_HZ
     )
     full_scales_pm = (520_000, 0x00FF00FF)
     device = EmulatedFirmware(DeviceConfiguration(_BOOT_ID, full_scales_pm=full_scales_pm, basis_capacity_bytes=65_536))

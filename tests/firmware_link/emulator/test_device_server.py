@@ -9,8 +9,9 @@ import pytest
 from firmware_link.emulator.drive_log import Cause
 from firmware_link.emulator.emulator_process import EmulatorLog, decode_log
 from firmware_link.emulator.synthesis import synthesise
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import ChannelDrive, DeviceState, FaultCode, Status, TimeRequest, encode_drive
+from firmware_link.protocol.messages import DeviceState, FaultCode, Status, TimeRequest
 from tests.firmware_link.law_host import DISARM_US, RAMP_US
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import VirtualRig, decode_messages

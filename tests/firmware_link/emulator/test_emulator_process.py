@@ -18,8 +18,9 @@ from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.host.session import Session
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.link_errors import LinkError
-from firmware_link.protocol.messages import ChannelDrive, DeviceState, encode_drive
+from firmware_link.protocol.messages import DeviceState
 from tests.firmware_link.driving_host import LEASE_MS, host_process, strike
 from tests.firmware_link.law_host import CLICKS
 

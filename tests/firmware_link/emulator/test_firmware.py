@@ -13,8 +13,9 @@ from firmware_link.emulator.device_state import Device, DeviceConfiguration
 from firmware_link.emulator.drive_log import Outcome
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.sense import Accelerations
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.framing import encode_message
-from firmware_link.protocol.messages import Acceleration, Arm, ChannelDrive, Result, encode_drive
+from firmware_link.protocol.messages import Acceleration, Arm, Result
 from tests.firmware_link.law_host import Host
 from tests.firmware_link.strategies import RESOLUTION_HZ, messages, unhurried
 from tests.firmware_link.test_conformance import VirtualTier

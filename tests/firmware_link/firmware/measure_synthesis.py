@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from base.arrays import Array
-from firmware_link.protocol.messages import ChannelDrive, KeepAlive, Set, SetFlag, decode_drive, encode_drive
+from firmware_link.protocol.drive_words import ChannelDrive, decode_drive, encode_drive
+from firmware_link.protocol.messages import KeepAlive, Set, SetFlag
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played
 from tests.firmware_link.strategies import RESOLUTION_HZ
 from tests.firmware_link.virtual_rig import reference

@@ -8,17 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_link.protocol.basis import Basis, BasisSet, clamp_samples, sample_limits, transfer_messages, weighted_sum
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.messages import (
     BASIS_CHUNK_SIZE,
     FULL_SCALE_WORD,
     MAXIMUM_WEIGHTS,
     BasisBegin,
     BasisChunk,
-    ChannelDrive,
     Play,
     Set,
     SetFlag,
-    encode_drive,
 )
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played

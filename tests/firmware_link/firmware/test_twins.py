@@ -8,7 +8,8 @@ from random import Random
 import pytest
 from hypothesis import settings
 
-from firmware_link.protocol.messages import FULL_SCALE_WORD, Arm, ChannelDrive, DeviceState, Set, SetFlag, encode_drive
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
+from firmware_link.protocol.messages import FULL_SCALE_WORD, Arm, DeviceState, Set, SetFlag
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT
 from tests.firmware_link.firmware.twins import (
     ACTUATORS,

@@ -30,6 +30,7 @@ from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.basis import Basis, BasisSet, hash_of_basis, transfer_messages
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.framing import EMERGENCY_STOP, encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
 from firmware_link.protocol.messages import (
@@ -42,7 +43,6 @@ from firmware_link.protocol.messages import (
     BasisBegin,
     BasisChunk,
     BasisCommit,
-    ChannelDrive,
     DeviceState,
     Fault,
     KeepAlive,
@@ -53,7 +53,6 @@ from firmware_link.protocol.messages import (
     SetFlag,
     Stop,
     TimeRequest,
-    encode_drive,
 )
 from tests.firmware_link.firmware.compiled_core import (
     FULL_OUTPUT,

@@ -14,18 +14,10 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.host.link import SILENCE_NS, Link
 from firmware_link.host.link_values import Armed, Greeted, LinkConfiguration, LinkState, Stopped
 from firmware_link.protocol.basis import Basis
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError, MessageError
-from firmware_link.protocol.messages import (
-    ChannelDrive,
-    DeviceState,
-    Fault,
-    FaultCode,
-    Features,
-    Log,
-    LogCode,
-    encode_drive,
-)
+from firmware_link.protocol.messages import DeviceState, Fault, FaultCode, Features, Log, LogCode
 from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.law_host import greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried

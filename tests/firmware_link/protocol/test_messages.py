@@ -9,21 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import firmware_link
+from firmware_link.protocol.drive_words import ChannelDrive, decode_drive, encode_drive
 from firmware_link.protocol.framing import encode_frame, encode_message
 from firmware_link.protocol.layout import Layout, Message
 from firmware_link.protocol.link_errors import MessageError
 from firmware_link.protocol.messages import (
     MAGIC,
     MESSAGES,
-    ChannelDrive,
     HelloRequest,
     Set,
     SetFlag,
     Stop,
     decode_body,
-    decode_drive,
     encode_body,
-    encode_drive,
     encode_set_body,
     has_exact_length,
     seed_of,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from base.arrays import Array
-from firmware_link.protocol.messages import ChannelDrive
+from firmware_link.protocol.drive_words import ChannelDrive
 from tactable.audio.board import CardPace
 from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tests.firmware_link.law_host import RAMP_US, Host

@@ -15,7 +15,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.host.reopening import ReopeningPort
 from firmware_link.host.session import Session
-from firmware_link.protocol.messages import ChannelDrive, encode_drive
+from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError, parse_output

@@ -9,7 +9,7 @@ import pytest
 from engine.render.board_fit import RendererError
 from engine.table import Table
 from engine.touch import Placement
-from firmware_link.protocol.messages import decode_drive, encode_drive
+from firmware_link.protocol.drive_words import decode_drive, encode_drive
 from tactable.control.events import Board, Events, promise_of
 from tactable.explain.placed_drive import designer_of
 from tests.tactable.control.messages import SAID

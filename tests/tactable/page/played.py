@@ -9,7 +9,7 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, Touch
 from engine.touch.finger_tracker import ZoneEdges
 from firmware_link.emulator.drive_log import DriveEvent
-from firmware_link.protocol.messages import encode_drive
+from firmware_link.protocol.drive_words import encode_drive
 from tactable.page.live_bar import LiveBar
 from tactable.page.processes.live_process import RingDrive
 

@@ -12,7 +12,7 @@ from engine.table import Table
 from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.protocol.basis import encode_click
-from firmware_link.protocol.messages import ChannelDrive
+from firmware_link.protocol.drive_words import ChannelDrive
 from tactable.page.live_bar import RATE_HZ, LiveBar
 from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
