@@ -1,13 +1,12 @@
 """Handshake from an open port to an armed device: greet, hand the basis over, compare the clocks, arm."""
 
 from firmware_link.host.clock import DeviceClock
-from firmware_link.host.line import Line
+from firmware_link.host.line import Line, RepeatedRequest
 from firmware_link.host.link_values import Capabilities, Greeted, LinkConfiguration, LinkState
 from firmware_link.host.memory import RETRY_NS, BasisTransfer
-from firmware_link.host.request import RepeatedRequest
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import Basis, check_actuators
-from firmware_link.protocol.framing import DELIMITER, FrameEncoder
+from firmware_link.protocol.framing import DELIMITER
 from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
 US_PER_MS = 1_000
@@ -24,14 +23,14 @@ class Handshake:
     raises LinkError where the device does not fit or refuses; then the handshake is over.
     """
 
-    def __init__(self, configuration: LinkConfiguration, encoder: FrameEncoder, line: Line, now_ns: int) -> None:
+    def __init__(self, configuration: LinkConfiguration, line: Line, now_ns: int) -> None:
         self.state = LinkState.GREETING
         self.capabilities: Capabilities | None = None  # what the device said of itself, once it has answered
         self.lease_ms = configuration.lease_ms  # once the device has answered: the shorter of what both sides allow
         self.arming_device_us = 0  # when the host began to arm: a fault before it is of an earlier session
-        self._configuration, self._encoder, self._line = configuration, encoder, line
+        self._configuration, self._line = configuration, line
         self._connected_ns = now_ns
-        self._request = RepeatedRequest(encoder, line, now_ns)
+        self._request = RepeatedRequest(line, now_ns)
         self._greeting = messages.HelloRequest(
             messages.MAGIC, messages.VERSION_MAJOR, messages.VERSION_MINOR, now_ns % 2**32
         )
@@ -71,7 +70,7 @@ class Handshake:
             self._synchronise(now_ns)
         else:
             self.state = LinkState.PREPARING
-            self._transfer = BasisTransfer(basis, self._encoder, self._line)
+            self._transfer = BasisTransfer(basis, self._line)
         return Greeted(capabilities)
 
     def is_timed_by(self, time: messages.Time, now_ns: int) -> bool:

@@ -1,16 +1,19 @@
-"""Pacing of what is written: one write at a time, and none while the one before still occupies the line."""
+"""The line to the device: what numbers its frames, when it is free for the next write, and what is sent repeatedly."""
 
+from firmware_link.protocol.framing import FrameEncoder
+from firmware_link.protocol.layout import Message
 from firmware_link.protocol.line_rate import occupied_ns
 
 
 class Line:
-    """When the line is free, by the sizes of what was written and by the bit rate.
+    """When the line is free, by the sizes of what was written and by the bit rate, and what numbers its frames.
 
     A frame that waits in the queue of a driver would be sent however old it becomes, so a write is held back until
     the line has carried the one before: the latest command still wins.
     """
 
-    def __init__(self, bit_rate_hz: int) -> None:
+    def __init__(self, bit_rate_hz: int, encoder: FrameEncoder) -> None:
+        self.encoder = encoder
         self.free_ns = 0  # host time from which the line is free
         self._bit_rate_hz = bit_rate_hz
         self._occupied_by_size_ns: dict[int, int] = {}
@@ -21,3 +24,22 @@ class Line:
         if duration_ns is None:
             duration_ns = self._occupied_by_size_ns[size] = occupied_ns(self._bit_rate_hz, size)
         return duration_ns
+
+
+class RepeatedRequest:
+    """A request that is sent again each period, until its answer ends the state that asks for it.
+
+    This says when the next copy is due; its owner says which request its state asks for.
+    """
+
+    def __init__(self, line: Line, due_ns: int) -> None:
+        self.due_ns = due_ns  # the next copy is due at this time
+        self._line = line
+
+    def next_frame(self, request: Message, period_ns: int, now_ns: int, before: bytes = b"") -> bytes:
+        """Frame of a copy due behind the bytes `before`, else empty. The period begins once the line has carried it."""
+        if now_ns < self.due_ns:
+            return b""
+        frame = before + self._line.encoder.encode(request)
+        self.due_ns = now_ns + period_ns + self._line.occupied_ns(len(frame))
+        return frame

@@ -43,7 +43,7 @@ from dataclasses import replace
 
 from firmware_link.host.clock import NS_PER_S, DeviceClock, Exchange
 from firmware_link.host.handshake import Handshake, check_basis
-from firmware_link.host.line import Line
+from firmware_link.host.line import Line, RepeatedRequest
 from firmware_link.host.link_values import (
     Armed,
     BasisReplaced,
@@ -56,11 +56,10 @@ from firmware_link.host.link_values import (
 )
 from firmware_link.host.memory import Memory
 from firmware_link.host.outbox import Outbox
-from firmware_link.host.request import RepeatedRequest
 from firmware_link.host.sensing import Sensing
 from firmware_link.protocol import drive_words, messages
 from firmware_link.protocol.basis import Basis, EncodedClick
-from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, Signal
+from firmware_link.protocol.framing import FrameDecoder, FrameEncoder, FramingCounters, Signal
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.link_errors import LinkError, LinkLostError, MessageError
 
@@ -86,7 +85,6 @@ class Link:
         self.state = LinkState.DISCONNECTED
         self.clock = DeviceClock()
         self._decoder = FrameDecoder()
-        self.framing_counters = self._decoder.counters  # frames from the device, accepted and refused
         self._encoder = FrameEncoder()
         self._patience_end_ns: int | None = None
         self.status: messages.Status | None = None  # the last STATUS of this session; None before the first
@@ -99,6 +97,11 @@ class Link:
         return self._handshake.capabilities
 
     @property
+    def framing_counters(self) -> FramingCounters:
+        """Frames from the device, accepted and refused."""
+        return self._decoder.counters
+
+    @property
     def drive_sequence(self) -> int | None:
         """Sequence of the last SET or PLAY that brought a new command: STATUS names it once it is applied."""
         return self._outbox.drive_sequence
@@ -106,19 +109,19 @@ class Link:
     def reconfigure(self, configuration: LinkConfiguration) -> None:
         """Take limits and basis from another configuration; `connect` must follow."""
         self.configuration = configuration
-        self._line = Line(configuration.bit_rate_hz)
-        self._handshake = Handshake(configuration, self._encoder, self._line, 0)
-        self._request = RepeatedRequest(self._encoder, self._line, 0)  # of time in READY, to stop in STOPPING
+        self._line = Line(configuration.bit_rate_hz, self._encoder)
+        self._handshake = Handshake(configuration, self._line, 0)
+        self._request = RepeatedRequest(self._line, 0)  # of time in READY, to stop in STOPPING
         self._outbox = Outbox(self.counters, configuration.slew_limit_per_s, self._encoder)
-        self._memory = Memory(configuration.basis, self._encoder, self._line, self._outbox)
-        self._sensing = Sensing(self._encoder, self._line)
+        self._memory = Memory(configuration.basis, self._line, self._outbox)
+        self._sensing = Sensing(self._line)
 
     def connect(self, now_ns: int) -> None:
         """Start a new session, whatever was before: greet, hand the basis over, compare clocks, arm."""
         self.state = LinkState.GREETING
         self.clock = DeviceClock()
         self._line.free_ns = now_ns
-        self._handshake = Handshake(self.configuration, self._encoder, self._line, now_ns)
+        self._handshake = Handshake(self.configuration, self._line, now_ns)
         self._outbox.start(b"", self.configuration.lease_ms, self.clock)
         self._memory.end_transfer()
         self._sensing.end()

@@ -6,7 +6,6 @@ from firmware_link.host.line import Line
 from firmware_link.host.link_values import BasisRefused, BasisReplaced
 from firmware_link.host.outbox import Outbox
 from firmware_link.protocol.basis import Basis, EncodedClick, transfer_messages
-from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Ack, BasisBegin, BasisChunk, BasisCommit, Result
 
@@ -23,10 +22,10 @@ class BasisTransfer:
     the device recognises a copy.
     """
 
-    def __init__(self, basis: Basis, encoder: FrameEncoder, line: Line, spacing_ns: int = 0) -> None:
+    def __init__(self, basis: Basis, line: Line, spacing_ns: int = 0) -> None:
         self.basis = basis
         self.due_ns = 0  # the next frame is due at this time
-        self._encoder, self._line, self._spacing_ns = encoder, line, spacing_ns
+        self._line, self._spacing_ns = line, spacing_ns
         self._steps: Iterator[BasisBegin | BasisChunk | BasisCommit] = transfer_messages(basis.data)
         self._step: BasisBegin | BasisChunk | BasisCommit | None = next(self._steps)
         self._frame, self._sequence = b"", -1
@@ -41,8 +40,8 @@ class BasisTransfer:
         if now_ns < self.due_ns or self._step is None:
             return b""
         if not self._frame:
-            self._frame = self._encoder.encode(self._step)
-            self._sequence = self._encoder.sequence
+            self._frame = self._line.encoder.encode(self._step)
+            self._sequence = self._line.encoder.sequence
         self.due_ns = now_ns + RETRY_NS + self._line.occupied_ns(len(self._frame))
         return self._frame
 
@@ -65,9 +64,9 @@ class Memory:
     changed over is dropped: its weights are those of the basis before.
     """
 
-    def __init__(self, basis: Basis | None, encoder: FrameEncoder, line: Line, outbox: Outbox) -> None:
+    def __init__(self, basis: Basis | None, line: Line, outbox: Outbox) -> None:
         self.basis = basis
-        self._encoder, self._line, self._outbox = encoder, line, outbox
+        self._line, self._outbox = line, outbox
         self._transfer: BasisTransfer | None = None
 
     def check(self, click: EncodedClick) -> None:
@@ -77,7 +76,7 @@ class Memory:
 
     def replace(self, basis: Basis) -> None:
         """Start to hand another basis over."""
-        self._transfer = BasisTransfer(basis, self._encoder, self._line, ARMED_SPACING_NS)
+        self._transfer = BasisTransfer(basis, self._line, ARMED_SPACING_NS)
 
     def end_transfer(self) -> None:
         """Give an unfinished transfer up; the basis that is held stays."""

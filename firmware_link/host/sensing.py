@@ -5,10 +5,8 @@ accelerometer is, and only a line that carries that gets a stream. A stream that
 """
 
 from firmware_link.host.lease import NS_PER_MS
-from firmware_link.host.line import Line
+from firmware_link.host.line import Line, RepeatedRequest
 from firmware_link.host.link_values import AccelerometerDescribed
-from firmware_link.host.request import RepeatedRequest
-from firmware_link.protocol.framing import FrameEncoder
 from firmware_link.protocol.line_rate import sensed_rate_hz
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import ACCELEROMETER, Accelerometer, Features, Sense
@@ -21,10 +19,10 @@ MHZ_PER_HZ = 1_000
 class Sensing:
     """The stream of one session; `start` begins it, and a new session has none until then."""
 
-    def __init__(self, encoder: FrameEncoder, line: Line) -> None:
+    def __init__(self, line: Line) -> None:
         self.is_wanted = False
         self._is_described = False
-        self._request = RepeatedRequest(encoder, line, 0)
+        self._request = RepeatedRequest(line, 0)
 
     def start(self, features: Features, now_ns: int) -> None:
         """Ask for the stream from now on. Raises LinkError for a device without an accelerometer."""

@@ -1,21 +1,23 @@
-"""Serial ports: their list, and one opened by name as a descriptor that never blocks."""
+"""Ports of boards as descriptors that never block; the list of serial ports, and one opened by name."""
 
 import contextlib
 import errno
 import grp
+import os
 import stat
 import termios
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import serial
 from serial.tools import list_ports
 
 from firmware_link import BIT_RATE_HZ
-from firmware_link.host.descriptor_port import DescriptorPort
 from firmware_link.host.emulator_registry import find_announced
-from firmware_link.protocol.link_errors import LinkError
+from firmware_link.protocol.link_errors import LinkError, LinkLostError
 
+READ_SIZE = 4096  # bytes read at once
 _BY_ID = Path("/dev/serial/by-id")
 _RULE_FILE = "/etc/udev/rules.d/70-tactable-port.rules"  # must sort before 73-seat-late.rules
 
@@ -62,6 +64,54 @@ def path_of(name: str) -> str:
     if name and Path(name).exists():
         return name
     raise LinkError(f"no serial port {name!r}: plug the device in, or choose one that `tactable list` shows")
+
+
+class DescriptorPort:
+    """An open descriptor to a board, a serial port or the socket to a card; any later failure is a LinkLostError."""
+
+    def __init__(self, path: str, descriptor: int) -> None:
+        self.path, self._descriptor = path, descriptor
+        os.set_blocking(descriptor, False)
+
+    def fileno(self) -> int:
+        """The descriptor, to poll."""
+        return self._descriptor
+
+    def read(self) -> bytes:
+        """Read what has come, perhaps nothing. Raises LinkLostError when the board is gone."""
+        try:
+            data = os.read(self._descriptor, READ_SIZE)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise self._gone(error) from error
+        if not data:
+            raise self._gone("hung up")
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Write what is taken; returns the number of bytes, perhaps 0. Raises LinkLostError when the board is gone."""
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Close the port; a second close does nothing."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def _gone(self, reason: object) -> LinkLostError:
+        return LinkLostError(f"{self.path} is gone ({reason}): plug the device in and connect again")
 
 
 class SerialPort(DescriptorPort):

@@ -6,8 +6,7 @@ from typing import Self
 
 from base.child import START_TIMEOUT_S, Child, ChildError
 from firmware_link import BIT_RATE_HZ
-from firmware_link.host.descriptor_port import DescriptorPort
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import DescriptorPort, SerialPort
 from firmware_link.protocol.link_errors import LinkLostError
 from tactable.audio.names import AudioError, is_audio, parse_output
 from tactable.shipped import cache_folder

@@ -27,7 +27,7 @@ from base.points import point_text
 from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.loop import SystemClock
 from engine.table import Table
-from firmware_link.host.descriptor_port import DescriptorPort
+from firmware_link.host.serial_port import DescriptorPort
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
 from tactable.bench.latency.sockets import STAMPS, SocketSource
 from tactable.bench.latency.stages import figures_of, us

@@ -22,8 +22,7 @@ from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tactable.measure.audio_process import AudioSensor
 from tactable.measure.board_sensor import BoardSensor, Losses, fixed_position_m, is_board, open_board_sensor
 from tactable.measure.driven_device import DrivenDevice
-from tactable.measure.sample_stream import SampleStream
-from tactable.measure.sensor import Sensor, SensorError
+from tactable.measure.sensor import SampleStream, Sensor, SensorError
 from tactable.measure.simulated_bench import BoardBench, ConverterFlaws, SimulatedBench, SimulatedSensor
 from tactable.shipped import cache_folder
 

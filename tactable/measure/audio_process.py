@@ -18,8 +18,7 @@ from engine.device import Device
 from tactable.audio.board import CardPace
 from tactable.audio.names import AudioError, AudioInput, parse_input
 from tactable.audio.streams import PortAudioStream, Samples, wait_while_called
-from tactable.measure.sample_stream import SampleStream, write_header
-from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
+from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SampleStream, SensorError, SensorForm, write_header
 
 _BLOCK_S = 0.01  # of a callback; loopback takes the latency out
 _PIPE_SIZE = 1 << 20  # fs.pipe-max-size of Linux: 2.7 s of two channels at 48 kHz

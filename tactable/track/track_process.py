@@ -37,7 +37,7 @@ from tactable.run.beside_loop import BesideLoop
 from tactable.run.track_status import STATUS
 
 if TYPE_CHECKING:  # the tracker needs scipy, which the run does not
-    from tactable.measure.sample_stream import SampleStream
+    from tactable.measure.sensor import SampleStream
     from tactable.track.tracker import Tracker
 
 _NAME, _READ_BYTES = "tracking", 1 << 16

@@ -12,7 +12,7 @@ from pathlib import Path
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import EmulatorLog
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.host.descriptor_port import READ_SIZE
+from firmware_link.host.serial_port import READ_SIZE
 
 SERIAL_NUMBER = "TACTABLE-SYSTEM-TEST"
 _GADGET = Path("/sys/kernel/config/usb_gadget/tactable")

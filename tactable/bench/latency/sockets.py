@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable
 
 from engine.touch.sources import OnClock
-from firmware_link.host.descriptor_port import READ_SIZE
+from firmware_link.host.serial_port import READ_SIZE
 
 STAMPS = struct.Struct("<qq")  # leads each report on its socket: when it was due, and when it was sent, ns
 

@@ -20,8 +20,7 @@ from engine.loop.observer import CommandRecord, Fate, Trace
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from firmware_link.host.clock import OffsetBounds
-from firmware_link.host.descriptor_port import DescriptorPort
-from firmware_link.host.serial_port import SerialPort
+from firmware_link.host.serial_port import DescriptorPort, SerialPort
 from firmware_link.host.session import Port
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.link_errors import LinkError

@@ -27,8 +27,7 @@ from tactable.audio.names import AudioInput, is_audio, parse_input
 from tactable.measure.apparatus import open_sensor
 from tactable.measure.audio_process import form_of
 from tactable.measure.driven_device import PATIENCE_NS
-from tactable.measure.sample_stream import SampleStream
-from tactable.measure.sensor import ACCELERATION, FORCE, REFERENCE, Sensor, SensorError, SensorForm
+from tactable.measure.sensor import ACCELERATION, FORCE, REFERENCE, SampleStream, Sensor, SensorError, SensorForm
 from tactable.measure.simulated_bench import Converter, ConverterFlaws
 from tactable.measure.tapping.taps import Tap, decay_of, find_taps, response_of
 

@@ -15,8 +15,7 @@ from engine.device import Device
 from firmware_link.emulator.emulator_process import run_emulator
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.types import Kind
-from tactable.measure.sample_stream import write_header
-from tactable.measure.sensor import SensorForm
+from tactable.measure.sensor import SensorForm, write_header
 from tests.engine.loop.rig import DEVICE
 from tests.tactable.cli.in_process import run_here
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactable.measure.sample_stream import SampleStream, read_header, write_header
-from tactable.measure.sensor import SensorError, SensorForm
+from tactable.measure.sensor import SampleStream, SensorError, SensorForm, read_header, write_header
 from tests.engine.loop.rig import DEVICE
 
 FORM = SensorForm(8_000.0, ("acceleration", "loopback left"), (20.0, float("inf")), is_simulated=True)

@@ -11,7 +11,7 @@ from tactable.audio.simulated_card import CardFlaws, SimulatedCard
 from tactable.measure.apparatus import ApparatusOptions, open_apparatus
 from tactable.measure.audio_process import Taker
 from tactable.measure.faults import Fault
-from tactable.measure.sample_stream import SampleStream
+from tactable.measure.sensor import SampleStream
 from tactable.measure.simulated_bench import ConverterFlaws, SimulatedBench
 from tactable.measure.stepped_sine import Reading, SteppedSineOptions
 from tests.engine.loop.rig import DEVICE

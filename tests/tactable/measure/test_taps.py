@@ -11,8 +11,7 @@ from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
 from precompute.model.modes import compute_modes
-from tactable.measure.sample_stream import write_header
-from tactable.measure.sensor import ACCELERATION, REFERENCE, SensorError, SensorForm
+from tactable.measure.sensor import ACCELERATION, REFERENCE, SensorError, SensorForm, write_header
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.tapping.hammer import RATE_HZ, HammerOptions, TapBench, Tapped, responses_text
 from tactable.measure.tapping.taps import Tap, TapFault, find_taps, response_of

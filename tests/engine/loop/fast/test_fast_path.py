@@ -21,7 +21,7 @@ from engine.loop.loop import Clock, SystemClock
 from engine.loop.pipeline import open_pipeline
 from engine.touch.sources.recording import read_recording
 from firmware_link.emulator.drive_log import Cause
-from firmware_link.host.descriptor_port import DescriptorPort
+from firmware_link.host.serial_port import DescriptorPort
 from tests.engine.loop.fast.virtual_fast_path import Packets
 from tests.engine.loop.rig import DESCRIPTOR, DEVICE, Rig, held, recording_of, report
 from tests.engine.made_clicks import every_click
