@@ -13,18 +13,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from base.arrays import Array
-from base.points import is_within, point_text
-from engine.device import Device, Finger
+from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator.firmware import EmulatedFirmware
-from firmware_link.emulator.synthesis import Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.transfers import DelayFilter
-from precompute.model.transient import TransientPlant
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.measure.sensor import ACCELERATION, LOOPBACK, Block, SensorError, SensorForm
-from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard
+from tactable.rig.accelerometer import EmulatedAccelerometer, SensedBoard, SensorPlant
 from tactable.rig.emulate import configuration_of
 
 PORT, SENSOR = -1, -2  # stand-ins for descriptors
@@ -195,7 +192,7 @@ class SimulatedBench(VirtualLine):
     """Port, clock and sensor of the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
 
     The board is an emulated firmware, or `card`. With `has_sum` one loopback channel has the outputs of all actuators,
-    and is that of each. Raises SensorError for a place beside it.
+    and is that of each. Raises AccelerometerError for a place beside it.
     """
 
     def __init__(
@@ -211,8 +208,6 @@ class SimulatedBench(VirtualLine):
         card: SimulatedCard | None = None,
         has_sum: bool = False,
     ) -> None:
-        self._device = true
-        self._sensor = Finger(mass_kg=sensor_mass_kg, damping_n_s_per_m=0.0, stiffness_n_per_m=0.0, spread=1.0)
         own_m = [actuator.full_scale_m for actuator in (board or true).actuators]
         self.firmware = EmulatedFirmware(configuration_of(board or true, BOOT_ID))
         self.card = card
@@ -225,29 +220,23 @@ class SimulatedBench(VirtualLine):
         self._gravity_m_per_s2 = flaws.has_gravity * GRAVITY_M_PER_S2
         self._plant_samples = math.ceil((_FINE_HZ if is_fine else _PLANT_HZ) / sample_rate_hz)
         basis = compute_basis(assemble(true), FINE_MODES if is_fine else None)
-        self._plant = TransientPlant(basis, np.zeros(1), sample_rate_hz * (1 + flaws.drift) * self._plant_samples)
-        self._late = DelayFilter(flaws.late_s, self._plant.sample_rate_hz) if flaws.late_s else None
-        self._synthesis, self._taken_events = Synthesis(), 0
+        plant_hz = sample_rate_hz * (1 + flaws.drift) * self._plant_samples
+        self._plant = SensorPlant(true, basis, plant_hz, sensor_mass_kg)
+        self._late = DelayFilter(flaws.late_s, plant_hz) if flaws.late_s else None
         self._ready: list[tuple[int, Array]] = []
         self._made_us = 0.0
-        self._upright = 1.0  # -1 when it is turned over
         self.place(true.surface.corner_m / 2)
 
     def place(self, position_m: complex) -> None:
         """Put the sensor here; that takes as long as the surface takes to come to rest."""
-        surface = self._device.surface
-        if not is_within(position_m, surface.corner_m):
-            raise SensorError(f"{point_text(position_m)} is off the {surface.kind} of {point_text(surface.corner_m)}")
         self.run_to(self.time_ns + MOVING_NS)
         self._make_samples()
-        self._plant.rest()
-        self._plant.look_at(np.array([position_m]))
-        self._plant.touch([(position_m, self._sensor)])
+        self._plant.place(position_m)
 
     def turn_over(self) -> None:
         """Turn the sensor over, so that gravity shows with the other sign."""
         self._make_samples()
-        self._upright = -self._upright
+        self._plant.turn_over()
 
     def _ready_of(self, readable: Sequence[int]) -> list[int]:
         found = super()._ready_of(readable)
@@ -272,32 +261,27 @@ class SimulatedBench(VirtualLine):
 
     def _make_samples(self) -> None:
         """Run bar and converter up to now, block by block; a block arrives after the latency."""
-        now_us, log = self.time_ns / 1000, self.firmware.drive_log
-        self._synthesis.take_events(log[self._taken_events :])
-        self._taken_events = len(log)
-        while self._made_us + _BLOCK_S * _US_PER_S <= now_us:
+        while self._made_us + _BLOCK_S * _US_PER_S <= self.time_ns / 1000:
             stop_us = self._made_us + _BLOCK_S * _US_PER_S
             values = self._sense(self._made_us, stop_us)
             arrives_ns = int(1000 * stop_us + self._converter.latency_s() * _NS_PER_S)
             # A block never overtakes the one before.
             self._ready.append((max([arrives_ns, *(time_ns for time_ns, _ in self._ready[-1:])]), values))
-            self._synthesis.forget(stop_us)
             if self.card is not None:
                 self.card.forget(stop_us)
             self._made_us = stop_us
 
     def _sense(self, start_us: float, stop_us: float) -> Array:
         """Samples (sample, channel) of a stretch of time, as the converter delivers them."""
-        rate_hz, count = self._plant.sample_rate_hz, len(self._device.actuators)
+        plant, rate_hz = self._plant, self._plant.sample_rate_hz
         if self.card is not None:
-            drive = self.card.drive(start_us, stop_us, rate_hz)[:, :count] * self._of_card
+            drive = self.card.drive(start_us, stop_us, rate_hz)[:, : len(self._of_card)] * self._of_card
         else:
-            drive = self._synthesis.displacements(start_us, stop_us, rate_hz)
-            drive = drive if drive.shape[1] else np.zeros((len(drive), count))  # nothing was ever driven
+            drive = plant.drive(self.firmware.drive_log, start_us, stop_us)
         if self._late is not None:
             drive = np.column_stack([drive[:, :-1], self._late.run(drive[:, -1])])
-        index = math.ceil(start_us * rate_hz / _US_PER_S) + np.arange(len(drive))
-        felt = self._upright * (self._plant.accelerate(drive)[:, 0] + self._gravity_m_per_s2)
+        felt, index = plant.move(drive, start_us)
+        felt += plant.sign * self._gravity_m_per_s2
         kept = index % self._plant_samples == 0
         return self._converter.convert(felt[kept], drive[kept], index[kept] / rate_hz)
 
@@ -331,7 +315,8 @@ _OF_CONVERTERS = {"hum_m_per_s2": "hum", "drops_per_s": "drops", "jitter_s": "ji
 class BoardBench(VirtualLine):
     """Port, clock and person at the surface `true`, of whose actuators `board` says the full scales. SIMULATED.
 
-    Raises SensorError for flaws that an accelerometer on the board cannot have, and for a place beside it.
+    Raises SensorError for flaws that an accelerometer on the board cannot have, AccelerometerError for a place beside
+    it.
     """
 
     def __init__(
@@ -357,8 +342,8 @@ class BoardBench(VirtualLine):
     def place(self, position_m: complex) -> None:
         """Put the sensor here; that takes as long as the surface takes to come to rest."""
         self.run_to(self.time_ns + MOVING_NS)
-        self._sensed.place(position_m)
+        self._sensed.plant.place(position_m)
 
     def turn_over(self) -> None:
         """Turn the sensor over, so that gravity shows with the other sign."""
-        self._sensed.turn_over()
+        self._sensed.plant.turn_over()

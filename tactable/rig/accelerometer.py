@@ -12,6 +12,7 @@ as the interrupt of a board would have done. While nobody asks for samples the s
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from base.points import is_within, point_text
 from engine.device import Device
 from engine.device.quantity import GRAVITY_M_PER_S2, QuantityError, read_words
 from firmware_link.emulator.device_state import DeviceConfiguration, DeviceCounters
+from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.emulator.synthesis import Synthesis
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE
@@ -96,6 +98,52 @@ _WORDS = {
 assert [name for name, _ in _WORDS.values()] == [field.name for field in fields(EmulatedAccelerometer)]
 
 
+class SensorPlant:
+    """The surface of a device in time, a sensor of a mass on it, moved by the drive of a firmware's log. SIMULATED.
+
+    finger_m: where a standard finger rests all the time, or None. `sign` is -1 while the sensor is turned over.
+    """
+
+    def __init__(
+        self, device: Device, basis: Basis, sample_rate_hz: float, mass_kg: float, finger_m: complex | None = None
+    ) -> None:
+        self.device, self._mass_kg, self._finger_m = device, mass_kg, finger_m
+        self._plant = TransientPlant(basis, np.zeros(1), sample_rate_hz)
+        self._synthesis, self._taken = Synthesis(), 0
+        self.sample_rate_hz, self.sign = sample_rate_hz, 1.0
+
+    def place(self, position_m: complex) -> None:
+        """Put the sensor here; the surface comes to rest meanwhile. Raises AccelerometerError for a place off it."""
+        kind, corner_m, finger = self.device.surface.kind, self.device.surface.corner_m, self.device.finger
+        lying = [] if self._finger_m is None else [(self._finger_m, finger)]
+        for at_m in (position_m, *(at_m for at_m, _ in lying)):
+            if not is_within(at_m, corner_m) or isinstance(at_m, complex) != isinstance(corner_m, complex):
+                text, size = point_text(at_m), point_text(corner_m)
+                raise AccelerometerError(f"{text} is off the {kind} of {size}; put it on the {kind}")
+        weight = {"mass_kg": self._mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
+        self._plant.rest()
+        self._plant.look_at(np.array([position_m]))
+        self._plant.touch([(position_m, replace(finger, **weight)), *lying])
+
+    def turn_over(self) -> None:
+        """Turn the sensor over: what it reads changes its sign."""
+        self.sign = -self.sign
+
+    def drive(self, log: Sequence[DriveEvent], start_us: float, stop_us: float) -> Array:
+        """Displacements (sample, actuator) of the next stretch of time, by a log that grows; what was before goes."""
+        self._synthesis.take_events(log[self._taken :])
+        self._taken = len(log)
+        drive = self._synthesis.displacements(start_us, stop_us, self.sample_rate_hz)
+        self._synthesis.forget(stop_us)
+        # Without any event there are no actuators.
+        return drive if drive.shape[1] else np.zeros((len(drive), len(self.device.actuators)))
+
+    def move(self, drive: Array, start_us: float) -> tuple[Array, Integers]:
+        """What the sensor feels (sample,) of displacements from a time on, less gravity; the numbers of its samples."""
+        index = math.ceil(start_us * self.sample_rate_hz / _US_PER_S) + np.arange(len(drive))
+        return self.sign * self._plant.accelerate(drive)[:, 0], index
+
+
 class SensedSurface:
     """Boots boards whose accelerometer lies on one surface, the modes of which are computed once."""
 
@@ -130,31 +178,12 @@ class SensedBoard:
             sensor_greatest=QUIET_GREATEST if accelerometer.quiet else GREATEST,
         )
         self.core = EmulatedFirmware(self.configuration)
-        self._device, self._part, self._random = device, accelerometer, np.random.default_rng(seed)
-        self._plant_hz = RATE_HZ * (1 + accelerometer.drift) * _PLANT_SAMPLES
-        self._plant = TransientPlant(basis or compute_basis(assemble(device)), np.zeros(1), self._plant_hz)
-        self._synthesis, self._taken = Synthesis(), 0
+        self._part, self._random = accelerometer, np.random.default_rng(seed)
+        plant_hz = RATE_HZ * (1 + accelerometer.drift) * _PLANT_SAMPLES
+        modes = basis or compute_basis(assemble(device))
+        self.plant = SensorPlant(device, modes, plant_hz, accelerometer.mass_kg, accelerometer.finger_m)
         self._made_us: int | None = None
-        self._sign = 1.0
-        self.place(accelerometer.at_m)
-
-    def place(self, position_m: complex) -> None:
-        """Put the accelerometer here; the surface comes to rest meanwhile."""
-        kind, corner_m = self._device.surface.kind, self._device.surface.corner_m
-        lies_m, finger = self._part.finger_m, self._device.finger
-        for at_m in (position_m, position_m if lies_m is None else lies_m):
-            if not is_within(at_m, corner_m) or isinstance(at_m, complex) != isinstance(corner_m, complex):
-                text, size = point_text(at_m), point_text(corner_m)
-                raise AccelerometerError(f"{text} is off the {kind} of {size}; put it on the {kind}")
-        weight = {"mass_kg": self._part.mass_kg, "damping_n_s_per_m": 0.0, "stiffness_n_per_m": 0.0}
-        self._plant.rest()
-        self._plant.look_at(np.array([position_m]))
-        lying = [] if lies_m is None else [(lies_m, finger)]
-        self._plant.touch([(position_m, replace(finger, **weight)), *lying])
-
-    def turn_over(self) -> None:
-        """Turn the accelerometer over: what it reads changes its sign."""
-        self._sign = -self._sign
+        self.plant.place(accelerometer.at_m)
 
     @property
     def counters(self) -> DeviceCounters:
@@ -197,24 +226,19 @@ class SensedBoard:
         while self._made_us + _BLOCK_US <= now_us and self.core.senses:
             stop_us = self._made_us + _BLOCK_US
             said += self.core.run_until(stop_us)
-            self._synthesis.take_events(self.core.drive_log[self._taken :])
-            self._taken = len(self.core.drive_log)
             self._sense(self._made_us, stop_us)
-            self._synthesis.forget(stop_us)
             self._made_us = stop_us
         return said
 
     def _sense(self, start_us: int, stop_us: int) -> None:
         """Hand the samples of a block to the core."""
-        drive = self._synthesis.displacements(start_us, stop_us, self._plant_hz)
-        if not drive.shape[1]:  # nothing was ever driven
-            drive = np.zeros((len(drive), len(self._device.actuators)))
-        index = math.ceil(start_us * self._plant_hz / _US_PER_S) + np.arange(len(drive))
+        drive = self.plant.drive(self.core.drive_log, start_us, stop_us)
+        felt, index = self.plant.move(drive, start_us)
         kept = index % _PLANT_SAMPLES == 0
-        counts = self._counts(self._plant.accelerate(drive)[kept, 0])
+        counts = self._counts(felt[kept])
         spare = self.configuration.number_of_actuators - drive.shape[1]
         displacements = np.pad(np.rint(SAMPLE_FULL_SCALE * drive[kept]).astype(int), ((0, 0), (0, spare)))
-        instants = index[kept] * self.configuration.synthesis_rate_hz // self._plant_hz
+        instants = index[kept] * self.configuration.synthesis_rate_hz // self.plant.sample_rate_hz
         for count, row, instant in zip(counts.tolist(), displacements.tolist(), instants.tolist(), strict=True):
             self.core.sense(count, row, int(instant))
 
@@ -223,6 +247,6 @@ class SensedBoard:
         part = self._part
         own, step, most = (QUIET_NOISE_M_PER_S2, 1, QUIET_GREATEST) if part.quiet else (NOISE_M_PER_S2, STEP, GREATEST)
         noise = math.hypot(own, part.noise_m_per_s2) * self._random.standard_normal(len(acceleration))
-        read = self._sign * (acceleration + GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
+        read = (acceleration + self.plant.sign * GRAVITY_M_PER_S2) * (1 + part.gain) + part.offset_m_per_s2 + noise
         counts: Integers = step * np.rint(read / (step * part.scale_m_per_s2)).astype(np.int64)
         return np.clip(counts, -most, most)

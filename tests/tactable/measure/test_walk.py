@@ -34,6 +34,7 @@ from tactable.measure.walk import (
     measurements_of,
     planned_walk,
 )
+from tactable.rig.accelerometer import AccelerometerError
 from tests.engine.loop.rig import DEVICE
 from tests.precompute.devices import tablet
 from tests.quick import first_quick
@@ -225,7 +226,7 @@ def test_a_walk_over_points_reads_what_the_model_says_and_goes_on_after_an_inter
     read = measurements_of(records, PLATE, 2e-3, Kind.RESPONSE, is_simulated=True)
     expected = np.exp(MeasurementModel(PLATE, read, ()).predict(np.zeros(0)).log_acceleration)
     assert read.acceleration == pytest.approx(expected, rel=5e-3)
-    with pytest.raises(SensorError, match="310 x 10 mm is off the plate of 300 x 180 mm"):
+    with pytest.raises(AccelerometerError, match="310 x 10 mm is off the plate of 300 x 180 mm"):
         SimulatedBench(PLATE, ConverterFlaws(), seed=1).place(0.31 + 0.01j)
 
 
