@@ -76,10 +76,6 @@ class PageBackend(ABC):
         """Take a device file that was dropped on the page."""
 
     @abstractmethod
-    def sound(self, finger: int) -> bytes | None:
-        """Vibration that a finger felt, as a SOUND message; None where it is not known."""
-
-    @abstractmethod
     async def run(self) -> None:
         """Do the background work until cancelled."""
 
@@ -165,7 +161,7 @@ class PageServer:
         self._browsers[number] = browser
         sender = asyncio.create_task(browser.send())
         try:
-            await self._listen(number, socket_, browser)
+            await self._listen(number, socket_)
         except PageMessageError as error:
             await socket_.close(error.code, str(error)[:100])
         except WebSocketDisconnect:
@@ -177,7 +173,7 @@ class PageServer:
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await sender
 
-    async def _listen(self, number: int, socket_: WebSocket, browser: _Browser) -> None:
+    async def _listen(self, number: int, socket_: WebSocket) -> None:
         while True:
             message = await socket_.receive()
             if message["type"] == "websocket.disconnect":
@@ -190,10 +186,8 @@ class PageServer:
                 self.backend.touch(number, asked)
             elif isinstance(asked, dict):
                 self.backend.choose(asked)
-            elif isinstance(asked, DroppedFile):
+            else:
                 self.backend.drop(asked)
-            elif (sound := self.backend.sound(asked)) is not None:
-                browser.offer(sound)
 
     async def broadcast(self) -> None:
         """Tick the backend and offer its messages to all browsers, until cancelled."""
