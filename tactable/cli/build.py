@@ -1,12 +1,9 @@
 """Commands `build`, `rollback` and `fleet`: make the table of a device, put the previous one back, make many."""
 
 import json
-import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,21 +12,19 @@ from rich.table import Table as Grid
 from rich.text import Text
 from typer import Argument, Option
 
-from base.errors import TactableError
 from engine.device import Device
 from engine.table import Table
 from engine.table.history import previous_of, roll_back
 from tactable.cli import options
-from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_error, print_json, remark, say, show, shown_progress
+from tactable.cli.console import EXIT_DOUBTFUL, OUT, print_json, remark, say, show, shown_progress
 from tactable.kernel_cache import compile_steady_solver
-from tactable.shipped import find_device, find_device_file
+from tactable.shipped import find_device
 
 if TYPE_CHECKING:
     from precompute.builder.table_build import BuildCost
     from precompute.fleet.summary import Summary
     from precompute.fleet.verdict import Limits
 
-LOOK_S = 0.5  # time between two looks at a watched description
 _MANY_CLICKS = 5000  # half a minute
 _SHOWN = 20  # a screen's worth; the summary file has all
 
@@ -54,7 +49,6 @@ def build(
         ),
     ] = False,
     sensor_mass: options.SensorMass = "0 g",
-    watch: Annotated[bool, Option("--watch", help="Build again when the device file changes, until Ctrl-C.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Build the table of a device.
@@ -63,49 +57,17 @@ def build(
     clicks of this device, a table with those of one finger comes first, after seconds: a run may play it at once, and
     solves the others.
     """
-    options.need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
-    build_one = partial(
-        _build,
-        output=output,
-        clicks_up_to=clicks_up_to,
-        pitch_m=options.read_pitch(pitch),
-        workers=workers,
-        reuse=reuse,
-        responses=responses,
-        scales_forces=force_of_actuators,
-        sensor_mass_kg=options.read_option("--sensor-mass", sensor_mass, "kg"),
-        as_json=as_json,
-    )
-    if not watch:
-        build_one(options.with_threshold(find_device(device_name), threshold))
-        return
-    with suppress(KeyboardInterrupt):
-        watch_device(find_device_file(device_name), lambda device: build_one(options.with_threshold(device, threshold)))
-
-
-def _build(
-    device: Device,
-    *,
-    output: Path | None,
-    clicks_up_to: int | None,
-    pitch_m: float | None,
-    workers: int | None,
-    reuse: bool,
-    responses: Path | None,
-    scales_forces: bool,
-    sensor_mass_kg: float,
-    as_json: bool,
-) -> None:
-    """Build the table of a device and print what it holds; None: not given."""
     from precompute.builder.table_build import EARLY_IN_PLACE, build_table
     from precompute.clicks import ClickOptions
     from precompute.measurements.response_table import read_responses
     from precompute.parallel.pool import available_cores
 
-    path = output or Path(f"{device.name}.nc")
-    measured = None
+    options.need_switch(context, "--responses", responses is not None, "sensor_mass", "force_of_actuators")
+    device = options.with_threshold(find_device(device_name), threshold)
+    path, pitch_m = output or Path(f"{device.name}.nc"), options.read_pitch(pitch)
+    mass_kg, measured = options.read_option("--sensor-mass", sensor_mass, "kg"), None
     if responses is not None:
-        measured = read_responses(responses, device, sensor_mass_kg, scales_forces=scales_forces)
+        measured = read_responses(responses, device, mass_kg, scales_forces=force_of_actuators)
     # Clicks are computed by the model in time: with measured responses only where they are asked for.
     fingers = clicks_up_to if clicks_up_to is not None else 0 if measured else None
     expected = [] if as_json else [f"{path}: {_expected_text(device, fingers, pitch_m)}"]
@@ -209,24 +171,6 @@ def _doubts_text(summary: Mapping[str, Any]) -> str:
         f"ESTIMATE: the fingers' effect and rise times are the model's, which is {model} off the measured responses; "
         f"{clicks}.{force} Interpolation errs by up to {hz} between frequencies and {places} between places"
     )
-
-
-def watch_device(path: Path, build_device: Callable[[Device], None]) -> None:
-    """Build at every change of the description at `path`, for ever; errors are printed, and the next change awaited."""
-    seen: bytes | None = None
-    while True:
-        try:
-            found = path.read_bytes()
-        except OSError:
-            found = seen if seen is not None else b""  # an editor may take it away for a moment
-        if found != seen:
-            seen = found
-            try:
-                build_device(find_device(str(path)))
-            except TactableError as error:
-                print_error(error)
-            remark(f"{path}: waiting for a change; Ctrl-C ends", "dim")
-        time.sleep(LOOK_S)
 
 
 def fleet(

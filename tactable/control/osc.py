@@ -26,16 +26,17 @@ PREFIX = "/tactable/"
 HELLO = f"{PREFIX}hello"
 _MOST_WAITING = 256  # messages of one sender that were not answered yet; more are refused
 Peer = tuple[str, int]
+Document = dict[str, Any]
 
 
-def message_of(address: str, values: Sequence[Value]) -> dict[str, Any]:
+def message_of(address: str, values: Sequence[Value]) -> Document:
     """The message of an OSC address and its arguments. Raises OscError, which says what is expected."""
     name = address.removeprefix(PREFIX)
     if name == address or name not in _MESSAGES:
         raise OscError(f"{address}: expected one of {', '.join(PREFIX + each for each in _MESSAGES)}")
     expected, make = _MESSAGES[name]
     try:
-        return make(values)
+        return make(*values)
     except (ValueError, TypeError, IndexError, KeyError, RecursionError):
         raise OscError(f"{address}: {list(values)!r:.80}: expected {expected}") from None
 
@@ -62,75 +63,59 @@ def _place(value: Value) -> str:
     return value if isinstance(value, str) else f"{_number(value):.6f} mm"
 
 
-def _change(values: Sequence[Value]) -> dict[str, str]:
-    if len(values) > 1:
-        raise ValueError(values)
-    return {"level_change": f"{_number(values[0]):+.2f} dB"} if values else {}
+def _change(level_change_db: Value = 0.0) -> dict[str, str]:
+    return {"level_change": f"{_number(level_change_db):+.2f} dB"}
 
 
-def _trigger(values: Sequence[Value]) -> dict[str, Any]:
-    effect, finger, *change = values
-    return {"type": "trigger", "effect": effect, "finger": _whole(finger), **_change(change)}
-
-
-def _trigger_at(values: Sequence[Value]) -> dict[str, Any]:
-    effect, at_mm, *change = values
-    return {"type": "trigger", "effect": effect, "at": _place(at_mm), **_change(change)}
-
-
-def _region(values: Sequence[Value]) -> dict[str, Any]:
-    name, start_mm, stop_mm, *rules = values
-    if not rules or len(rules) % 2:
+def _region(name: Value, start_mm: Value, stop_mm: Value, *rules: Value) -> Document:
+    if not rules:
         raise ValueError(rules)
     listed = [{"on": on, "effect": effect} for on, effect in zip(rules[::2], rules[1::2], strict=True)]
     return {"type": "region", "name": name, "region": [_place(start_mm), _place(stop_mm)], "rules": listed}
 
 
-def _settings(values: Sequence[Value]) -> dict[str, Any]:
-    enabled, rule_file, *change = values
-    return {"type": "settings", "enabled": _switch(enabled), "rule_file": _switch(rule_file), **_change(change)}
+def _settings(enabled: Value, rule_file: Value, *change: Value) -> Document:
+    return {"type": "settings", "enabled": _switch(enabled), "rule_file": _switch(rule_file), **_change(*change)}
 
 
-def _quiet(values: Sequence[Value]) -> dict[str, Any]:
-    finger, quiet = values
+def _quiet(finger: Value, quiet: Value) -> Document:
     return {"type": "role", "finger": _whole(finger), "role": "quiet" if _switch(quiet) else "by rules"}
 
 
-def _hello(values: Sequence[Value]) -> dict[str, Any]:
-    (port,) = values
+def _hello(port: Value) -> Document:
     if not 0 < _whole(port) < 1 << 16:
         raise ValueError(port)
     return {"type": "ping"}
 
 
-def _remove(values: Sequence[Value]) -> dict[str, Any]:
-    (name,) = values
-    return {"type": "remove", "name": name}
-
-
-def _json(values: Sequence[Value]) -> dict[str, Any]:
-    (text,) = values
-    if not isinstance(text, str):
-        raise TypeError
-    message = json.loads(text)
-    if not isinstance(message, dict):
+def _json(text: Value) -> Document:
+    if not isinstance(text, str) or not isinstance(message := json.loads(text), dict):
         raise TypeError
     return message
 
 
-_MESSAGES: Mapping[str, tuple[str, Callable[[Sequence[Value]], dict[str, Any]]]] = {
-    "trigger": ("effect, finger, and a change of level in dB if wanted", _trigger),
-    "trigger_at": ("effect, place in mm or such as 60 x 40 mm, and a change of level in dB if wanted", _trigger_at),
+_MESSAGES: Mapping[str, tuple[str, Callable[..., Document]]] = {
+    "trigger": (
+        "effect, finger, and a change of level in dB if wanted",
+        lambda effect, finger, *change: {
+            "type": "trigger", "effect": effect, "finger": _whole(finger), **_change(*change),
+        },
+    ),
+    "trigger_at": (
+        "effect, place in mm or such as 60 x 40 mm, and a change of level in dB if wanted",
+        lambda effect, at, *change: {"type": "trigger", "effect": effect, "at": _place(at), **_change(*change)},
+    ),
     "region": ("name, start and stop in mm or as texts, then pairs of event and effect such as touch press", _region),
-    "remove": ("the name of a region", _remove),
+    "remove": ("the name of a region", lambda name: {"type": "remove", "name": name}),
     "settings": ("enabled, rule_file (0 or 1), and a change of level in dB if wanted", _settings),
     "quiet": ("finger, and 1 for quiet or 0 for by rules", _quiet),
     "hello": ("the port that answers and events are to go to", _hello),
-    "stop": ("nothing", lambda _: {"type": "stop"}),
-    "ping": ("nothing", lambda _: {"type": "ping"}),
-    "subscribe": ("touches, played, both or nothing", lambda values: {"type": "subscribe", "to": list(values)}),
+    "stop": ("nothing", lambda *_: {"type": "stop"}),
+    "ping": ("nothing", lambda *_: {"type": "ping"}),
+    "subscribe": ("touches, played, both or nothing", lambda *streams: {"type": "subscribe", "to": list(streams)}),
     "json": ("a message of the control channel as text", _json),
-}
+}  # fmt: skip
+"""By address, the arguments that are expected, and the message that they make."""
 
 
 class _Sender:
@@ -144,7 +129,7 @@ class _Sender:
         hello = {"type": "hello", "version": VERSION, "name": f"OSC {peer[1]}", "lease": f"{LEASE_S:g} s"}
         self._lines.put_nowait(json.dumps(hello).encode())
 
-    def take_message(self, address: str, message: dict[str, Any]) -> None:
+    def take_message(self, address: str, message: Document) -> None:
         """Put a message into the line. Raises OscError where too many wait."""
         try:
             self._lines.put_nowait(json.dumps(message).encode())

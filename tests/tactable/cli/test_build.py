@@ -1,8 +1,7 @@
-"""The commands `build`, with its places and its clicks, `build --watch`, `rollback` and `fleet`."""
+"""The commands `build`, with its places and its clicks, `rollback` and `fleet`."""
 
 import csv
 import json
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from tests.precompute.builder.test_table_build import ONE_LEVEL
 from tests.precompute.fleet.small_fleet import small_text, write_unit
 from tests.precompute.measurements.test_response_table import COARSE, per_newton, rows
 from tests.tactable.cli.in_process import run_here, summary_of
-from tests.tools.processes import started
 
 SMALL = ONE_LEVEL.replace("count = 3", "count = 1")
 SOFTER = SMALL.replace('stiffness = "1 kN/m"', 'stiffness = "0.9 kN/m"')
@@ -51,35 +49,6 @@ def test_rolled_back_is_the_table_before_unless_that_is_damaged(tmp_path: Path) 
     done = run_here(tmp_path, "rollback", "bar.nc")
     assert done.returncode == 1 and "is corrupted" in done.stderr
     assert path.read_bytes() == before
-
-
-@pytest.mark.machine(stall_s=None)
-def test_a_watched_device_is_built_at_each_change_and_a_wrong_one_is_told(tmp_path: Path) -> None:
-    device = tmp_path / "bar.toml"
-    device.write_text(SMALL, encoding="utf-8")
-    words = ("build", "bar.toml", "-o", "bar.nc", "--clicks-up-to", "0", "--workers", "1", "--watch")
-    with started(tmp_path, *words) as process:
-        assert process.stderr is not None
-
-        def told() -> str:
-            """All that was said until it waits."""
-            said = ""
-            while "waiting for a change" not in said:
-                line = process.stderr.readline()  # type: ignore[union-attr]  # a pipe, see above
-                assert line, said
-                said += line
-            return said
-
-        told()
-        for text, remark in ((SOFTER, ""), ("name = 1", "tactable: bar.toml"), (SMALL, "")):
-            new = tmp_path / "new"
-            new.write_text(text, encoding="utf-8")
-            new.replace(device)
-            assert remark in told()
-            if not remark:
-                Table.open(tmp_path / "bar.nc", device=Device.parse(text, "bar.toml")).close()
-        process.send_signal(signal.SIGINT)
-        assert process.wait() == 0
 
 
 def test_it_says_what_is_measured_and_what_is_an_estimate(tmp_path: Path) -> None:
