@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from threadpoolctl import threadpool_limits
 
 from base.errors import TactableError
 from base.files import remove_partials, replace_file, write_new_folder
@@ -28,7 +27,7 @@ from precompute.builder.code_fingerprint import code_fingerprint
 from precompute.builder.table_build import Progress, build_table, no_progress
 from precompute.calibration.fitted import REPORT, fit_file
 from precompute.clicks import ClickOptions
-from precompute.fleet.figures import compute_table_figures, evaluate_table
+from precompute.fleet.figures import compute_table_figures
 from precompute.fleet.units import FleetError, FleetOptions, Job, Outcome, Unit, make_job
 from precompute.measurements.parameters import default_names
 
@@ -189,9 +188,7 @@ def kept_outcome(job: Job) -> Outcome | None:
     try:
         values = json.loads((job.folder / OUTCOME).read_text(encoding="utf-8"))
         outcome = Outcome(**{**values, "report": values["report"], "is_kept": True})
-        is_whole = outcome.key == job.key and (
-            outcome.table_crc32 is None or outcome.table_crc32 == file_checksum(job.folder / TABLE)
-        )
+        is_whole = outcome.key == job.key and outcome.table_crc32 == file_checksum(job.folder / TABLE)
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return outcome if is_whole else None
@@ -207,18 +204,12 @@ def _run(job: Job, progress: Progress) -> Outcome:
     device, report = _prepare(job, progress)
     with replace_file(job.folder / DEVICE) as partial:
         partial.write_text(device.text, encoding="utf-8")
-    table_crc32 = None
-    if job.unit.evaluated_table is None:
-        figures = _build(job, device, progress)
-        table_crc32 = file_checksum(job.folder / TABLE)
-    else:
-        with Table.open(job.unit.evaluated_table) as table, threadpool_limits(1, "blas"):
-            figures = evaluate_table(table, device)
+    figures = _build(job, device, progress)
     outcome = Outcome(
         name=job.unit.name,
         key=job.key,
         fingerprint=device.fingerprint,
-        table_crc32=table_crc32,
+        table_crc32=file_checksum(job.folder / TABLE),
         values=device_values(device),
         figures=figures,
         report=report,

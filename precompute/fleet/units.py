@@ -25,15 +25,13 @@ class FleetError(TactableError, ValueError):
 class Unit:
     """One device of a fleet.
 
-    `values` (text with a unit, by a name such as actuator[1].stiffness) replace those of its file. With an
-    `evaluated_table` no table is built: the drives of that table are evaluated on this device.
+    `values` (text with a unit, by a name such as actuator[1].stiffness) replace those of its file.
     """
 
     name: str
     device: Path
     measurements: Path | None = None
     values: Mapping[str, str] = field(default_factory=dict)
-    evaluated_table: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class Outcome:
     seconds: float = 0.0
     error: str | None = None
     fingerprint: str = ""
-    table_crc32: int | None = None  # CRC-32 of the table file; None where no table was built
+    table_crc32: int | None = None  # CRC-32 of the table file
     values: Mapping[str, Value] = field(default_factory=dict)
     figures: Mapping[str, float | None] = field(default_factory=dict)
     report: Mapping[str, Any] = field(default_factory=dict)
@@ -88,8 +86,8 @@ class Outcome:
 
 def make_job(unit: Unit, options: FleetOptions, out: Path, created: str) -> Job:
     """The job of a unit in the folder `out`. Raises OSError where a file of the unit cannot be read."""
-    files = [file for file in (unit.device, unit.measurements, unit.evaluated_table) if file is not None]
-    wanted = {**to_plain(options), "values": dict(unit.values), "evaluate": unit.evaluated_table is not None}
+    files = [file for file in (unit.device, unit.measurements) if file is not None]
+    wanted = {**to_plain(options), "values": dict(unit.values)}
     parts = [code_fingerprint(), json.dumps(wanted)]
     parts += [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
     key = hashlib.sha256("\0".join(parts).encode()).hexdigest()

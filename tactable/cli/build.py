@@ -174,7 +174,7 @@ def _doubts_text(summary: Mapping[str, Any]) -> str:
 
 
 def fleet(
-    source: Annotated[Path, Argument(metavar="DIR|MANIFEST|STUDY", help="Folders, .toml or .csv (docs/fleet.md).")],
+    source: Annotated[Path, Argument(metavar="DIR|MANIFEST", help="Folders, or a .csv (docs/fleet.md).")],
     output: Annotated[Path, Option("-o", "--output", help="Folder of the results; complete ones are kept.")],
     scheduler: Annotated[str | None, Option(metavar="ADDRESS", help="A Dask scheduler, as tcp://host:8786.")] = None,
     workers: Annotated[

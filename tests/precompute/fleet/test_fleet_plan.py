@@ -1,4 +1,4 @@
-"""Laws of planning: folder, manifest and study name the same units, and what is wrong in them is refused by name."""
+"""Laws of planning: folder and manifest name the same units, and what is wrong in them is refused by name."""
 
 import re
 from pathlib import Path
@@ -52,43 +52,9 @@ def test_a_row_of_a_manifest_is_a_unit(tmp_path: Path) -> None:
     assert plan_fleet(written(tmp_path / "fleet.csv", text)) == expected
 
 
-STUDY = """
-[study]
-device = "bar.toml"
-{}
-[study.values]
-"bar.thickness" = ["0.7 mm", "0.9 mm"]
-"zones.count" = ["3", "4"]
-"""
-
-
-def test_a_study_without_a_count_is_every_combination(tmp_path: Path) -> None:
-    units = plan_fleet(written(tmp_path / "study.toml", STUDY.format("").replace('"0.9 mm"', '"0.8 mm", "0.9 mm"')))
-    assert [unit.name for unit in units] == ["0", "1", "2", "3", "4", "5"]
-    assert {tuple(unit.values.values()) for unit in units} == {
-        (f"{thickness} mm", count) for thickness in ("0.7", "0.8", "0.9") for count in ("3", "4")
-    }
-    assert {unit.device for unit in units} == {tmp_path / "bar.toml"}
-
-
-def test_a_sample_fills_the_box_evenly_and_the_same_seed_gives_the_same(tmp_path: Path) -> None:
-    text = STUDY.format("count = 20\nseed = 5").replace(
-        '"zones.count" = ["3", "4"]', '"finger.mass" = ["1e-1 g", "3e-1 g"]'
-    )
-    units = plan_fleet(written(tmp_path / "study.toml", text))
-    assert [unit.name for unit in units] == [f"{i:02d}" for i in range(20)]
-    for key, low, high, unit in (("bar.thickness", 0.7, 0.9, "mm"), ("finger.mass", 0.1, 0.3, "g")):
-        numbers = [float(each.values[key].removesuffix(f" {unit}")) for each in units]
-        assert sorted(int((number - low) / (high - low) * 20) for number in numbers) == list(range(20))
-    assert plan_fleet(written(tmp_path / "again.toml", text)) == units
-    assert plan_fleet(written(tmp_path / "other.toml", text.replace("seed = 5", "seed = 6"))) != units
-
-
 @pytest.mark.parametrize(
     ("name", "text", "parts"),
     [
-        ("f.toml", "", ("no key 'study'",)),
-        ("f.toml", "name", ("not TOML",)),
         ("f.csv", "name,device\na,b\na,c\n", ("'a'", "two units")),
         ("f.csv", "name,device\n..,b\n", ("'..'", "folder")),
         ("f.csv", "", ("no column 'name'",)),
@@ -96,11 +62,6 @@ def test_a_sample_fills_the_box_evenly_and_the_same_seed_gives_the_same(tmp_path
         ("f.csv", "name,device\na,\n", ("line 2", "device")),
         ("f.csv", "name,device\n", ("no unit",)),
         ("f.yaml", "", ("ends in .csv",)),
-        ("s.toml", STUDY.format("count = 0"), ("study.count", "0")),
-        ("s.toml", STUDY.format("cuont = 3"), ("study.cuont", "count")),
-        ("s.toml", STUDY.format("").replace('["3", "4"]', "[]"), ("study.values.zones.count", "[]")),
-        ("s.toml", STUDY.format("count = 3").replace('"0.9 mm"', '"0.9 cm"'), ("values.bar.thickness", "same unit")),
-        ("s.toml", '[study]\ndevice = "bar.toml"\n[study.values]\n', ("study.values", "at least one")),
     ],
 )
 def test_what_is_wrong_is_refused_by_name(tmp_path: Path, name: str, text: str, parts: tuple[str, ...]) -> None:
@@ -144,7 +105,6 @@ def test_a_place_that_the_description_has_not_is_refused(key: str) -> None:
 
 
 def test_the_manifest_of_the_page_is_one(tmp_path: Path) -> None:
-    """Its study is run by test_docs.py."""
     path = tmp_path / "line.csv"
     path.write_text(re.findall(r"```csv[^\n]*\n(.*?)```", PAGE, re.DOTALL)[0], encoding="utf-8")
     assert plan_fleet(path) == [

@@ -12,8 +12,6 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.builder.table_build import build_table
-from precompute.fleet.figures import compute_table_figures
 from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.fleet_run import DEVICE, OUTCOME, TABLE, Pool, run_fleet, run_here, run_on_processes
 from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job
@@ -168,27 +166,3 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     assert {outcome.name for outcome in outcomes if outcome.error is not None} == set(BROKEN)
     for i in range(2):
         assert_complete(out / f"good-{i}")
-
-
-def test_drives_judged_on_their_own_bar_lose_nothing_and_on_another_something(tmp_path: Path) -> None:
-    text = small_text()
-    table, study = tmp_path / "own.nc", tmp_path / "study.toml"
-    folder = write_unit(tmp_path / "bar", text)
-    device = Device.read(folder / "device.toml")
-    build_table(device, table, created="", clicks_up_to=0)
-    study.write_text(
-        '[study]\ndevice = "bar/device.toml"\njudge = "own.nc"\n[study.values]\n'
-        '"actuator[1].stiffness" = ["18.9 kN/m", "21 kN/m"]\n"zones.count" = ["2", "3"]\n',
-        encoding="utf-8",
-    )
-    outcomes = run(study, tmp_path / "out")
-    same, other, *foreign = [outcomes[name] for name in ("0", "2", "1", "3")]
-    with Table.open(table) as opened:
-        own = compute_table_figures(opened)["worst_expected_contrast_db"]
-    assert same.figures["worst_expected_contrast_db"] == pytest.approx(own, abs=1e-6)
-    for figure in ("greatest_contrast_lost_db", "greatest_level_lost_db", "greatest_level_gained_db"):
-        assert same.figures[figure] == pytest.approx(0.0, abs=1e-6)
-        assert abs(other.figures[figure] or 0.0) > 0.01
-    assert all("zones I, II" in (outcome.error or "") for outcome in foreign)
-    assert not list((tmp_path / "out").rglob("*.nc"))
-    assert [outcome.is_kept for outcome in run(study, tmp_path / "out").values()] == [True, False, True, False]
