@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from firmware_link.protocol.messages import Fault as Fault
     from precompute.builder.table_build import build_table as build_table
     from precompute.calibration.calibrate import calibrate as calibrate
-    from precompute.calibration.device_text import calibrated_device as calibrated_device
+    from precompute.calibration.fitted import calibrated_device as calibrated_device
     from precompute.measurements.measurement_file import read_measurements as read_measurements
     from precompute.sampling.plants import sample_devices as sample_devices
     from tactable.control.client import connect as connect
     from tactable.control.client import connect_async as connect_async
-    from tactable.research.notebook_table import Table as Table
+    from tactable.research.played import Table as Table
     from tactable.research.untabulated import modes as modes
     from tactable.research.untabulated import placement as placement
     from tactable.research.untabulated import response as response
@@ -47,11 +47,11 @@ _HOMES = {
     "LinkState": "firmware_link.host.link_values",
     "SerialPort": "firmware_link.host.serial_port",
     "Session": "firmware_link.host.session",
-    "Table": "tactable.research.notebook_table",
+    "Table": "tactable.research.played",
     "TactableError": "base.errors",
     "build_table": "precompute.builder.table_build",
     "calibrate": "precompute.calibration.calibrate",
-    "calibrated_device": "precompute.calibration.device_text",
+    "calibrated_device": "precompute.calibration.fitted",
     "compare_tables": "engine.table.table_diff",
     "connect": "tactable.control.client",
     "connect_async": "tactable.control.client",

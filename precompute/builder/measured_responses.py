@@ -5,8 +5,7 @@ import numpy as np
 from engine.device import Device
 from engine.table import Table
 from engine.table.netcdf_file import TableWriter, Variable
-from precompute.measurements.plant import estimate_errors, measured_plant
-from precompute.measurements.response_table import MeasuredResponses
+from precompute.measurements.response_table import MeasuredResponses, estimate_errors, measured_plant
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant
 

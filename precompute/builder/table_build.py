@@ -38,8 +38,7 @@ from precompute.clicks import DEFAULT_OPTIONS, ClickOptions
 from precompute.clicks.click_basis import lines_for
 from precompute.clicks.click_plants import count_modes
 from precompute.clicks.tabulated import most_tabulated, tabulate_clicks, tabulated_keys
-from precompute.measurements.plant import measured_plant
-from precompute.measurements.response_table import MeasuredResponses
+from precompute.measurements.response_table import MeasuredResponses, measured_plant
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant

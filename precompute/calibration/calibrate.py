@@ -10,8 +10,7 @@ from threadpoolctl import threadpool_limits
 from base.arrays import Array, Complex, Mask
 from engine.device import Device, FittedValue, Uncertainty
 from precompute.calibration.confidence import compute_confidence, compute_intervals
-from precompute.calibration.fit import Fit, Problem, fit, pose
-from precompute.calibration.misfit import MisfitModel
+from precompute.calibration.fit import Fit, MisfitModel, Problem, fit, pose
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, default_names, find_parameters, with_values
 from precompute.measurements.types import Kind, MeasurementError, Measurements

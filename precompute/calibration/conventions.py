@@ -24,8 +24,7 @@ from base.arrays import Array, Complex
 from engine.device import Device
 from engine.device.quantity import quantity_text
 from precompute.calibration.calibrate import Calibration, pose_fit, sensor_mass_of
-from precompute.calibration.fit import Fit, Problem, minimise, settle
-from precompute.calibration.misfit import Misfit
+from precompute.calibration.fit import Fit, Misfit, Problem, minimise, settle
 from precompute.measurements.model import MeasurementModel
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters
 from precompute.measurements.types import Kind, Measurements

@@ -12,9 +12,8 @@ from base.plain import to_plain
 from base.points import clip_points, json_of, parts_of
 from engine.device import Device
 from precompute.calibration.calibrate import Calibration, FittedDevice, Known
-from precompute.measurements.model import MeasurementModel
+from precompute.measurements.model import MeasurementModel, even_places
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters, rates_at, values_at
-from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, lay_out
 
 LEAST_NOISE = 1e-3

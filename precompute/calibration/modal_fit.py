@@ -25,9 +25,8 @@ from engine.device import Device, Finger
 from precompute.calibration.adequacy import SMALLEST_MISFIT, UNLIKELY
 from precompute.calibration.calibrate import STARTS, FittedDevice, conclude
 from precompute.calibration.calibration_report import report_of_fit
-from precompute.calibration.fit import fit, pose
+from precompute.calibration.fit import Misfit, MisfitModel, fit, pose
 from precompute.calibration.measuring_plan import Accuracy
-from precompute.calibration.misfit import Misfit, MisfitModel
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
 from precompute.measurements.model import force_slopes
 from precompute.measurements.parameters import (

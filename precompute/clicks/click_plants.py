@@ -34,8 +34,7 @@ from precompute.model.assembly import assemble
 from precompute.model.damped_lines import DampedLines
 from precompute.model.modal import compute_basis
 from precompute.model.plant import Plant, moved_masses
-from precompute.model.threshold_filter import threshold_filter
-from precompute.model.transfers import transfers_at
+from precompute.model.transfers import threshold_filter, transfers_at
 from precompute.sampling.plants import Fingers, Scenarios, sample_scenarios
 
 _STATIC_MODES = 12  # beyond those that are kept, in the Ritz basis of the sampled bars: their compliance

@@ -24,10 +24,9 @@ from base.child import Child, ChildError, Parent
 from base.points import parts_of
 from engine.device import Device
 from precompute.measurements.columns import SIMULATED, column_names
-from precompute.measurements.csv import measurements_of
+from precompute.measurements.csv import FREQUENCY, PLACE, measurements_of
 from precompute.measurements.sheet import MOST_ROWS, Sheet, split_title
 from precompute.measurements.types import MeasurementError, Measurements
-from precompute.measurements.wide import FREQUENCY, PLACE
 
 _UNIT = re.compile(r"_((?:[mcku]?m|k?g|k?Hz|deg|rad|percent)(?:(?:_per)?_(?:s2|s|N))*)$")
 LIMIT_S = 20  # processor time of the child, with its start: some hundred times what a file of a thousand readings takes

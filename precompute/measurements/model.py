@@ -2,11 +2,12 @@
 
 Sensor and finger are attached to the surface at each row's own points by a low-rank update: fields are solved once for
 each frequency, wherever the sensor roves. The derivatives need no further solve: the dynamic stiffness D is symmetric,
-so the fields of unit forces at the attached points are the adjoint fields of the readings there.
+so the fields of unit forces at the attached points are the adjoint fields of the readings there. With seeded noise and
+wrong readings, predictions of known parameters are simulated measurements.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -233,3 +234,42 @@ def _split_tones(measurements: Measurements) -> _Tones:
     frequency, row = np.nonzero((hz[None] == every[:, None, None]).any(axis=2))
     drive = np.where(hz[row] == every[frequency][:, None], measurements.amplitude[row], 0)
     return _Tones(every, row, frequency, drive)
+
+
+POINTS = 22  # measured points along the bar, as in the paper
+_FIRST, _LAST = 0.02, 0.98  # fractions of each side: the middle of a sensor cannot be at the edge
+_WRONG = 3.0  # a wrong range of the sensor; four standard deviations (OUTLIER) at 27 % noise
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """Relative standard deviation of a reading, and the share of readings that are 3 times too high or too low."""
+
+    noise: float = 0.0
+    wrong: float = 0.0
+
+
+def even_places(device: Device, points: int = POINTS) -> Points:
+    """Points (point,), evenly over the part of the surface that the middle of a sensor reaches.
+
+    On a plate they are rows and columns, about as far apart; at most `points` of them.
+    """
+    corner_m = device.surface.corner_m
+    rows = max(1, round((points * corner_m.imag / corner_m.real) ** 0.5))
+    x_m = np.linspace(_FIRST, _LAST, points // rows) * corner_m.real
+    y_m = np.linspace(_FIRST, _LAST, rows) * corner_m.imag
+    return (x_m + 1j * y_m[:, None]).ravel() if isinstance(corner_m, complex) else x_m
+
+
+def simulate_measurements(device: Device, layout: Measurements, flaws: Flaws, seed: int) -> Measurements:
+    """The rows of `layout` with the readings that the device would give, flawed by a generator with this seed."""
+    random = np.random.default_rng(seed)
+    true = np.exp(MeasurementModel(device, layout, ()).predict(np.zeros(0)).log_acceleration)
+    rows = len(layout)
+    noise = random.standard_normal(rows)
+    if layout.kind is Kind.RESPONSE:
+        noise = (noise + 1j * random.standard_normal(rows)).astype(np.complex128)
+    factor = np.exp(flaws.noise * noise)
+    wrong = random.permutation(rows)[: round(flaws.wrong * rows)]
+    factor[wrong] *= np.where(random.random(len(wrong)) < 0.5, _WRONG, 1 / _WRONG)
+    return replace(layout, acceleration=true * factor, is_simulated=True)

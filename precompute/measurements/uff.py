@@ -10,8 +10,7 @@ import pyuff
 from base.points import point_text
 from engine.device import Device
 from engine.device.quantity import QuantityError
-from precompute.measurements.columns import SIMULATED, unit_scale
-from precompute.measurements.response_unit import ResponseUnit, read_response_unit, to_acceleration
+from precompute.measurements.columns import SIMULATED, ResponseUnit, read_response_unit, to_acceleration, unit_scale
 from precompute.measurements.types import (
     AT_ACTUATOR,
     Kind,

@@ -22,8 +22,7 @@ from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import decibels
 from precompute.model.assembly import assemble
 from precompute.model.modal import Basis, compute_basis
-from precompute.model.threshold_filter import threshold_filter
-from precompute.model.transfers import TransferFilter
+from precompute.model.transfers import TransferFilter, threshold_filter
 from precompute.parallel.pool import WorkerPool
 from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import Scenarios, sample_scenarios

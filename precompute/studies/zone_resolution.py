@@ -13,8 +13,7 @@ from engine.device.surface_description import equal_zones
 from precompute.model.assembly import assemble
 from precompute.parallel.pool import WorkerPool
 from precompute.predict.untouched import greatest_factors
-from precompute.studies.placement_search import with_actuators_at
-from precompute.studies.two_fingers import TwoFingers, solve_two_fingers
+from precompute.studies.placement_search import TwoFingers, solve_two_fingers, with_actuators_at
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from base.files import check_new_folder, write_new_folder
 from engine.device import Device
 from engine.render.board_fit import card_text, flash_text
 from precompute.calibration.adequacy import doubts_of
-from precompute.calibration.device_text import calibrated_device
-from precompute.calibration.fitted import REPORT, Fitted, fit_file
+from precompute.calibration.fitted import REPORT, Fitted, calibrated_device, fit_file
 from precompute.measurements.parameters import Bounds
 
 Progress = Callable[[str, float], None]

@@ -192,10 +192,9 @@ def fleet(
     Each measured unit gets a verdict (PASS, RETEST or REJECT) and a page, report.md. Exit status 3: one failed or did
     not pass.
     """
-    from precompute.fleet.fleet_plan import plan_fleet
     from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes, run_on_scheduler
     from precompute.fleet.summary import summarise, summary_json
-    from precompute.fleet.units import FleetOptions
+    from precompute.fleet.units import FleetOptions, plan_fleet
     from precompute.fleet.verdict import read_limits
 
     if scheduler is not None and workers is not None:

@@ -293,9 +293,9 @@ def simulate_measurements(
     They are what a device would give, to try a calibration or to plan one; the file says that it is simulated.
     """
     from precompute.measurements.csv import write_csv
+    from precompute.measurements.model import Flaws, even_places
+    from precompute.measurements.model import simulate_measurements as simulate
     from precompute.measurements.parameters import with_changes
-    from precompute.measurements.simulate import Flaws, even_places
-    from precompute.measurements.simulate import simulate_measurements as simulate
     from precompute.measurements.types import lay_out
 
     device = find_device(device_name)

@@ -16,7 +16,7 @@ from tactable.shipped import find_device, find_device_file
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from precompute.model.modes import Mode
+    from precompute.model.modal import Mode
 
 _CHECKED_MODES = 6  # shipped bars have 4 to 7 below twice their band; a line for each
 _LEAST_RATIO = 1e-6
@@ -38,7 +38,7 @@ def modes(
 
     Each has its frequency, its damping ratio, and the time in which its amplitude falls to 1/e.
     """
-    from precompute.model.modes import compute_modes, seen_points
+    from precompute.model.modal import compute_modes, seen_points
     from tactable.explain.words import estimates_text
     from tactable.figures.picture_file import outputs_of, write_outputs
 
@@ -96,7 +96,7 @@ def check(
     It says what is estimated, the first modes, the bands of the actuators, and the greatest level in each zone.
     """
     from precompute.model.assembly import assemble
-    from precompute.model.modes import compute_modes
+    from precompute.model.modal import compute_modes
     from precompute.studies.beam_limits import estimate_shear_error, estimate_torsion_hz, shortest_wave_m
     from precompute.studies.reach_along import compute_reach
     from tactable.explain.words import estimates_text

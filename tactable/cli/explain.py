@@ -121,7 +121,7 @@ def export(
     NetCDF and MATLAB files hold every array of the part. CSV has a line for each row: of the sweep its two frequencies
     and amplitudes with the figures of every zone, of the clicks one click.
     """
-    from tactable.research.notebook_table import Table as NotebookTable
+    from tactable.research.played import Table as NotebookTable
     from tactable.research.table_export import write_csv, write_matlab, write_netcdf
 
     writers = {".nc": write_netcdf, ".csv": write_csv, ".mat": write_matlab}

@@ -10,8 +10,8 @@ from base.files import write_text
 from base.points import point_text
 from engine.device import Device
 from engine.device.quantity import QuantityError, read_words
+from precompute.measurements.model import even_places
 from precompute.measurements.parameters import with_changes
-from precompute.measurements.simulate import even_places
 from precompute.measurements.types import is_outside
 from tactable.cli import options
 from tactable.cli.console import note, say, show

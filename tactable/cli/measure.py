@@ -231,7 +231,7 @@ def write_transfers(
     """
     from base.files import write_text
     from engine.device import Device
-    from precompute.calibration.device_text import text_with_transfers
+    from precompute.calibration.fitted import text_with_transfers
     from precompute.calibration.transfer_fit import find_transfers
     from precompute.measurements.types import Kind
     from tactable.measure.walk import measurements_of

@@ -63,7 +63,7 @@ def verify(
     from threadpoolctl import threadpool_limits
 
     from engine.table import Table
-    from precompute.measurements.simulate import even_places
+    from precompute.measurements.model import even_places
     from precompute.sampling.placements import Anywhere, random_placements
     from tactable.figures.picture_file import outputs_of
     from tactable.measure.apparatus import ApparatusOptions, open_apparatus

@@ -18,8 +18,7 @@ from engine.touch import Placement
 from precompute.clicks import ClickSolver
 from precompute.clicks.click_basis import EVALUATION_RATE_HZ
 from precompute.clicks.click_options import read_click_options
-from precompute.clicks.evaluation import decibels
-from precompute.clicks.nominal import NominalFingers
+from precompute.clicks.evaluation import NominalFingers, decibels
 
 _TIME_CONSTANT_S = 0.2
 

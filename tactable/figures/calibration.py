@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from base.points import point_of_json
 from precompute.calibration.calibrate import Calibration, FittedDevice
-from precompute.calibration.device_text import calibrated_device
+from precompute.calibration.fitted import calibrated_device
 from precompute.calibration.modal_fit import ModalCalibration
 from tactable.figures.picture_file import Picture
 from tactable.figures.response_picture import plot_response

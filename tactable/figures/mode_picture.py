@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from base.arrays import Points
 from engine.device import Device
-from precompute.model.modes import Mode
+from precompute.model.modal import Mode
 from tactable.figures.picture_file import Picture
 from tactable.figures.style import BLUE, FINGER_NOTE, VERMILLION, draw_actuators, draw_zone_names, finish_picture
 

@@ -12,8 +12,8 @@ from engine.device import Device, Finger
 from engine.steady import SteadyDrive
 from engine.touch import Placement, ZoneState
 from precompute.model.assembly import assemble
+from precompute.model.gram import compute_steady_state
 from precompute.model.response import peak_along
-from precompute.model.steady import compute_steady_state
 from precompute.predict.at_positions import PlacementFigures, SteadyDesigner
 from tactable.explain.words import placement_json, placement_text, zone_lists
 from tactable.figures import style

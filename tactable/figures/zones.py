@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from base.arrays import Array
 from engine.device import Device
 from precompute.model.assembly import assemble
+from precompute.model.gram import SteadyState, compute_steady_state
 from precompute.model.plant import Plant
 from precompute.model.response import peak_along
-from precompute.model.steady import SteadyState, compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tactable.figures import style
 from tactable.figures.picture_file import FigureError, Picture

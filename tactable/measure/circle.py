@@ -16,7 +16,7 @@ from base.plain import to_plain
 from engine.device import Device
 from engine.table import Table
 from precompute.measurements.measurement_file import check_ending, write_measurements
-from precompute.measurements.simulate import even_places
+from precompute.measurements.model import even_places
 from precompute.measurements.types import Kind, MeasurementError
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.measure.apparatus import Apparatus, ApparatusOptions

@@ -22,8 +22,8 @@ from base.files import replace_file, write_text
 from base.points import json_of, order_of, parts_of, point_of_json
 from engine.device import Device
 from precompute.calibration.measuring_plan import Accuracy, plan_first
+from precompute.measurements.model import even_places
 from precompute.measurements.parameters import default_names
-from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tactable.measure.apparatus import Apparatus
 from tactable.measure.asked_drive import AskedDrive

@@ -18,7 +18,7 @@ from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S, Synthesis
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
-from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transfers import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.page.judged_commands import Command
 from tactable.page.page_messages import LOWEST_DB, Drive

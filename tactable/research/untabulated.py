@@ -15,7 +15,7 @@ from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement
 from engine.touch.placement import PlacementError
 from precompute.model.assembly import assemble
-from precompute.model.modes import compute_modes, seen_points
+from precompute.model.modal import compute_modes, seen_points
 from precompute.model.response import solve_response
 from tactable.research.played import Click, Drive, asked_placement, origin_of
 

@@ -26,7 +26,7 @@ from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import DriveEvent
 from precompute.builder.table_build import Progress, build_table
 from precompute.model.assembly import assemble
-from precompute.model.steady import compute_steady_state
+from precompute.model.gram import compute_steady_state
 from precompute.parallel.pool import available_cores
 from tactable.explain.words import placement_json, zone_lists
 from tactable.rig.demo_reports import AGREEMENT, ClickReport, DriveReport

@@ -16,7 +16,7 @@ from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.pick import pick_modes, residues_of, write_modes
 from precompute.measurements.types import Measurements
-from precompute.model.modes import compute_modes
+from precompute.model.modal import compute_modes
 from tests.precompute.measured_bars import CANTILEVER_HZ, beam, beam_file, cantilever, ruler, ruler_mat
 
 MODAL = ("bar.youngs_modulus", "bar.mass_damping", "bar.stiffness_damping")

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from engine.device import Device
+from precompute.measurements.model import Flaws, even_places, simulate_measurements
 from precompute.measurements.parameters import with_changes
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Kind, Measurements, lay_out
 
 NAN = float("nan")

@@ -11,7 +11,7 @@ from engine.touch.placement import Places
 from precompute.builder.table_build import build_table
 from precompute.clicks import ClickOptions
 from precompute.model.assembly import assemble
-from precompute.model.steady import compute_steady_state
+from precompute.model.gram import compute_steady_state
 from tactable.explain.words import model_text
 from tests.precompute.devices import shipped
 

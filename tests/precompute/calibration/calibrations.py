@@ -3,11 +3,9 @@
 from functools import cache
 
 from precompute.calibration.calibrate import Calibration, calibrate
-from precompute.calibration.fit import Problem, pose
-from precompute.calibration.misfit import MisfitModel
-from precompute.measurements.model import MeasurementModel
+from precompute.calibration.fit import MisfitModel, Problem, pose
+from precompute.measurements.model import Flaws, MeasurementModel
 from precompute.measurements.parameters import find_parameters, paper_names
-from precompute.measurements.simulate import Flaws
 from tests.precompute.devices import shipped
 from tests.precompute.measured import TRUTH, read_bar
 

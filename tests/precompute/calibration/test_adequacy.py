@@ -8,8 +8,8 @@ import pytest
 from base.arrays import Array
 from precompute.calibration.adequacy import adequacy_report, assess
 from precompute.calibration.calibrate import Calibration, calibrate
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import default_names, paper_names
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from tests.precompute.devices import shipped, with_actuators
 from tests.precompute.measured import NAN, TRUTH, read_bar

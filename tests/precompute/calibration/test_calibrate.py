@@ -10,8 +10,8 @@ import pyuff
 from precompute.calibration.calibrate import Calibration, Known, calibrate, names_told
 from precompute.calibration.remedy import find_remedy
 from precompute.measurements.measurement_file import read_measurements
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import ParameterError, default_names, paper_names, with_changes
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.measurements.uff import write_uff
 from tests.precompute.calibration.calibrations import DEVICE

@@ -12,8 +12,8 @@ from base.arrays import Complex
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
 from precompute.calibration.conventions import implausible_changes
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import default_names
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, Measurements
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, TRUTH, read_bar

@@ -7,8 +7,8 @@ import pytest
 
 from engine.device import Device
 from precompute.calibration.calibrate import calibrate
-from precompute.calibration.device_text import calibrated_text
-from precompute.measurements.simulate import Flaws
+from precompute.calibration.fitted import calibrated_text
+from precompute.measurements.model import Flaws
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration
 from tests.precompute.measured import read_bar
 

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from precompute.calibration.confidence import Confidence, compute_confidence, compute_intervals
-from precompute.calibration.fit import Fit, fit, refit_held
-from precompute.calibration.misfit import MisfitModel
-from precompute.measurements.model import MeasurementModel
+from precompute.calibration.fit import Fit, MisfitModel, fit, refit_held
+from precompute.measurements.model import Flaws, MeasurementModel
 from precompute.measurements.parameters import find_parameters, paper_names, with_changes
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from tests.precompute.calibration.calibrations import problem_of
 from tests.precompute.devices import shipped

@@ -12,8 +12,7 @@ from engine.table import Table
 from precompute.builder.table_build import build_table
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.modal_fit import modal_report
-from precompute.measurements.plant import measured_plant
-from precompute.measurements.response_table import read_responses
+from precompute.measurements.response_table import measured_plant, read_responses
 from precompute.model.assembly import assemble
 from precompute.model.gram import compute_gram
 from precompute.model.response import solve_response

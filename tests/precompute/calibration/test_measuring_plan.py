@@ -17,9 +17,8 @@ from precompute.calibration.measuring_plan import (
     prior_information,
     propose_candidates,
 )
-from precompute.measurements.model import MeasurementModel
+from precompute.measurements.model import Flaws, MeasurementModel
 from precompute.measurements.parameters import find_parameters, paper_names
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import lay_out
 from tests.precompute.calibration.calibrations import DEVICE, noisy_calibration, published_calibration
 from tests.precompute.devices import random_device

@@ -10,7 +10,7 @@ from precompute.calibration.modal_fit import ModesMisfit, calibrate_modes, modal
 from precompute.measurements.measured_modes import Modes, parse_modes
 from precompute.measurements.parameters import find_parameters, with_changes
 from precompute.measurements.types import MeasurementError
-from precompute.model.modes import compute_modes
+from precompute.model.modal import compute_modes
 from tests.precompute.devices import shipped
 
 DEVICE = shipped("reference-d")

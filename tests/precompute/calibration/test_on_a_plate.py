@@ -7,12 +7,12 @@ import pytest
 
 from precompute.calibration.adequacy import adequacy_report
 from precompute.calibration.calibrate import calibrate
-from precompute.calibration.device_text import calibrated_device
+from precompute.calibration.fitted import calibrated_device
 from precompute.calibration.measuring_plan import Accuracy, plan_after
 from precompute.calibration.modal_fit import calibrate_modes
 from precompute.measurements.measured_modes import parse_modes
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import with_changes
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.device import Device
-from precompute.calibration.device_text import text_with_transfers
+from precompute.calibration.fitted import text_with_transfers
 from precompute.calibration.transfer_fit import GREATEST_ERROR, TransferError, find_transfers
 from precompute.measurements.types import Kind, Measurements
 from tests.engine.device.test_actuator_transfer import coupled, lag

@@ -3,7 +3,7 @@
 import pytest
 
 from engine.table.clicks import played_at
-from precompute.clicks.nominal import NominalFingers
+from precompute.clicks.evaluation import NominalFingers
 from tests.precompute.clicks.click_cases import placed, solver_of
 
 CASES = [("reference-a", "F--q-"), ("reference-a", "F----"), ("reference-t", "FqFqF"), ("reference-p", "F----q")]

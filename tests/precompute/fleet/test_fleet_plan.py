@@ -7,8 +7,7 @@ import pytest
 
 from engine.device import Device, DeviceError
 from engine.device.named_files import text_with_values
-from precompute.fleet.fleet_plan import plan_fleet
-from precompute.fleet.units import FleetError, Unit
+from precompute.fleet.units import FleetError, Unit, plan_fleet
 from tests.precompute.fleet.small_fleet import small_text
 
 PAGE = (Path(__file__).parents[3] / "docs" / "fleet.md").read_text(encoding="utf-8")

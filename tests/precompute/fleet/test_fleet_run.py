@@ -12,9 +12,8 @@ import pytest
 from engine.device import Device
 from engine.table import Table
 from precompute.builder.code_fingerprint import code_fingerprint
-from precompute.fleet.fleet_plan import plan_fleet
 from precompute.fleet.fleet_run import DEVICE, OUTCOME, TABLE, Pool, run_fleet, run_here, run_on_processes
-from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job
+from precompute.fleet.units import FleetOptions, Outcome, Unit, make_job, plan_fleet
 from tests.precompute.fleet.small_fleet import small_text, write_measurements, write_unit
 
 pytestmark = pytest.mark.long

@@ -12,8 +12,8 @@ from precompute.calibration.calibrate import calibrate
 from precompute.calibration.calibration_report import calibration_report, report_markdown
 from precompute.fleet.units import FleetError, Outcome
 from precompute.fleet.verdict import FEWEST, LIMITS, Judgement, judge, lot_values, read_limits
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import default_names
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from tests.precompute.calibration.test_doubts import PARAMETER, REPORT
 from tests.precompute.devices import shipped

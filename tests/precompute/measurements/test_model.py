@@ -7,9 +7,8 @@ import pytest
 
 from base.arrays import Array
 from engine.device import Device, Finger
-from precompute.measurements.model import MeasurementModel
+from precompute.measurements.model import MeasurementModel, even_places
 from precompute.measurements.parameters import find_parameters, known_names
-from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import damped_as_assembly, every_device, on_each, shipped, with_actuators, with_bar

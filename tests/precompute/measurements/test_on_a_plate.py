@@ -12,10 +12,8 @@ from engine.device import Finger
 from precompute.measurements.csv import parse_csv
 from precompute.measurements.mat import arrays_to_measurements, load_content
 from precompute.measurements.measurement_file import read_measurements, write_measurements
-from precompute.measurements.model import MeasurementModel
-from precompute.measurements.plant import estimate_errors, measured_plant
-from precompute.measurements.response_table import MeasuredResponses
-from precompute.measurements.simulate import even_places
+from precompute.measurements.model import MeasurementModel, even_places
+from precompute.measurements.response_table import MeasuredResponses, estimate_errors, measured_plant
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from precompute.model.assembly import assemble
 from precompute.model.response import solve_response

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from precompute.measurements.measured_modes import parse_modes
+from precompute.measurements.model import Flaws
 from precompute.measurements.pick import pick_modes, write_modes
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind, MeasurementError, Measurements
-from precompute.model.modes import compute_modes
+from precompute.model.modal import compute_modes
 from tests.precompute.devices import shipped
 from tests.precompute.measured import NAN, PAIRS_HZ, read_bar
 

@@ -12,9 +12,8 @@ from engine.table import Table
 from precompute.builder.measured_responses import interpolation_errors_of, plant_of, source_attributes
 from precompute.builder.table_build import build_table
 from precompute.measurements.csv import write_csv
-from precompute.measurements.plant import estimate_errors, measured_plant
-from precompute.measurements.response_table import MeasuredResponses, read_responses
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.model import Flaws, even_places, simulate_measurements
+from precompute.measurements.response_table import MeasuredResponses, estimate_errors, measured_plant, read_responses
 from precompute.measurements.types import CalibrationError, Kind, Measurements, lay_out
 from precompute.model.assembly import assemble
 from precompute.model.plant import Plant

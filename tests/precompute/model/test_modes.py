@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from precompute.model.assembly import assemble
-from precompute.model.modes import Mode, compute_modes
+from precompute.model.modal import Mode, compute_modes
 from precompute.model.response import solve_response
 from tests.precompute.devices import shipped
 

@@ -18,12 +18,12 @@ from engine.touch import Placement
 from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import decibels
 from precompute.model.assembly import assemble
+from precompute.model.gram import compute_steady_state
+from precompute.model.modal import compute_modes, seen_points
 from precompute.model.modal_plant import ModalPlant
-from precompute.model.modes import compute_modes, seen_points
 from precompute.model.plate import Ritz, degrees_of, plate_matrices
 from precompute.model.response import solve_response
-from precompute.model.steady import compute_steady_state
-from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transfers import threshold_filter
 from tests.precompute.clicks.click_cases import solver_of
 from tests.precompute.devices import shipped
 

@@ -6,7 +6,7 @@ import pytest
 from base.arrays import Array, Complex
 from engine.device import Device
 from precompute.model.assembly import assemble
-from precompute.model.steady import compute_steady_state
+from precompute.model.gram import compute_steady_state
 from tests.precompute.dense_model import DenseModel
 from tests.precompute.devices import any_device
 

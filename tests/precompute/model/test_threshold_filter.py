@@ -5,7 +5,7 @@ import pytest
 
 from engine.device import Threshold
 from engine.device.threshold import DEFAULT, shipped_threshold, shipped_thresholds
-from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transfers import threshold_filter
 
 rates = pytest.mark.parametrize("rate_hz", [4000.0, 8000.0, 48000.0])
 TOLERANCE_DB = {DEFAULT: 0.03, "android": 0.2}

@@ -8,8 +8,8 @@ import pytest
 
 from base.arrays import Complex
 from precompute.model.assembly import assemble
+from precompute.model.gram import compute_steady_state
 from precompute.model.plant import Plant
-from precompute.model.steady import compute_steady_state
 from precompute.predict.untouched import BarDrive, find_untouched_optima
 from tests.precompute.devices import every_device, shipped
 

@@ -17,10 +17,11 @@ from precompute.studies.placement_search import (
     even_places,
     grid_of,
     own_places,
+    screen_two_fingers,
     search_placement,
+    solve_two_fingers,
     with_actuators_at,
 )
-from precompute.studies.two_fingers import screen_two_fingers, solve_two_fingers
 from precompute.studies.zone_resolution import with_equal_zones
 from tests.precompute.devices import coarsely_swept, shipped, with_actuators
 

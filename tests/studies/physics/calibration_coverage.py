@@ -19,8 +19,8 @@ from threadpoolctl import threadpool_limits
 from base.arrays import Array, Mask
 from engine.device import Device
 from precompute.calibration.calibrate import Known, calibrate
+from precompute.measurements.model import Flaws, even_places, simulate_measurements
 from precompute.measurements.parameters import find_parameters, paper_names, with_changes
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG

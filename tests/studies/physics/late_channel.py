@@ -13,8 +13,8 @@ import numpy as np
 from engine.device import Device
 from precompute.calibration.calibrate import calibrate
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
+from precompute.measurements.model import Flaws
 from precompute.measurements.parameters import default_names, with_changes
-from precompute.measurements.simulate import Flaws
 from precompute.measurements.types import Kind
 from precompute.sampling.placements import Anywhere, random_placements
 from tactable.shipped import find_device

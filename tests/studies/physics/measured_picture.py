@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from base.arrays import Array
-from precompute.model.modes import compute_modes
+from precompute.model.modal import compute_modes
 from tactable.figures import style
 from tests.precompute.fitted_bars import beam_calibration, cantilever_misses, fitted_beam, fitted_ruler
 from tests.precompute.measured_bars import CANTILEVER_HZ

@@ -15,7 +15,7 @@ from precompute.clicks.click_basis import RINGDOWN_S, SAMPLE_RATE_HZ
 from precompute.clicks.evaluation import decibels
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis
-from precompute.model.threshold_filter import threshold_filter
+from precompute.model.transfers import threshold_filter
 from precompute.model.transient import TransientPlant
 from tactable.figures import style
 from tactable.shipped import find_device

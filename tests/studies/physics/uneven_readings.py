@@ -18,9 +18,8 @@ from engine.device import Device
 from precompute.calibration.calibrate import pose_fit
 from precompute.calibration.confidence import compute_confidence
 from precompute.calibration.fit import fit
-from precompute.measurements.model import MeasurementModel
+from precompute.measurements.model import MeasurementModel, even_places
 from precompute.measurements.parameters import find_parameters
-from precompute.measurements.simulate import even_places
 from precompute.measurements.types import Kind, Measurements, lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import SENSOR_MASS_KG

@@ -19,8 +19,8 @@ from precompute.calibration.calibrate import calibrate
 from precompute.calibration.calibration_report import calibration_report
 from precompute.fleet.units import Outcome
 from precompute.fleet.verdict import judge, lot_values
+from precompute.measurements.model import Flaws, even_places, simulate_measurements
 from precompute.measurements.parameters import default_names
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import lay_out
 from tactable.shipped import find_device
 from tests.precompute.measured import PAIRS_HZ, SENSOR_MASS_KG

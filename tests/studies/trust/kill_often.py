@@ -175,7 +175,7 @@ class Fleet:
     imports = """
 from pathlib import Path
 import precompute.builder.table_build, precompute.calibration.calibrate
-from precompute.fleet.fleet_plan import plan_fleet
+from precompute.fleet.units import plan_fleet
 from precompute.fleet.fleet_run import run_fleet, run_here, run_on_processes
 from precompute.fleet.units import FleetOptions
 """

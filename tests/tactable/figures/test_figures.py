@@ -13,11 +13,11 @@ from engine.device import Device
 from engine.table import Table
 from engine.touch import Placement
 from precompute.builder.table_build import build_table
-from precompute.measurements.simulate import Flaws, even_places, simulate_measurements
+from precompute.measurements.model import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Measurements, lay_out
 from precompute.model.assembly import assemble
+from precompute.model.gram import compute_steady_state
 from precompute.model.response import solve_response
-from precompute.model.steady import compute_steady_state
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
 from tactable.figures.factor import PairDrive, compute_factor

@@ -10,7 +10,7 @@ from base.arrays import Array
 from precompute.measurements.measured_modes import parse_modes
 from precompute.measurements.measurement_file import read_measurements
 from precompute.measurements.model import MeasurementModel
-from precompute.model.modes import compute_modes
+from precompute.model.modal import compute_modes
 from tactable.measure.sensor import ACCELERATION, REFERENCE, SensorError, SensorForm, write_header
 from tactable.measure.simulated_bench import ConverterFlaws
 from tactable.measure.tapping.hammer import RATE_HZ, HammerOptions, TapBench, Tapped, responses_text
