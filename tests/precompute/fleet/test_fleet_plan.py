@@ -114,5 +114,5 @@ def test_the_manifest_of_the_page_is_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("figure", re.findall(r"`(\w+_(?:db|s)|out_of_reach|clicks)`", PAGE))
 def test_every_figure_of_the_page_is_one_of_the_summary(figure: str) -> None:
-    code = (Path(__file__).parents[3] / "precompute" / "fleet" / "figures.py").read_text(encoding="utf-8")
+    code = (Path(__file__).parents[3] / "precompute" / "fleet" / "fleet_run.py").read_text(encoding="utf-8")
     assert f'"{figure}":' in code
