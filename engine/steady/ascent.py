@@ -13,16 +13,16 @@ than any ratio can gain.
 import numpy as np
 from numba import types
 
-from base.compiled import njit
-from engine.steady.forms import DRIVE, REAL, ROWS, TINY, USABLE, fill_products, multiply, power_of
+from engine.steady.forms import DRIVE, REAL, ROWS, TINY, USABLE, fill_products, kernel, multiply, power_of
 
 PENALTY = 60.0  # nepers of ratio that a neper of missing level costs; what a level can be worth stays below
 SHARPEST = 3000.0  # 1 / 3000 neper: the smoothed minimum of two is within 0.001 dB
 _ITERATIONS, _GRADIENT, _ARMIJO, _GAIN = 40, 1e-7, 1e-4, 1e-6  # 20 lose nothing, a gain of 1e-4 0.2 dB (the search)
 _SHARPER = 10**0.5  # half a decade a climb; a decade loses 0.02 dB at most (drive_search.py)
+_SPACE = types.Array(types.float64, 2, "C")
 
 
-@njit(types.float64(REAL, types.int64, types.int64, types.float64, REAL), cache=True, error_model="numpy")
+@kernel(types.float64(REAL, types.int64, types.int64, types.float64, REAL))
 def _soft(logs, first, last, beta, weight):  # type: ignore[no-untyped-def]  # numba
     """Smoothed maximum of logs[first:last], a negative `beta` for the minimum, and their weights."""
     sign = 1.0 if beta > 0.0 else -1.0
@@ -40,11 +40,7 @@ def _soft(logs, first, last, beta, weight):  # type: ignore[no-untyped-def]  # n
     return sign * top + np.log(total) / beta
 
 
-@njit(
-    types.float64(DRIVE, USABLE, ROWS, types.int64, types.int64, types.float64, types.float64, DRIVE,
-                  types.Array(types.float64, 2, "C")),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@kernel(types.float64(DRIVE, USABLE, ROWS, types.int64, types.int64, types.float64, types.float64, DRIVE, _SPACE))
 def evaluate(a, usable, forms, felt, quiet, log_wanted, beta, gradient, work):  # type: ignore[no-untyped-def]  # numba
     """Smoothed log ratio less the penalty, and its gradient over real and imaginary parts of a.
 
@@ -87,11 +83,7 @@ def evaluate(a, usable, forms, felt, quiet, log_wanted, beta, gradient, work):  
     return value
 
 
-@njit(
-    types.void(DRIVE, USABLE, ROWS, types.int64, types.int64, types.float64, types.float64, types.float64),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.void(DRIVE, USABLE, ROWS, types.int64, types.int64, types.float64, types.float64, types.float64))
 def climb(a, usable, forms, felt, quiet, log_wanted, start, stop):  # type: ignore[no-untyped-def]  # numba
     """Quasi-Newton (BFGS) ascent of `a` in place, from sharpness `start` to `stop`."""
     m = len(a)

@@ -9,9 +9,8 @@ actuators, each step of the refinement ends with the ascent of engine.steady.asc
 import numpy as np
 from numba import types
 
-from base.compiled import njit
 from engine.steady.ascent import SHARPEST, climb
-from engine.steady.forms import DRIVE, REAL, USABLE, copy_drive, fill_products, loudness_of, ratio_of
+from engine.steady.forms import DRIVE, REAL, USABLE, copy_drive, fill_products, kernel, loudness_of, ratio_of
 from engine.steady.limited import keep_limits
 from engine.steady.optimum import find_loudest, keep_level, solve_dominant, weigh
 
@@ -34,10 +33,11 @@ _INDEX = types.Array(types.int64, 1, "C", readonly=True)
 _FORMS = types.Array(types.float64, 3, "C", readonly=True)
 _REALS = types.Array(types.float64, 2, "C")
 _COMPLEXES = types.Array(types.complex128, 2, "C")
-_COUNT = types.int64
+_COUNT, _FLOAT, _FLAG = types.int64, types.float64, types.boolean
+_RESPONSES = _LOADED, _INDEX, _COUNT, _FORMS  # with the order of the fingers and how many are felt; powers or energies
 
 
-@njit(types.int64(types.float64, _HZ, REAL), cache=True, error_model="numpy")
+@kernel(types.int64(types.float64, _HZ, REAL))
 def _weigh_neighbours(hz, grid_hz, weight):  # type: ignore[no-untyped-def]  # numba
     """Fill weight (neighbour,) of the cubic through the grid's four neighbours of a frequency; return their first."""
     first = max(min(np.searchsorted(grid_hz, hz) - 2, len(grid_hz) - len(weight)), 0)
@@ -49,11 +49,7 @@ def _weigh_neighbours(hz, grid_hz, weight):  # type: ignore[no-untyped-def]  # n
     return first
 
 
-@njit(
-    types.void(_COUNT, REAL, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, USABLE, _REALS, _COMPLEXES),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.void(_COUNT, REAL, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, USABLE, _REALS, _COMPLEXES))
 def _fill_forms(first, weight, loaded, order, felt, forms, is_given, usable, out, p):  # type: ignore[no-untyped-def]  # numba
     """Fill out (form + felt, part) with the forms and then the levels, p (felt, actuator) with what levels are made of.
 
@@ -104,7 +100,7 @@ def _fill_forms(first, weight, loaded, order, felt, forms, is_given, usable, out
                 part += 2
 
 
-@njit(types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, DRIVE), cache=True, error_model="numpy")
+@kernel(types.float64(_REALS, _COUNT, _COUNT, _COMPLEXES, USABLE, types.float64, DRIVE))
 def _solve_at(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """The best drive at one frequency, in place, from a drive next to it; its ratio, or -1: not loud enough.
 
@@ -151,11 +147,7 @@ def _solve_at(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-unty
     return ratio_of(forms, felt, quiet, products)
 
 
-@njit(
-    types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, REAL, _COMPLEXES),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.void(_USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.float64, REAL, _COMPLEXES))
 def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):  # type: ignore[no-untyped-def]  # numba
     """Fill value (frequency,) and drive (frequency, actuator) with about the best drive at each frequency.
 
@@ -202,12 +194,7 @@ def _scan(usable, loaded, order, felt, given, numerators, wanted, value, drive):
         best = max(best, ratio)
 
 
-@njit(
-    types.float64(
-        types.float64, _HZ, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, USABLE, types.float64, DRIVE,
-    ),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@kernel(_FLOAT(_FLOAT, _HZ, *_RESPONSES, _COUNT, _FLAG, USABLE, _FLOAT, DRIVE))
 def _evaluate(hz, grid_hz, loaded, order, felt, given, numerators, is_share, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """The best drive at one frequency, in place, from a drive next to it; what it reaches, -1 where it is not loud."""
     m, last = len(a), given.shape[1]
@@ -218,14 +205,7 @@ def _evaluate(hz, grid_hz, loaded, order, felt, given, numerators, is_share, usa
     return _solve_at(forms, numerators, last - numerators, p, usable, wanted, a)
 
 
-@njit(
-    types.void(
-        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, _COUNT, types.boolean, types.boolean, types.float64, _COUNT,
-        REAL, DRIVE
-    ),
-    cache=True,
-    error_model="numpy",
-)  # fmt: skip
+@kernel(types.void(_HZ, _USABLE_AT, *_RESPONSES, _COUNT, _FLAG, _FLAG, _FLOAT, _COUNT, REAL, DRIVE))
 def _refine(hz, usable, loaded, order, felt, given, numerators, is_share, between, wanted, k, found, a):  # type: ignore[no-untyped-def]  # numba
     """Refine the drive `a` of the grid's frequency k, in place, and found (2,): its frequency and its ratio.
 
@@ -295,7 +275,7 @@ def _refine(hz, usable, loaded, order, felt, given, numerators, is_share, betwee
                 y, value_y = low + _GOLDEN * (high - low), -2.0
 
 
-@njit(types.void(_HZ, types.float64, _LOADED, DRIVE, _REALS), cache=True, error_model="numpy")
+@kernel(types.void(_HZ, types.float64, _LOADED, DRIVE, _REALS))
 def _fill_power(grid_hz, hz, loaded, a, power):  # type: ignore[no-untyped-def]  # numba
     """Fill power (case, finger) with the power of a drive under every finger."""
     weight = np.empty(min(4, len(grid_hz)))
@@ -309,7 +289,7 @@ def _fill_power(grid_hz, hz, loaded, a, power):  # type: ignore[no-untyped-def] 
             power[c, f] = y.real * y.real + y.imag * y.imag
 
 
-@njit(types.void(REAL, _COUNT), cache=True, error_model="numpy")
+@kernel(types.void(REAL, _COUNT))
 def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
     """Keep the peak of value (frequency,) uphill of the index `held`, the nearest at the level; the rest is -1."""
     count, k = len(value), held
@@ -330,13 +310,7 @@ def _keep_peak(value, held):  # type: ignore[no-untyped-def]  # numba
     value[:left], value[right + 1 :] = -1.0, -1.0
 
 
-@njit(
-    types.void(
-        _HZ, _USABLE_AT, _LOADED, _INDEX, _COUNT, _FORMS, types.boolean, types.boolean, types.float64, _COUNT, REAL,
-        DRIVE, _REALS
-    ),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@kernel(types.void(_HZ, _USABLE_AT, *_RESPONSES, _FLAG, _FLAG, _FLOAT, _COUNT, REAL, DRIVE, _REALS))
 def find_drive(hz, usable, loaded, order, felt, given, is_share, between, wanted, held, found, out, power):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator,) with the best drive, found (2,) with its frequency and its ratio; -1: no drive is loud.
 

@@ -5,6 +5,9 @@ has the products S (part,) such that a^H H a is the scalar product of both: one 
 without branches. Products of the diagonal are the powers of the amplitudes themselves.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numba import types
 
@@ -19,14 +22,19 @@ DRIVE = types.Array(types.complex128, 1, "C")
 USABLE = types.Array(types.boolean, 1, "A", readonly=True)
 
 
-@njit(types.void(DRIVE, DRIVE), cache=True, error_model="numpy")
+def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a kernel of this package ahead, for the types of `signature`; its machine code is kept."""
+    return njit(signature, cache=True, error_model="numpy")
+
+
+@kernel(types.void(DRIVE, DRIVE))
 def copy_drive(a, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator,) with a drive; numba's slice assignment compiles seconds of error text for it."""
     for i in range(len(a)):
         out[i] = a[i]
 
 
-@njit(types.void(DRIVE, REAL), cache=True, error_model="numpy")
+@kernel(types.void(DRIVE, REAL))
 def fill_products(a, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (part,) with the products of a drive (actuator,)."""
     m = len(a)
@@ -39,7 +47,7 @@ def fill_products(a, out):  # type: ignore[no-untyped-def]  # numba
             part += 2
 
 
-@njit(types.float64(ROW, REAL), cache=True, error_model="numpy")
+@kernel(types.float64(ROW, REAL))
 def power_of(form, products):  # type: ignore[no-untyped-def]  # numba
     """The power a^H H a."""
     total = 0.0
@@ -48,7 +56,7 @@ def power_of(form, products):  # type: ignore[no-untyped-def]  # numba
     return total
 
 
-@njit(types.void(ROW, DRIVE, DRIVE), cache=True, error_model="numpy")
+@kernel(types.void(ROW, DRIVE, DRIVE))
 def multiply(form, a, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator,) with H a."""
     m = len(a)
@@ -63,7 +71,7 @@ def multiply(form, a, out):  # type: ignore[no-untyped-def]  # numba
             part += 2
 
 
-@njit(types.void(ROW, DRIVE, DRIVE, types.Array(types.complex128, 2, "C")), cache=True, error_model="numpy")
+@kernel(types.void(ROW, DRIVE, DRIVE, types.Array(types.complex128, 2, "C")))
 def solve(form, b, x, lower):  # type: ignore[no-untyped-def]  # numba
     """Fill x (actuator,) with a multiple of H^-1 b, by Cholesky's factors in lower (actuator, actuator).
 
@@ -106,7 +114,7 @@ def solve(form, b, x, lower):  # type: ignore[no-untyped-def]  # numba
         x[i] /= lower[i, i].real
 
 
-@njit(types.void(ROW, types.Array(types.complex128, 2, "C")), cache=True, error_model="numpy")
+@kernel(types.void(ROW, types.Array(types.complex128, 2, "C")))
 def invert(form, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (actuator, actuator) with H^-1, by elimination (Gauss and Jordan). A pivot is raised as in `solve`."""
     m = len(out)
@@ -133,7 +141,7 @@ def invert(form, out):  # type: ignore[no-untyped-def]  # numba
         out[k, k] = pivot
 
 
-@njit(types.float64(ROWS, types.int64, types.int64, REAL), cache=True, error_model="numpy")
+@kernel(types.float64(ROWS, types.int64, types.int64, REAL))
 def ratio_of(forms, felt, quiet, products):  # type: ignore[no-untyped-def]  # numba
     """The weakest of the first `felt` powers over the strongest of the `quiet` ones after them."""
     least, greatest = np.inf, TINY
@@ -144,7 +152,7 @@ def ratio_of(forms, felt, quiet, products):  # type: ignore[no-untyped-def]  # n
     return max(least, 0.0) / greatest
 
 
-@njit(types.float64(ROWS, types.int64, types.int64, REAL), cache=True, error_model="numpy")
+@kernel(types.float64(ROWS, types.int64, types.int64, REAL))
 def loudness_of(forms, first, m, products):  # type: ignore[no-untyped-def]  # numba
     """The weakest power of the forms from `first` on, with the strongest of m actuators at 1."""
     least, greatest = np.inf, TINY

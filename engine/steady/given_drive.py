@@ -20,7 +20,7 @@ from engine.touch.placement import MOST_FINGERS
 
 CASES = 32  # as many as `tactable explain` takes for fingers at positions
 _NEIGHBOURS = 4
-_LEAST_POWER = 1e-30  # -300 dB, as in steady_solver.py: silence has a logarithm
+_LEAST_POWER = 1e-30  # -300 dB, as in steady_drive.py: silence has a logarithm
 _deviations = lru_cache(maxsize=MOST_FINGERS)(sample_deviations)
 
 

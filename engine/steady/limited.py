@@ -22,7 +22,6 @@ phase, which is free, so that what is found is the best drive; several have phas
 import numpy as np
 from numba import types
 
-from base.compiled import njit
 from engine.steady.forms import (
     DRIVE,
     REAL,
@@ -32,6 +31,7 @@ from engine.steady.forms import (
     copy_drive,
     fill_products,
     invert,
+    kernel,
     loudness_of,
     multiply,
     power_of,
@@ -53,7 +53,7 @@ _REALS = types.Array(types.float64, 2, "C")
 _FLAGS = types.Array(types.boolean, 1, "C")
 
 
-@njit(types.void(_REALS, REAL, _FLAGS, REAL), cache=True, error_model="numpy")
+@kernel(types.void(_REALS, REAL, _FLAGS, REAL))
 def _substitute(lower, right, is_active, out):  # type: ignore[no-untyped-def]  # numba
     """Fill out (finger,) with the solution of lower lower^T x = right, where inactive parts of `right` are 0."""
     count = len(out)
@@ -69,7 +69,7 @@ def _substitute(lower, right, is_active, out):  # type: ignore[no-untyped-def]  
         out[i] = s / lower[i, i]
 
 
-@njit(types.void(_REALS, REAL, _REALS, _FLAGS, REAL), cache=True, error_model="numpy")
+@kernel(types.void(_REALS, REAL, _REALS, _FLAGS, REAL))
 def _solve_levels(M, missing, lower, is_active, mu):  # type: ignore[no-untyped-def]  # numba
     """Fill mu (finger,) with the multipliers, none below 0, by which active levels get what is missing (finger,).
 
@@ -99,11 +99,7 @@ def _solve_levels(M, missing, lower, is_active, mu):  # type: ignore[no-untyped-
         is_active[at] = False
 
 
-@njit(
-    types.void(_MATRIX, _MATRIX, DRIVE, types.float64, _MATRIX, _REALS, _FLAGS, REAL, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.void(_MATRIX, _MATRIX, DRIVE, types.float64, _MATRIX, _REALS, _FLAGS, REAL, DRIVE))
 def _answer(inverse, turned, q, root, z, lower, is_active, mu, a):  # type: ignore[no-untyped-def]  # numba
     """Fill a, the drive of these multipliers of amplitudes, with z (finger, actuator) and mu (finger,) of its levels.
 
@@ -136,7 +132,7 @@ def _answer(inverse, turned, q, root, z, lower, is_active, mu, a):  # type: igno
             a[i] += mu[f] * z[f, i]
 
 
-@njit(types.float64(ROWS, types.int64, REAL, REAL, DRIVE, REAL), cache=True, error_model="numpy")
+@kernel(types.float64(ROWS, types.int64, REAL, REAL, DRIVE, REAL))
 def _dual(forms, felt, mixed, nu, a, products):  # type: ignore[no-untyped-def]  # numba
     """The least numerator of `a` over the value of the dual; fills products (part,)."""
     fill_products(a, products)
@@ -148,11 +144,7 @@ def _dual(forms, felt, mixed, nu, a, products):  # type: ignore[no-untyped-def] 
     return above / below if below > 0.0 else np.inf
 
 
-@njit(
-    types.boolean(_MATRIX, DRIVE, types.float64, REAL, REAL, _MATRIX, _MATRIX, _REALS, _FLAGS, REAL, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.boolean(_MATRIX, DRIVE, types.float64, REAL, REAL, _MATRIX, _MATRIX, _REALS, _FLAGS, REAL, DRIVE))
 def _step(turned, q, root, mixed, nu, inverse, z, lower, is_active, mu, a):  # type: ignore[no-untyped-def]  # numba
     """Bring the amplitude with the greatest error to full scale by its multiplier, in place; False: none had one."""
     fingers, m = turned.shape
@@ -187,11 +179,7 @@ def _step(turned, q, root, mixed, nu, inverse, z, lower, is_active, mu, a):  # t
     return True
 
 
-@njit(
-    types.float64(ROWS, _COUNT, _COUNT, _MATRIX, types.float64, types.float64, _COUNT, REAL, REAL, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.float64(ROWS, _COUNT, _COUNT, _MATRIX, types.float64, types.float64, _COUNT, REAL, REAL, DRIVE))
 def _approach(forms, felt, quiet, p, wanted, floor, rounds, weight, nu, a):  # type: ignore[no-untyped-def]  # numba
     """Bring `a` to the best drive of the phases that it has, in place, and these on; its ratio, by the dual.
 
@@ -248,12 +236,7 @@ def _approach(forms, felt, quiet, p, wanted, floor, rounds, weight, nu, a):  # t
     return value
 
 
-@njit(
-    types.float64(
-        ROWS, _COUNT, _COUNT, _MATRIX, USABLE, types.float64, types.float64, DRIVE, REAL, REAL, DRIVE
-    ),
-    cache=True, error_model="numpy",
-)  # fmt: skip
+@kernel(types.float64(ROWS, _COUNT, _COUNT, _MATRIX, USABLE, types.float64, types.float64, DRIVE, REAL, REAL, DRIVE))
 def keep_limits(forms, felt, quiet, p, usable, wanted, floor, loud, weight, nu, a):  # type: ignore[no-untyped-def]  # numba
     """Bring `a` to about the best drive that is loud enough, in place, where the `loud` one is; its ratio.
 

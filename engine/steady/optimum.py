@@ -18,7 +18,6 @@ holds the responses that the levels are the powers of.
 import numpy as np
 from numba import types
 
-from base.compiled import njit
 from engine.steady.forms import (
     DRIVE,
     REAL,
@@ -28,6 +27,7 @@ from engine.steady.forms import (
     USABLE,
     copy_drive,
     fill_products,
+    kernel,
     loudness_of,
     multiply,
     power_of,
@@ -45,7 +45,7 @@ _SPACE = types.Array(types.complex128, 2, "C")
 _MIXED = types.Array(types.float64, 2, "C")
 
 
-@njit(types.void(DRIVE, DRIVE), cache=True, error_model="numpy")
+@kernel(types.void(DRIVE, DRIVE))
 def _normalise(vector, a):  # type: ignore[no-untyped-def]  # numba
     """Let `a` be the vector at length 1; it stays as it is where the vector is 0."""
     size = 0.0
@@ -57,7 +57,7 @@ def _normalise(vector, a):  # type: ignore[no-untyped-def]  # numba
             a[i] = vector[i] * scale
 
 
-@njit(types.float64(ROW, ROW, DRIVE, types.int64), cache=True, error_model="numpy")
+@kernel(types.float64(ROW, ROW, DRIVE, types.int64))
 def solve_dominant(N, D, a, steps):  # type: ignore[no-untyped-def]  # numba
     """The greatest lambda of N a = lambda D a and its a in place, by at most `steps` power iterations from `a`."""
     m = len(a)
@@ -92,7 +92,7 @@ def solve_dominant(N, D, a, steps):  # type: ignore[no-untyped-def]  # numba
     return value
 
 
-@njit(types.void(REAL, types.int64, types.int64), cache=True, error_model="numpy")
+@kernel(types.void(REAL, types.int64, types.int64))
 def _share(weight, first, last):  # type: ignore[no-untyped-def]  # numba
     """Scale weight[first:last] to a sum of 1; none falls so low that it could not grow again."""
     total = TINY
@@ -102,11 +102,7 @@ def _share(weight, first, last):  # type: ignore[no-untyped-def]  # numba
         weight[i] = max(weight[i] / total, _LEAST_WEIGHT)
 
 
-@njit(
-    types.void(ROWS, types.int64, types.int64, DRIVE, REAL, types.int64, _MIXED, _SPACE),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.void(ROWS, types.int64, types.int64, DRIVE, REAL, types.int64, _MIXED, _SPACE))
 def weigh(forms, felt, quiet, a, weight, steps, mixed, space):  # type: ignore[no-untyped-def]  # numba
     """Steps of Lawson's weights and of the drive `a`, both in place: one step of the power iteration for each.
 
@@ -131,7 +127,7 @@ def weigh(forms, felt, quiet, a, weight, steps, mixed, space):  # type: ignore[n
         _share(weight, felt, last)
 
 
-@njit(types.float64(_RESPONSES, DRIVE), cache=True, error_model="numpy")
+@kernel(types.float64(_RESPONSES, DRIVE))
 def _loudness_under(p, a):  # type: ignore[no-untyped-def]  # numba
     """Power under the weakest finger of p (finger, actuator), the strongest actuator at 1."""
     least, greatest = np.inf, TINY
@@ -145,7 +141,7 @@ def _loudness_under(p, a):  # type: ignore[no-untyped-def]  # numba
     return least / greatest
 
 
-@njit(types.float64(_RESPONSES, USABLE, DRIVE), cache=True, error_model="numpy")
+@kernel(types.float64(_RESPONSES, USABLE, DRIVE))
 def find_loudest(p, usable, a):  # type: ignore[no-untyped-def]  # numba
     """Fill `a` with the drive of full amplitudes that is loudest under the weakest felt finger; its loudness.
 
@@ -184,11 +180,7 @@ def find_loudest(p, usable, a):  # type: ignore[no-untyped-def]  # numba
     return best
 
 
-@njit(
-    types.float64(ROWS, types.int64, types.int64, _RESPONSES, USABLE, types.float64, DRIVE),
-    cache=True,
-    error_model="numpy",
-)
+@kernel(types.float64(ROWS, types.int64, types.int64, _RESPONSES, USABLE, types.float64, DRIVE))
 def keep_level(forms, felt, quiet, p, usable, wanted, a):  # type: ignore[no-untyped-def]  # numba
     """Move `a` towards the loudest drive until it is loud enough; its ratio, or -1 where no drive is."""
     m = len(a)

@@ -31,7 +31,6 @@ _ROUNDS = 5  # of 36 placements of 3 or 4 fingers 2 lose 0.3 dB (mean), 10 win 0
 _PARTS = np.geomspace(1e-3, 1e4, 15)  # added parts of the squared amplitude, relative to the form below the fraction
 _TRIED = 48  # most frequencies at which a louder drive is looked for
 _TINY = 1e-9
-_TOLERANCE_DB = 1e-3  # LEVEL_TOLERANCE_DB of steady_solver.py, which imports kernels
 
 
 class PlainSolver:
@@ -74,26 +73,11 @@ class PlainSolver:
             above, below = self._forms(cases, loaded, is_felt)
             index, amplitude, value = _greatest_ratio(above, below, rows, 10 ** (level_db / 10) / limit**2)
         if index < 0:
-            index, amplitude, value = _loudest(rows)
-            objective, value = "level", value * limit**2
+            objective, (index, amplitude, value) = "level", _loudest(rows)
         amplitude = amplitude * self._usable[:, index]
         amplitude /= abs(amplitude).max()
-        power = abs(loaded[:, index] @ amplitude) ** 2
-        full_db = 10 * np.log10(power[0, is_felt].min() * limit**2)
-        scale = limit * 10 ** (min(0.0, level_db - full_db) / 20)
-        sensed_db = 10 * np.log10(np.maximum(power, 1e-30)) + 20 * np.log10(scale)
-        return SteadyDrive(
-            frequency_hz=float(self._frequency_hz[index]),
-            amplitudes=tuple(np.minimum(abs(amplitude) * scale, limit).tolist()),
-            phases_rad=tuple(np.angle(amplitude).tolist()),
-            felt=tuple(is_felt.tolist()),
-            wanted_level_db=level_db,
-            level_db=sensed_db[0],
-            sampled_level_db=sensed_db[1:],
-            objective=objective,
-            value=value if objective == "localized factor" else float(10 * np.log10(value)),
-            achieved=bool(np.isinf(level_db) or full_db >= level_db - _TOLERANCE_DB),
-        )
+        power, found_hz = abs(loaded[:, index] @ amplitude) ** 2, float(self._frequency_hz[index])
+        return SteadyDrive.at_level(level_db, limit, found_hz, amplitude, power, felt, objective, value)
 
     def _forms(self, cases: FingerCases, loaded: Complex, is_felt: Mask) -> tuple[Complex, Complex]:
         """The forms (form, frequency, actuator, actuator) above and below the fraction."""

@@ -1,10 +1,14 @@
 """A steady drive: one frequency, an amplitude and a phase for each actuator, and what the fingers feel of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from base.arrays import Array, Complex
+
+LEVEL_TOLERANCE_DB = 1e-3  # the same as in engine.table.levels; this package needs no table
+_LEAST_POWER = 1e-30  # -300 dB: silence has a logarithm
 
 
 @dataclass(frozen=True)
@@ -24,6 +28,41 @@ class SteadyDrive:
     objective: str  # "contrast", "localized factor", or "level" where the loudest drive was asked for or is the nearest
     value: float  # what was maximised: expected contrast or level in dB, or a share
     achieved: bool  # whether the weakest felt standard finger is at the wanted level; an infinite one is always reached
+
+    @classmethod
+    def at_level(
+        cls,
+        wanted_db: float,
+        limit: float,
+        frequency_hz: float,
+        amplitude: Complex,
+        power: Array,
+        felt: Sequence[bool],
+        objective: str,
+        value: float,
+    ) -> "SteadyDrive":
+        """A drive that was found, played softer where it is louder than the wanted level.
+
+        amplitude (actuator,): complex, the strongest at 1, which is played at `limit` at most. power (case, finger): of
+        that amplitude, over threshold, the standard case first. value: a share, or a ratio of powers.
+        """
+        full_db = 10 * np.log10(power[0, list(felt)].min() * limit**2)
+        scale = limit * 10 ** (min(0.0, wanted_db - full_db) / 20)
+        sensed_db = 10 * np.log10(np.maximum(power, _LEAST_POWER)) + 20 * np.log10(scale)
+        if objective != "localized factor":
+            value = float(10 * np.log10(value)) + (20 * float(np.log10(limit)) if objective == "level" else 0.0)
+        return cls(
+            frequency_hz=frequency_hz,
+            amplitudes=tuple(np.minimum(abs(amplitude) * scale, limit).tolist()),
+            phases_rad=tuple(np.angle(amplitude).tolist()),
+            felt=tuple(felt),
+            wanted_level_db=wanted_db,
+            level_db=sensed_db[0],
+            sampled_level_db=sensed_db[1:],
+            objective=objective,
+            value=value,
+            achieved=bool(np.isinf(wanted_db) or full_db >= wanted_db - LEVEL_TOLERANCE_DB),
+        )
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:

@@ -18,11 +18,11 @@ to another frequency (docs/theory.md), and a few dB of contrast less it does not
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
-from base.arrays import Complex32, Integers, Points, Single
+from base.arrays import Array, Complex, Complex32, Integers, Mask, Points, Single
 from base.errors import TactableError
 from base.points import is_within, point_text
 from engine.device import Device
@@ -34,7 +34,6 @@ from engine.steady.steady_drive import SteadyDrive
 from engine.touch.placement import MOST_FINGERS
 
 _deviations = lru_cache(maxsize=4 * MOST_FINGERS)(sample_deviations)
-LEVEL_TOLERANCE_DB = 1e-3  # the same as in engine.table.levels; this package needs no table
 _CASES, _FEW_CASES, _FEW_FINGERS = 8, 4, 4
 _FLAT = 1e-9  # a smaller singular value is rounding: bars have no y
 _ALL = -1  # stands in place of the index of a frequency where all are searched
@@ -52,14 +51,14 @@ class SteadySolver:
 
     def __init__(self, device: Device, modes: Modes) -> None:
         self.device, self.frequency_hz, hz = device, modes.frequency_hz, modes.frequency_hz
-        self._errors: dict[int, tuple[Integers, Single, Complex32] | None] = {}  # by the number of cases
+        self._errors_of = cache(self._sample_errors)
         self._kept: dict[tuple[int, ...], list[Single]] = {}
-        self._omega: Single = (2 * np.pi * hz).astype(np.float32)
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz[:, None]
         self._is_dense = len(hz) > len(device.sweep.frequency_hz)
         self._usable = np.ascontiguousarray((hz[:, None] >= low_hz - slack_hz) & (hz[:, None] <= high_hz + slack_hz))
         self._condensed = condensed = CondensedModes(modes)
+        self._receptances = condensed.spread, condensed.line, (2 * np.pi * hz).astype(np.float32)
         points_m, self._share = energy_points(device)
         at, actuators = self._shapes(points_m), len(device.actuators)
         functions = len(condensed.drive)
@@ -100,82 +99,62 @@ class SteadySolver:
         self, cases: FingerCases, felt: tuple[bool, ...], level_db: float, held_hz: float | None = None
     ) -> SteadyDrive:
         """As `solve`, for given cases of the fingers."""
-        limit, modes = self.device.limits.amplitude, self._condensed
-        impedance = np.ascontiguousarray(cases.impedance, dtype=np.float32)
-        count, fingers = cases.position_m.shape
-        reach_m = self.device.spread.reach_m or 1.0
-        away = np.round((cases.position_m - cases.position_m[0]).T / reach_m, 6).astype(np.complex128)
-        span = _span(away.tobytes(), fingers)
-        shape = self._shapes(cases.position_m).reshape(count, fingers, -1)
-        nodes, taken, between, loaded = self._buffers(count, fingers, span.shape[2])
-        field = modes.spread, modes.line, self._omega
-        fill_loaded(shape, span, modes.drive, modes.damper, *field, impedance, nodes, taken, between, loaded)
-        self._disturb(loaded)
-        is_felt = np.array(felt)
-        felt_at = np.flatnonzero(is_felt)
-        order = np.concatenate([felt_at, np.flatnonzero(~is_felt)])
-        actuators, lines = loaded.shape[2], loaded.shape[4]
-        is_share, is_flat = len(felt_at) == fingers, False
+        is_felt, hz, impedance = np.array(felt), self.frequency_hz, np.ascontiguousarray(cases.impedance, np.float32)
+        shape, loaded = self._load(cases, impedance)
+        count, fingers, actuators, _, lines = loaded.shape
+        is_share, is_flat = bool(is_felt.all()), False
+        forms = np.empty((2 if is_share else fingers, actuators**2, lines))
+        order = np.argsort(~is_felt, kind="stable")
         if is_share:
             held = held_zones(self.device, cases.position_m[0])
             share = np.stack([self._share[held].sum(axis=0), self._share[-1]])
             is_flat = bool(np.isclose(share[0].sum(), share[1].sum(), rtol=1e-9, atol=0.0))
-            forms = np.empty((2, actuators**2, lines))
-            at = *self._field, self._at_points, shape[0], modes.damper
-            fill_energies(*at, *field, impedance[:1], loaded[0], share, forms)
+            at = *self._field, self._at_points, shape[0], self._condensed.damper
+            fill_energies(*at, *self._receptances, impedance[:1], loaded[0], share, forms)
         else:
-            forms = np.empty((fingers, actuators**2, lines))
             fill_powers(loaded[1:], forms)
             forms = forms[order]
-        wanted = 10 ** (level_db / 10) / limit**2
-        hz, amplitude = self.frequency_hz, np.empty(actuators, dtype=np.complex128)
-        power = np.empty((count, fingers))
         packed = np.ascontiguousarray(forms.transpose(2, 0, 1))
-        tail = self._usable, loaded, order, len(felt_at), packed, is_share, self._is_dense
-        objective, found = "localized factor" if is_share else "contrast", np.array([0.0, -1.0])
-        if not (is_flat or np.isinf(level_db)):
-            find_drive(hz, *tail, wanted, _ALL, found, amplitude, power)
-        if held_hz is not None and not is_share and found[1] >= 0 and abs(found[0] - held_hz) > JUMP_HZ:
-            kept, kept_amplitude, kept_power = np.array([0.0, -1.0]), np.empty_like(amplitude), np.empty_like(power)
+
+        def find(wanted: float, usable: Mask = self._usable, held: int = _ALL) -> tuple[float, float, Complex, Array]:
+            """Frequency, what was maximised, amplitudes (actuator,) and powers (case, finger) of the best drive."""
+            found, out = np.array([0.0, -1.0]), np.empty(actuators, dtype=np.complex128)
+            power, roles = np.empty((count, fingers)), (order, int(is_felt.sum()))
+            find_drive(hz, usable, loaded, *roles, packed, is_share, self._is_dense, wanted, held, found, out, power)
+            return found[0].item(), found[1].item(), out, power
+
+        limit, is_loudest = self.device.limits.amplitude, is_flat or bool(np.isinf(level_db))
+        wanted = 10 ** (level_db / 10) / limit**2
+        best = find(np.inf if is_loudest else wanted)
+        if held_hz is not None and not (is_share or is_loudest) and best[1] >= 0 and abs(best[0] - held_hz) > JUMP_HZ:
             apart_hz = abs(hz - held_hz)
             near = self._usable & (apart_hz <= FOLLOWED_HZ + _EDGE_HZ)[:, None]
-            find_drive(hz, near, *tail[1:], wanted, int(apart_hz.argmin()), kept, kept_amplitude, kept_power)
-            enough = min(10 ** (_ENOUGH_DB / 10), found[1] * 10 ** (-_LESS_DB / 10))
+            kept = find(wanted, near, int(apart_hz.argmin()))
+            enough = min(10 ** (_ENOUGH_DB / 10), best[1] * 10 ** (-_LESS_DB / 10))
             if kept[1] >= enough and abs(kept[0] - held_hz) <= FOLLOWED_HZ:
-                found, amplitude, power = kept, kept_amplitude, kept_power
-        if found[1] < 0:
-            objective = "level"
-            find_drive(hz, *tail, np.inf, _ALL, found, amplitude, power)
-        found_hz, value = found.tolist()
-        full_level_db = 10 * np.log10(power[0, felt_at].min() * limit**2)
-        change_db = min(0.0, level_db - full_level_db)
-        scale = limit * 10 ** (change_db / 20)
-        sensed_db = 10 * np.log10(np.maximum(power, 1e-30)) + 20 * np.log10(scale)
-        return SteadyDrive(
-            frequency_hz=found_hz,
-            amplitudes=tuple(np.minimum(abs(amplitude) * scale, limit).tolist()),
-            phases_rad=tuple(np.angle(amplitude).tolist()),
-            felt=tuple(felt),
-            wanted_level_db=level_db,
-            level_db=sensed_db[0],
-            sampled_level_db=sensed_db[1:],
-            objective=objective,
-            value=_value_of(objective, value, limit),
-            achieved=bool(np.isinf(level_db) or full_level_db >= level_db - LEVEL_TOLERANCE_DB),
-        )
+                best = kept
+        if best[1] < 0 and not is_loudest:
+            is_loudest, best = True, find(np.inf)
+        objective = "level" if is_loudest else "localized factor" if is_share else "contrast"
+        found_hz, value, amplitude, power = best
+        return SteadyDrive.at_level(level_db, limit, found_hz, amplitude, power, felt, objective, value)
 
-    def _disturb(self, loaded: Single) -> None:
-        """Put errors of surface and channels, if any, into the cases (case, finger, actuator, 2, frequency)."""
-        if len(loaded) not in self._errors:
-            self._errors[len(loaded)] = self._sample_errors(len(loaded))
-        errors = self._errors[len(loaded)]
-        if errors is None:
-            return
-        below, weight, channels = errors
-        response = loaded[..., 0, :] + 1j * loaded[..., 1, :]
-        one, other = (np.take_along_axis(response, each[:, None, None], axis=3) for each in (below, below + 1))
-        response = (one + weight[:, None, None] * (other - one)) * channels[:, None]
-        loaded[..., 0, :], loaded[..., 1, :] = response.real, response.imag
+    def _load(self, cases: FingerCases, impedance: Single) -> tuple[Single, Single]:
+        """Functions at the fingers (case, finger, function), and responses (case, finger, actuator, 2, frequency)."""
+        modes, (count, fingers) = self._condensed, cases.position_m.shape
+        reach_m = self.device.spread.reach_m or 1.0
+        away = np.round((cases.position_m - cases.position_m[0]).T / reach_m, 6).astype(np.complex128)
+        span = _span(away.tobytes(), fingers)
+        shape = self._shapes(cases.position_m).reshape(count, fingers, -1)
+        *space, loaded = self._buffers(count, fingers, span.shape[2])
+        fill_loaded(shape, span, modes.drive, modes.damper, *self._receptances, impedance, *space, loaded)
+        if (errors := self._errors_of(count)) is not None:  # of surface and channels, beside those of the fingers
+            below, weight, channels = errors
+            response = loaded[..., 0, :] + 1j * loaded[..., 1, :]
+            one, other = (np.take_along_axis(response, each[:, None, None], axis=3) for each in (below, below + 1))
+            response = (one + weight[:, None, None] * (other - one)) * channels[:, None]
+            loaded[..., 0, :], loaded[..., 1, :] = response.real, response.imag
+        return shape, loaded
 
     def _sample_errors(self, cases: int) -> tuple[Integers, Single, Complex32] | None:
         errors = PlantErrors.sample(self.device, cases)
@@ -218,13 +197,6 @@ class SteadySolver:
                 raise SteadyError(f"finger {number} at {point_text(at_m)}: the surface ends at {point_text(corner_m)}")
         if np.isnan(level_db):
             raise SteadyError("the level is not a number; give dB above threshold, or inf for full scale")
-
-
-def _value_of(objective: str, value: float, limit: float) -> float:
-    """What was maximised: a share, or dB of contrast, or of the level at the amplitude limit."""
-    if objective == "localized factor":
-        return value
-    return float(10 * np.log10(value)) + (20 * float(np.log10(limit)) if objective == "level" else 0.0)
 
 
 @lru_cache(maxsize=4 * MOST_FINGERS)  # away from edges, cases differ by the same
