@@ -16,7 +16,7 @@ from engine.steady import Modes
 from engine.steady.cases import MeasuredFinger
 from engine.table.best_rows import BestRows, combination_of
 from engine.touch import Placement
-from engine.touch.finger_tracker import zone_finder
+from engine.touch.finger_tracker import ZoneFinder
 from firmware_link.host.link_values import Capabilities
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class ZoneDrives:
     ) -> None:
         self.rows = rows
         self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
-        self._zone_at, self._scales = zone_finder(device).zone_at, tuple(scales)
+        self._zone_at, self._scales = ZoneFinder(device).zone_at, tuple(scales)
         self._remembered: dict[tuple[int, float], Rendered] = {}
 
     def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:

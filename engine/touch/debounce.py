@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from engine.touch.digitizer import AGAIN, RELEASE_AFTER_NS, Contact, Digitizer
-from engine.touch.finger_tracker import TouchPoint, touch_position
+from engine.touch.finger_tracker import TouchPosition
 from engine.touch.placement import CLOSEST_M
 from engine.touch.sources.own_reports import are_ours
 
@@ -88,8 +88,7 @@ def fit_releases(digitizer: Digitizer, device: "Device") -> None:
         digitizer.release_after_ns = round(1e9 * axis.silence_s)
     else:
         digitizer.release_after_ns = RELEASE_AFTER_NS if digitizer.quirks.releases_when_silent else None
-    position = touch_position(device, surface)
-    along = position.along if isinstance(position, TouchPoint) else position
+    along = TouchPosition(device, surface).sides[0]
     settings = (round(1e9 * axis.debounce_s), along.column, CLOSEST_M / abs(along.m_per_unit))
     if not axis.debounce_s:
         digitizer.debounce = None

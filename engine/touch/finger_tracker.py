@@ -11,7 +11,6 @@ under it counts. The state is the last touch of each contact that is down; a con
 finger that comes down again starts without hysteresis. Hovering contacts are no touches.
 """
 
-from bisect import bisect_right
 from enum import IntEnum
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -44,7 +43,7 @@ class Touch(NamedTuple):
     is_palm: bool = False
 
 
-class TouchPosition:
+class TouchSide:
     """Converts logical units of a digitizer along one of its axes to metres from the start of the surface."""
 
     def __init__(
@@ -60,93 +59,58 @@ class TouchPosition:
         span = field.logical_maximum - field.logical_minimum
         self.m_per_unit = (-active_m if lies.flip else active_m) / span
 
-    @property
-    def sides(self) -> "tuple[TouchPosition, ...]":
-        """The one side of a bar."""
-        return (self,)
-
     def position_m(self, contact: Contact) -> float:
-        """Position of the contact, from 0 to the length of the surface: beyond an end, that end."""
+        """Position of the contact, from 0 to the length of the side: beyond an end, that end."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         if 0.0 <= position_m <= self.length_m:
             return position_m
         return 0.0 if position_m < 0.0 else self.length_m
 
     def is_beside(self, contact: Contact) -> bool:
-        """Whether the contact is more than REACH_M beyond an end of the surface."""
+        """Whether the contact is more than REACH_M beyond an end of the side."""
         position_m = self.start_m + (contact[self.column] - self.zero) * self.m_per_unit
         return not -REACH_M <= position_m <= self.length_m + REACH_M
 
 
-class TouchPoint:
-    """The same along and across a plate: points x + jy."""
+class TouchPosition:
+    """How the digitizer's contacts lie on the surface of a device: along its side, and on a plate across it too."""
 
-    def __init__(self, along: TouchPosition, across: TouchPosition) -> None:
-        self.along, self.across = along, across
-        self.sides: tuple[TouchPosition, ...] = (along, across)
+    def __init__(self, device: "Device", surface: Surface) -> None:
+        lies, corner_m = device.touch_axis, device.surface.corner_m
+        self.sides = [TouchSide(lies, lies.axis, corner_m.real, surface)]
+        if lies.across is not None:
+            self.sides.append(TouchSide(lies.across, "y" if lies.axis == "x" else "x", corner_m.imag, surface))
 
     def position_m(self, contact: Contact) -> complex:
-        """Point of the contact on the plate: beyond an edge, at it."""
-        return complex(self.along.position_m(contact), self.across.position_m(contact))
+        """Point of the contact (base.points): beyond an edge of the surface, at it."""
+        along_m = self.sides[0].position_m(contact)
+        return along_m if len(self.sides) == 1 else complex(along_m, self.sides[1].position_m(contact))
 
     def is_beside(self, contact: Contact) -> bool:
-        """Whether the contact is more than REACH_M beyond an edge of the plate."""
-        return self.along.is_beside(contact) or self.across.is_beside(contact)
+        """Whether the contact is more than REACH_M beyond an edge of the surface."""
+        return any(side.is_beside(contact) for side in self.sides)
 
 
-def touch_position(device: "Device", surface: Surface) -> TouchPosition | TouchPoint:
-    """How the digitizer's contacts lie on the surface of a device."""
-    lies, corner_m = device.touch_axis, device.surface.corner_m
-    along = TouchPosition(lies, lies.axis, corner_m.real, surface)
-    if lies.across is None:
-        return along
-    other: Literal["x", "y"] = "y" if lies.axis == "x" else "x"
-    return TouchPoint(along, TouchPosition(lies.across, other, corner_m.imag, surface))
-
-
-class ZoneEdges:
-    """The zone of a position on a bar, with hysteresis; zones are in order and may leave gaps."""
+class ZoneFinder:
+    """The zone of a point on the surface of a device, with hysteresis."""
 
     def __init__(self, device: "Device") -> None:
-        self.starts_m = [zone.start_m.real for zone in device.zones]
-        self.stops_m = [zone.stop_m.real for zone in device.zones]
         self.hysteresis_m = device.zone_hysteresis_m
+        self._corners_m = [(zone.start_m, zone.stop_m) for zone in device.zones]
+        self._order = range(len(device.zones) - 1, -1, -1)
 
     def zone_at(self, position_m: complex, previous: int | None = None) -> int | None:
-        """Index of the zone, None in a gap. A contact stays in `previous` until it is past the edge by the hysteresis.
+        """Index of the zone, None between zones. A contact stays in `previous` until past the edge by the hysteresis.
 
-        An edge that two zones share belongs to the zone that starts there.
+        An edge that zones share belongs to the last of them.
         """
-        along_m = position_m.real
-        if previous is not None:
-            start_m = self.starts_m[previous] - self.hysteresis_m
-            if start_m <= along_m <= self.stops_m[previous] + self.hysteresis_m:
-                return previous
-        zone = bisect_right(self.starts_m, along_m) - 1
-        return zone if zone >= 0 and along_m <= self.stops_m[zone] else None
-
-
-class ZoneRectangles:
-    """The zone of a point on a plate, with hysteresis, as `ZoneEdges` has it on a bar."""
-
-    def __init__(self, device: "Device") -> None:
-        self.zones, self.hysteresis_m = device.zones, device.zone_hysteresis_m
-
-    def zone_at(self, position_m: complex, previous: int | None = None) -> int | None:
-        """Index of the zone, None between zones; an edge that zones share belongs to the last of them."""
-        order = range(len(self.zones) - 1, -1, -1)
-        for zone, beyond_m in (
-            *([] if previous is None else [(previous, self.hysteresis_m)]),
-            *((k, 0.0) for k in order),
-        ):
-            if is_between(position_m, self.zones[zone].start_m, self.zones[zone].stop_m, beyond_m):
+        corners_m = self._corners_m
+        if previous is not None and is_between(position_m, *corners_m[previous], self.hysteresis_m):
+            return previous
+        for zone in self._order:
+            if is_between(position_m, *corners_m[zone]):
                 return zone
         return None
-
-
-def zone_finder(device: "Device") -> ZoneEdges | ZoneRectangles:
-    """What tells the zone of a point on the surface of a device."""
-    return ZoneRectangles(device) if isinstance(device.surface.corner_m, complex) else ZoneEdges(device)
 
 
 class FingerTracker:
@@ -159,8 +123,8 @@ class FingerTracker:
 
     def change_bar(self, device: "Device") -> list[Touch]:
         """Track on another surface from now on; the fingers of the last frame that are on it."""
-        self.position = touch_position(device, self._surface)
-        self.edges = zone_finder(device)
+        self.position = TouchPosition(device, self._surface)
+        self._zone_at = ZoneFinder(device).zone_at
         self.touches: dict[int, tuple[Contact, Touch]] = {}
         """The touching contacts of the last frame on the surface and their fingers, by contact id."""
         return self.track(self._frame)
@@ -169,7 +133,7 @@ class FingerTracker:
         """The touching fingers of a frame, in its order; fingers in gaps between zones are included."""
         self._frame = frame
         previous, zones = self.touches, {}
-        position_of, zone_at = self.position.position_m, self.edges.zone_at
+        position_of, zone_at = self.position.position_m, self._zone_at
         touches = []
         for contact in frame.contacts:
             contact_id, _, _, tip, confidence = contact

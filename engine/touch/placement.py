@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from base.errors import TactableError
 from base.points import is_within, order_of, point_text
-from engine.touch.finger_tracker import ZoneState, zone_finder
+from engine.touch.finger_tracker import ZoneFinder, ZoneState
 
 if TYPE_CHECKING:
     from engine.device import Device
@@ -74,7 +74,7 @@ class Placement:
 
     def zone_states(self, device: "Device") -> tuple[ZoneState, ...]:
         """State of every zone: FELT where one of its fingers feels, else QUIET where one rests."""
-        edges, states = zone_finder(device), [ZoneState.FREE] * len(device.zones)
+        edges, states = ZoneFinder(device), [ZoneState.FREE] * len(device.zones)
         for at_m, is_felt in zip(self.position_m, self.is_felt, strict=True):
             zone = edges.zone_at(at_m)
             if zone is not None:

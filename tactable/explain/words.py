@@ -13,7 +13,7 @@ from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
 from engine.touch import Placement, ZoneState
-from engine.touch.finger_tracker import zone_finder
+from engine.touch.finger_tracker import ZoneFinder
 
 PERCENTILES = ("5 %", "50 %", "95 %")
 _NAMED = 3  # estimates that are named; the others are counted
@@ -42,7 +42,7 @@ def placement_text(device: Device, placement: Placement) -> str:
 
 def placement_json(device: Device, placement: Placement) -> list[dict[str, Any]]:
     """Position, zone (None in a gap between zones) and role of each finger, for JSON."""
-    zone_at = zone_finder(device).zone_at
+    zone_at = ZoneFinder(device).zone_at
     zones = [zone_at(at_m) for at_m in placement.position_m]
     return [
         {

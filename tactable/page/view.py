@@ -14,7 +14,7 @@ from engine.loop.command_latency import Stage
 from engine.loop.ring import Record, RingCounters
 from engine.table import Table
 from engine.touch import Touch
-from engine.touch.finger_tracker import zone_finder
+from engine.touch.finger_tracker import ZoneFinder
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S
 from tactable.page.judged_commands import Command, CommandReader, time_of
@@ -121,7 +121,7 @@ class View:
         self._reader = CommandReader(table, frequency_resolution_hz, halvings=halvings)
         self.solved = self._reader.solved
         """The placements whose clicks were solved beside the run and played, in the order of their first play."""
-        self._edges = zone_finder(table.device)
+        self._edges = ZoneFinder(table.device)
         self._touches: tuple[Touch, ...] = ()
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)

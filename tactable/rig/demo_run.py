@@ -21,7 +21,7 @@ from engine.loop.command_latency import Stage
 from engine.steady import SteadyDrive
 from engine.table import Table
 from engine.table.best_rows import BestRow
-from engine.touch.finger_tracker import zone_finder
+from engine.touch.finger_tracker import ZoneFinder
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.drive_log import DriveEvent
 from precompute.builder.table_build import Progress, build_table
@@ -124,7 +124,7 @@ class Reporter:
         self.surface, self._drives = SimulatedSurface(table.device), drives
         self._device, self._promises = table.device, Promises(table)
         self._plant = assemble(table.device)
-        self._zone_at = zone_finder(table.device).zone_at
+        self._zone_at = ZoneFinder(table.device).zone_at
 
     def report_drive(self, wanted: Wanted, event: DriveEvent, in_run: tuple[float, float] = _NOTHING) -> DriveReport:
         """Report a steady drive that the firmware got; in_run: as of `_greatest`."""

@@ -11,7 +11,7 @@ from engine.device import Device, TouchAxis, Zone
 from engine.device.parts import TouchAcross
 from engine.touch import Contact, FingerTracker, Touch, TouchFrame
 from engine.touch.descriptor import read_surfaces
-from engine.touch.finger_tracker import ZoneEdges, ZoneRectangles, touch_position
+from engine.touch.finger_tracker import TouchPosition, ZoneFinder
 from tests.engine.touch.descriptors import application, finger
 from tests.precompute.devices import shipped
 
@@ -62,7 +62,7 @@ def frame_of(*contacts: Contact) -> TouchFrame:
 
 @given(touch_axes(), logical, logical)
 def test_a_position_is_where_the_touch_area_has_it_or_nearest_on_the_bar(axis: TouchAxis, x: int, y: int) -> None:
-    position_m = touch_position(with_axis(axis), UNEQUAL).position_m(Contact(1, x, y, True)).real
+    position_m = TouchPosition(with_axis(axis), UNEQUAL).position_m(Contact(1, x, y, True)).real
     assert 0 <= position_m <= LENGTH_M
     value, first, last = (x, 0, LAST) if axis.axis == "x" else (y, -100, 700)
     active_m = axis.active_length_m or LENGTH_M - axis.start_margin_m - axis.end_margin_m
@@ -100,7 +100,7 @@ def test_a_finger_beside_any_side_of_a_plate_is_none_and_on_an_edge_of_zones_it_
     assert zones(0.05, 0.05) == [0] and zones(0.25, 0.15) == [5]
     for beside in ((-0.05, 0.05), (0.35, 0.05), (0.05, -0.05), (0.05, 0.23), (-0.05, -0.05)):
         assert zones(*beside) == []
-    edges = ZoneRectangles(plate)
+    edges = ZoneFinder(plate)
     middle_m, corner_m = plate.zones[0].stop_m, plate.surface.corner_m
     assert (edges.zone_at(middle_m), edges.zone_at(corner_m), edges.zone_at(corner_m + 0.01)) == (4, 5, None)
 
@@ -121,14 +121,14 @@ def test_another_bar_decides_anew_which_contacts_are_its_fingers() -> None:
 @given(zoned_devices(), fractions)
 def test_a_new_contact_is_in_the_zone_that_holds_it_or_in_none(device: Device, fraction: float) -> None:
     position_m = fraction * LENGTH_M
-    zone = ZoneEdges(device).zone_at(position_m)
+    zone = ZoneFinder(device).zone_at(position_m)
     holding = [i for i, each in enumerate(device.zones) if each.start_m.real <= position_m <= each.stop_m.real]
     assert zone == (holding[-1] if holding else None)
 
 
 @given(zoned_devices(), st.lists(fractions, min_size=1, max_size=20))
 def test_a_contact_stays_in_its_zone_until_past_an_edge_by_the_hysteresis(device: Device, path: list[float]) -> None:
-    edges, zone = ZoneEdges(device), None
+    edges, zone = ZoneFinder(device), None
     reach_m = [(each.start_m - edges.hysteresis_m, each.stop_m + edges.hysteresis_m) for each in device.zones]
     for fraction in path:
         previous, position_m = zone, fraction * LENGTH_M
@@ -142,7 +142,7 @@ def test_a_contact_stays_in_its_zone_until_past_an_edge_by_the_hysteresis(device
 @given(zoned_devices(), st.lists(fractions, max_size=5))
 def test_without_a_past_a_touch_is_where_its_contact_is(device: Device, places: list[float]) -> None:
     contacts = [at(round(LAST * place), i) for i, place in enumerate(places)]
-    tracker, position, edges = FingerTracker(device, SURFACE), touch_position(device, SURFACE), ZoneEdges(device)
+    tracker, position, edges = FingerTracker(device, SURFACE), TouchPosition(device, SURFACE), ZoneFinder(device)
     places_m = [position.position_m(contact) for contact in contacts]
     touches = [Touch(i, place_m, edges.zone_at(place_m)) for i, place_m in enumerate(places_m)]
     assert tracker.track(frame_of(*contacts)) == touches

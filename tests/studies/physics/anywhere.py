@@ -26,7 +26,7 @@ from engine.device import Device
 from engine.table import Clicks, Table
 from engine.table.clicks import ClickFigures
 from engine.touch import Placement, ZoneState
-from engine.touch.finger_tracker import zone_finder
+from engine.touch.finger_tracker import ZoneFinder
 from precompute.clicks import DEFAULT_OPTIONS, ClickOptions, ClickSolver
 from precompute.parallel.pool import WorkerPool, available_cores
 from precompute.predict.at_positions import SteadyDesigner
@@ -103,7 +103,7 @@ def _middles(device: Device, states: Sequence[ZoneState]) -> Placement:
 def _begin(
     device: Device, by_position: ClickOptions, by_zone: ClickOptions | None, tabulated: Clicks | None
 ) -> Callable[[tuple[int, Placement]], tuple[int, dict[str, Any]]]:
-    solver, edges = ClickSolver(device, by_position), zone_finder(device)
+    solver, edges = ClickSolver(device, by_position), ZoneFinder(device)
     compare_others = None if by_zone is None else _begin_others(device, solver, by_zone, tabulated)
     solver.solve(Placement.on(device, [device.surface.corner_m / 2]))  # compiled before it is timed
 

@@ -16,7 +16,7 @@ from engine.device import Device
 from engine.touch import DigitizerError, open_digitizer
 from engine.touch.descriptor import Surface
 from engine.touch.digitizer import Contact, TouchFrame
-from engine.touch.finger_tracker import touch_position
+from engine.touch.finger_tracker import TouchPosition
 from engine.touch.sources.hid_discovery import HidSystem, find_digitizers
 from engine.touch.sources.recording import Recording, Report, read_recording, write_recording
 from firmware_link.host.serial_port import PortDescription
@@ -410,7 +410,7 @@ def test_a_plate_is_learnt_from_a_stroke_along_it_and_one_across_it(axis: str, f
     before, _, after = text.partition("[digitizer]")
     table = digitizer_table(learn(digitizer, frames, [300.0, 180.0]))
     device = Device.parse(f"{before}{table}\n{after[after.index(chr(10) + '[') :]}", "test")
-    position = touch_position(device, surface)
+    position = TouchPosition(device, surface)
     for stroke, ends_m in zip(strokes, ((0.0, 0.3), (0.0, 0.18)), strict=True):
         for at, end_m in ((0, ends_m[0]), (-1, ends_m[1])):
             at_m = position.position_m(Contact(1, stroke.x[at], stroke.y[at], True, True))

@@ -7,7 +7,7 @@ from engine.render.limits import clamp
 from engine.table import Table
 from engine.table.levels import DEFAULT_LEVEL_DB
 from engine.touch import Placement, Touch
-from engine.touch.finger_tracker import ZoneEdges
+from engine.touch.finger_tracker import ZoneFinder
 from firmware_link.emulator.drive_log import DriveEvent
 from firmware_link.protocol.drive_words import encode_drive
 from tactable.page.live_bar import LiveBar
@@ -22,7 +22,7 @@ LEVEL_DB = DEFAULT_LEVEL_DB
 
 def touches_of(table: Table, placement: Placement) -> tuple[Touch, ...]:
     """A touch for every finger, numbered from 1."""
-    edges = ZoneEdges(table.device)
+    edges = ZoneFinder(table.device)
     fingers = enumerate(placement.position_m, start=1)
     return tuple(Touch(number, at_m, edges.zone_at(at_m)) for number, at_m in fingers)
 
