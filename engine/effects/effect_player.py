@@ -48,10 +48,12 @@ argument; nothing here reads a clock.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
-from base.points import clip_point, is_within
-from engine.effects.effect_play import Play
+from base.points import is_within
+from engine.effects.effect_play import STILL_M, Finger, Play
 from engine.effects.rules import (
     ControlStep,
     Effects,
@@ -67,13 +69,62 @@ from engine.touch import Placement, Touch
 from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS, merged
 
-FOLLOW_M = 0.5e-3  # a finger that drives are made for is followed once it is farther away; drives allow for 1 mm
-STILL_M = 2e-3  # a finger this close to its resting place is still: a fingertip rolls by a millimetre
 DEFAULT_CLICK_NS = 30_000_000  # length of a click for which the table states none
-SPEED_NS = 15_000_000  # a speed is taken over this time, up to twice: of 5 to 18 ms, the least errors in recordings
-FURTHEST_M = 15e-3  # a click is made for a finger at most this far ahead: 500 mm/s; beyond, recordings show no law
 _NO_CONTACT = -1
 DRAG_REST_NS = 100_000_000  # a drag ends when the finger has not travelled the next distance within this time
+_new = tuple.__new__  # the hot path: half the time of calling a named tuple's class
+
+
+class Wanted(NamedTuple):
+    """What the fingers are to feel."""
+
+    placement: Placement | None  # the fingers and their roles; None: no finger feels
+    level_db: float | None  # level under every felt finger, dB above the detection threshold; None: no finger feels
+    click_ns: int | None  # when the click began, on the source's time axis; None: what is felt is steady
+
+
+NOTHING = Wanted(None, None, None)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The rules of the run, what programs want, and the rules that are in force by both."""
+
+    of_run: Effects
+    effects: Effects  # in force; other rules are another object
+    of_programs: tuple[Rule, ...] = ()
+    settings: SceneSettings = field(default_factory=SceneSettings)
+
+    def changed(self, rules: tuple[Rule, ...] | None, settings: SceneSettings | None) -> "Scene":
+        """The scene with other rules and settings of programs; None: as before."""
+        rules, before = self.of_programs if rules is None else rules, self.settings
+        settings = before if settings is None else settings
+        effects = self.effects
+        is_as_before = (settings.is_enabled, settings.uses_rule_file) == (before.is_enabled, before.uses_rule_file)
+        if not is_as_before or rules is not self.of_programs:
+            below = self.of_run.rules if settings.uses_rule_file else ()
+            in_force = (*rules, *below) if settings.is_enabled else ()
+            # A rule that plays nothing matters only where another one on its event plays something.
+            events = {rule.on for rule in in_force if rule.effect.envelope}
+            effects = replace(self.of_run, rules=tuple(rule for rule in in_force if rule.on in events))
+        return Scene(self.of_run, effects, rules, settings)
+
+    @cached_property
+    def rules(self) -> dict[Trigger, tuple[Rule, ...]]:
+        """The rules in force by their events, in order."""
+        return {trigger: self.effects.of(trigger) for trigger in Trigger}
+
+    @cached_property
+    def follows_moves(self) -> bool:
+        """Whether a finger that moves may begin or end an effect."""
+        return bool(self.rules[Trigger.HOLD] or self.rules[Trigger.DRAG])
+
+    def rule_for(self, event: Trigger, touch: Touch) -> Rule | None:
+        """The first rule on an event that covers the finger; None: there is none, or it plays nothing."""
+        for rule in self.rules[event]:
+            if rule.covers(touch):
+                return rule if rule.effect.envelope else None
+        return None
 
 
 class EffectPlayer:
@@ -84,15 +135,10 @@ class EffectPlayer:
     """
 
     def __init__(self, effects: Effects, click_length_ns: int = DEFAULT_CLICK_NS) -> None:
-        self.placement: Placement | None = None  # the fingers and their roles; None: no finger feels
-        self.level_db: float | None = None  # the level that is wanted under every felt finger; None: no finger feels
-        self.click_ns: int | None = None  # when the click that is felt now began; None: the drive is steady
+        self.wanted = NOTHING
         self.effect = ""  # name of the effect that is felt now, that of the first finger; "": none is
         self.next_change_ns: int | None = None  # when `advance_effects` is due; None: time alone changes nothing
-        self._run_effects = effects
-        self._program_rules: tuple[Rule, ...] = ()
-        self.settings = SceneSettings()  # what programs want of the whole bar
-        self._set_rules(effects)
+        self.scene = Scene(effects, effects)
         self.fingers: dict[int, Finger] = {}  # the fingers that touch, by contact id
         self.lifted: list[Finger] = []  # fingers that are gone, their last effect still under way
         self._begun_ns: float = -math.inf  # of the click that began last
@@ -102,15 +148,10 @@ class EffectPlayer:
         self._frame_ns = 0  # time of the last frame
         self.joined = self.left_out = 0  # fingers that are one to the bar with another; fingers beyond the most
 
-    def _set_rules(self, effects: Effects) -> None:
-        self.effects = effects  # the rules in force; other ones are another object
-        self._rules = {trigger: effects.of(trigger) for trigger in Trigger}
-        self.follows_moves = bool(self._rules[Trigger.HOLD] or self._rules[Trigger.DRAG])
-        """Whether a finger that moves may begin or end an effect."""
-
     def take_touches(self, touches: Sequence[Touch], time_ns: int) -> bool:
         """Set the fingers that touch from now on; False where the placement certainly did not change."""
-        fingers, has_changed = self.fingers, self.follows_moves
+        fingers, follows_moves = self.fingers, self.scene.follows_moves
+        has_changed = follows_moves
         self._frame_ns = time_ns
         for touch in touches:
             finger = fingers.get(touch[0])
@@ -122,14 +163,9 @@ class EffectPlayer:
                     was_quiet, finger.touch = finger.is_kept_quiet, touch
                     self._turn_quiet(finger, was_quiet, time_ns)
                     has_changed = True
-                finger.touch = touch
-                if time_ns - finger.late_ns >= SPEED_NS:
-                    finger.early_ns, finger.early_m = finger.late_ns, finger.late_m
-                    finger.late_ns, finger.late_m = time_ns, touch[1]
-                if abs(touch[1] - finger.held_m) > FOLLOW_M:
-                    finger.held_m = touch[1]
-                    has_changed = has_changed or self.level_db is not None
-                if self.follows_moves:
+                if finger.follow(touch, time_ns):
+                    has_changed = has_changed or self.wanted.level_db is not None
+                if follows_moves:
                     self._move(finger, time_ns)
         if len(fingers) != len(touches):
             self._lift_all_but({touch.contact_id for touch in touches}, time_ns)
@@ -177,48 +213,31 @@ class EffectPlayer:
             finger = self.fingers[touch.contact_id] = before.get(touch.contact_id) or Finger(touch, self._frame_ns)
             finger.move_to(touch, corner_m)
         self.lifted = [finger for finger in self.lifted if is_within(finger.held_m, corner_m)]
-        self.click_ns = None  # also a click that goes on is placed on the new bar
+        self.wanted = self.wanted._replace(click_ns=None)  # also a click that goes on is placed on the new bar
         self._settle()
 
     def _change_scene(self, rules: tuple[Rule, ...] | None, settings: SceneSettings | None, time_ns: int) -> None:
-        rules, before = self._program_rules if rules is None else rules, self.settings
-        self.settings = settings = before if settings is None else settings
-        is_as_before = (settings.is_enabled, settings.uses_rule_file) == (before.is_enabled, before.uses_rule_file)
-        if is_as_before and rules is self._program_rules:
+        before, scene = self.scene, self.scene.changed(rules, settings)
+        self.scene = scene
+        if scene.effects is before.effects:
             return
-        self._program_rules = rules
-        below = self._run_effects.rules if settings.uses_rule_file else ()
-        in_force = (*rules, *below) if settings.is_enabled else ()
-        # A rule that plays nothing matters only where another one on its event plays something.
-        events = {rule.on for rule in in_force if rule.effect.envelope}
-        self._change_rules(
-            replace(self._run_effects, rules=tuple(rule for rule in in_force if rule.on in events)), time_ns
-        )
-        if not settings.is_enabled:
-            for finger in (*self.fingers.values(), *self.lifted):
-                finger.play = None
-
-    def _change_rules(self, effects: Effects, time_ns: int) -> None:
-        drag_before = {
-            contact_id: _distance_of(_first(self._rules[Trigger.DRAG], finger.touch))
-            for contact_id, finger in self.fingers.items()
-        }
-        self._set_rules(effects)
         for finger in (*self.fingers.values(), *self.lifted):
             play = finger.play
             if play is not None and play.trigger is not None:
-                rule = _first(self._rules[play.trigger], play.began_at)
+                rule = scene.rule_for(play.trigger, play.began_at)
                 if rule is None or not play.goes_on_by(rule):
                     play.cut()
-        for contact_id, finger in self.fingers.items():
-            hold_rule, before = _first(self._rules[Trigger.HOLD], finger.touch), finger.rest_rule
-            if _wait_of(hold_rule) != _wait_of(before):
+            if not scene.settings.is_enabled:
+                finger.play = None
+        for finger in self.fingers.values():
+            hold_rule = scene.rule_for(Trigger.HOLD, finger.touch)
+            if _wait_of(hold_rule) != _wait_of(finger.rest_rule):
                 self._rest(finger, time_ns)
             else:
                 finger.rest_rule = hold_rule
                 finger.hold_rule = None if finger.hold_rule is None else hold_rule
-            drag_rule = _first(self._rules[Trigger.DRAG], finger.touch)
-            if _distance_of(drag_rule) != drag_before[contact_id]:
+            old, new = (each.rule_for(Trigger.DRAG, finger.touch) for each in (before, scene))
+            if (old and old.every_m) != (new and new.every_m):  # the marks of a drag are at other distances
                 finger.mark_m = finger.touch.position_m
 
     def _set_role(self, role: Role, time_ns: int) -> bool:
@@ -228,11 +247,11 @@ class EffectPlayer:
             self._keep_quiet(finger, finger.quiet_for | {role.owner} if role.is_quiet else frozenset(), time_ns)
         return finger is not None
 
-    def _keep_quiet(self, finger: "Finger", owners: frozenset[int], time_ns: int) -> None:
+    def _keep_quiet(self, finger: Finger, owners: frozenset[int], time_ns: int) -> None:
         was_quiet, finger.quiet_for = finger.is_kept_quiet, owners
         self._turn_quiet(finger, was_quiet, time_ns)
 
-    def _turn_quiet(self, finger: "Finger", was_quiet: bool, time_ns: int) -> None:
+    def _turn_quiet(self, finger: Finger, was_quiet: bool, time_ns: int) -> None:
         """Where that changed, a finger is kept quiet from now on, or follows its rules again."""
         if finger.is_kept_quiet is was_quiet:
             return
@@ -242,7 +261,7 @@ class EffectPlayer:
         self._rest(finger, time_ns)
 
     def _trigger(self, asked: TriggeredEffect, time_ns: int) -> Outcome:
-        if not self.settings.is_enabled:
+        if not self.scene.settings.is_enabled:
             return Outcome.OFF
         finger = self._finger_of(asked)
         if finger is None and asked.position_m is None:
@@ -261,13 +280,10 @@ class EffectPlayer:
             ]
             finger = Finger(Touch(_NO_CONTACT, asked.position_m, None), time_ns)
             self.lifted.append(finger)
-        change_db, length_ns = asked.level_change_db, self.click_length_ns
-        finger.play = Play(
-            asked.effect, finger.touch, time_ns, None, length_ns, level_change_db=change_db, owner=asked.owner
-        )
+        self._begin(finger, asked, time_ns, None)
         return Outcome.DONE
 
-    def _finger_of(self, asked: TriggeredEffect) -> "Finger | None":
+    def _finger_of(self, asked: TriggeredEffect) -> Finger | None:
         """The finger that a trigger names, or the one that touches at its place."""
         if asked.contact_id is not None:
             return self.fingers.get(asked.contact_id)
@@ -280,32 +296,28 @@ class EffectPlayer:
         """Drop the lifted fingers whose effect has ended."""
         self.lifted = [finger for finger in self.lifted if finger.play and finger.play.change_ns is not None]
 
-    def _begin(self, finger: "Finger", rule: Rule, start_ns: int, condition_end_ns: int | None) -> None:
-        touch, length_ns = finger.touch, self.click_length_ns
-        change_db = rule.level_change_db
-        finger.play = Play(
-            rule.effect, touch, start_ns, condition_end_ns, length_ns, level_change_db=change_db, trigger=rule.on
-        )
+    def _begin(self, finger: Finger, by: Rule | TriggeredEffect, start_ns: int, condition_end_ns: int | None) -> None:
+        finger.play = Play(by, finger.touch, start_ns, condition_end_ns, self.click_length_ns)
 
     def _put_down(self, touch: Touch, time_ns: int) -> None:
         finger = self.fingers[touch.contact_id] = Finger(touch, time_ns)
-        rule = None if touch.is_palm else _first(self._rules[Trigger.TOUCH], touch)
+        rule = None if touch.is_palm else self.scene.rule_for(Trigger.TOUCH, touch)
         if rule is not None:
             self._begin(finger, rule, time_ns, None)
-        if self._rules[Trigger.HOLD]:
+        if self.scene.rules[Trigger.HOLD]:
             self._rest(finger, time_ns)
 
-    def _move(self, finger: "Finger", time_ns: int) -> None:
-        if self._rules[Trigger.DRAG]:
+    def _move(self, finger: Finger, time_ns: int) -> None:
+        if self.scene.rules[Trigger.DRAG]:
             self._drag(finger, time_ns)
         if abs(finger.touch.position_m - finger.rest_m) > STILL_M:
             self._rest(finger, time_ns)
             if finger.play is not None and finger.play.trigger is Trigger.HOLD:
                 finger.play.end_condition(time_ns)
 
-    def _drag(self, finger: "Finger", time_ns: int) -> None:
+    def _drag(self, finger: Finger, time_ns: int) -> None:
         position_m = finger.touch.position_m
-        rule = None if finger.is_kept_quiet else _first(self._rules[Trigger.DRAG], finger.touch)
+        rule = None if finger.is_kept_quiet else self.scene.rule_for(Trigger.DRAG, finger.touch)
         if rule is None:
             finger.mark_m = position_m
             return
@@ -318,10 +330,10 @@ class EffectPlayer:
             finger.mark_m += steps * rule.every_m * (way_m / abs(way_m))
             self._begin(finger, rule, time_ns, time_ns + DRAG_REST_NS)
 
-    def _rest(self, finger: "Finger", time_ns: int) -> None:
+    def _rest(self, finger: Finger, time_ns: int) -> None:
         """Start the time of a hold here; it runs until the finger moves on."""
         finger.rest_m = finger.touch.position_m
-        finger.rest_rule = _first(self._rules[Trigger.HOLD], finger.touch)
+        finger.rest_rule = self.scene.rule_for(Trigger.HOLD, finger.touch)
         finger.hold_rule = None if finger.is_kept_quiet else finger.rest_rule
         if finger.hold_rule is not None:
             finger.hold_ns = time_ns + finger.hold_rule.after_ns
@@ -329,7 +341,7 @@ class EffectPlayer:
     def _lift_all_but(self, here: set[int], time_ns: int) -> None:
         for contact_id in self.fingers.keys() - here:
             finger = self.fingers.pop(contact_id)
-            rule = None if finger.is_kept_quiet else _first(self._rules[Trigger.LIFT], finger.touch)
+            rule = None if finger.is_kept_quiet else self.scene.rule_for(Trigger.LIFT, finger.touch)
             if rule is not None:
                 finger.hold_rule = None
                 finger.early_m = finger.touch.position_m  # it is felt where it was
@@ -356,13 +368,14 @@ class EffectPlayer:
                 if finger.hold_rule is not None and (next_ns is None or finger.hold_ns < next_ns):
                     next_ns = finger.hold_ns
         self.next_change_ns = next_ns
-        if click_ns is None or click_ns != self.click_ns:
-            self.placement = self._place(felt, click_ns) if felt else None
+        if click_ns is None or click_ns != self.wanted.click_ns:
+            placement = self._place(felt, click_ns) if felt else None
             self.effect = felt[0].play.effect.name if felt and felt[0].play is not None else ""
-            self.level_db, self.click_ns = changed_level(level_db, self.settings.level_change_db), click_ns
+            level_db = changed_level(level_db, self.scene.settings.level_change_db)
+            self.wanted = _new(Wanted, (placement, level_db, click_ns))
             self._begun_ns = begun_ns if click_ns is None else click_ns
 
-    def _place(self, felt: "list[Finger]", click_ns: int | None) -> Placement:
+    def _place(self, felt: list[Finger], click_ns: int | None) -> Placement:
         """The felt fingers, which may have lifted, and all others that touch; for a click, where they will be."""
         quiet = [finger for finger in self.fingers.values() if finger not in felt]
         fingers = [(finger, True) for finger in felt] + [(finger, False) for finger in quiet]
@@ -378,74 +391,6 @@ class EffectPlayer:
         return Placement(position_m, is_felt)
 
 
-class Finger:
-    """One finger, its effect under way, and the hold that it waits for."""
-
-    __slots__ = (
-        *("early_m", "early_ns", "held_m", "hold_ns", "hold_rule", "late_m", "late_ns"),
-        *("mark_m", "play", "quiet_for", "rest_m", "rest_rule", "touch"),
-    )
-
-    def __init__(self, touch: Touch, time_ns: int) -> None:
-        self.touch = touch
-        # Where it was at two earlier frames at least SPEED_NS apart; its speed is taken from the earlier one.
-        self.early_ns = self.late_ns = time_ns
-        self.early_m = self.late_m = touch.position_m
-        self.held_m = touch.position_m  # where it is placed
-        self.play: Play | None = None
-        self.mark_m = touch.position_m  # the position at which the last distance of a drag was complete
-        self.rest_m = touch.position_m
-        self.rest_rule: Rule | None = None  # the rule on HOLD that covered it when it came to rest
-        self.hold_rule: Rule | None = None  # the hold that begins if the finger stays at `rest_m`
-        self.quiet_for: frozenset[int] = frozenset()  # the programs that keep it quiet, whatever its rules say
-        self.hold_ns = 0  # when that hold begins; undefined without `hold_rule`
-
-    def move_to(self, touch: Touch, corner_m: complex) -> None:
-        """Go on at another place of a surface up to `corner_m`, as if it had come down and moved there."""
-        moved_m = touch.position_m - self.touch.position_m
-        self.touch = touch
-        self.held_m = clip_point(self.held_m + moved_m, corner_m)
-        self.mark_m += moved_m
-        self.rest_m += moved_m
-        self.early_m += moved_m
-        self.late_m += moved_m
-
-    def ahead_m(self, frame_ns: int, ahead_ns: int, corner_m: complex) -> complex:
-        """Where it will be `ahead_ns` after the last frame, at `frame_ns`: at most FURTHEST_M on, and on the surface.
-
-        Its speed is a difference over 15 to 30 ms: least squares over five reports predict no better, and arrival
-        times as well as scan times (docs/results.md). A step up to FOLLOW_M is ignored, so that the noise of a resting
-        finger does not shake its place.
-        """
-        span_ns, position_m = frame_ns - self.early_ns, self.touch.position_m
-        if span_ns < SPEED_NS:
-            return self.held_m
-        step_m = (position_m - self.early_m) * (ahead_ns / span_ns)
-        way_m = abs(step_m)
-        if way_m <= FOLLOW_M:
-            return self.held_m
-        if way_m > FURTHEST_M:
-            step_m *= FURTHEST_M / way_m
-        return clip_point(position_m + step_m, corner_m)
-
-    @property
-    def is_kept_quiet(self) -> bool:
-        """Whether it is a palm, or any program keeps it quiet."""
-        return self.touch.is_palm or bool(self.quiet_for)
-
-
-def _first(rules: tuple[Rule, ...], touch: Touch) -> Rule | None:
-    for rule in rules:
-        if rule.covers(touch):
-            return rule if rule.effect.envelope else None
-    return None
-
-
 def _wait_of(rule: Rule | None) -> tuple[int, str] | None:
     """What a finger at rest waits for: rules with the same wait and the same effect's name are one wait."""
     return None if rule is None else (rule.after_ns, rule.effect.name)
-
-
-def _distance_of(rule: Rule | None) -> float | None:
-    """The distance between the marks of a drag."""
-    return None if rule is None else rule.every_m

@@ -7,8 +7,7 @@ it, the steady drive for the same fingers is the answer. The drive of fingers th
 have, where it can.
 """
 
-from typing import NamedTuple
-
+from engine.effects.effect_player import NOTHING, Wanted
 from engine.render.renderer import Command, Renderer
 from engine.table import ClickEntry
 from engine.touch import Placement
@@ -16,15 +15,6 @@ from engine.touch import Placement
 SAME_FINGER_M = 5e-3  # a finger that is farther away than this from one report to the next is taken for another one
 
 
-class Wanted(NamedTuple):
-    """What the fingers are to feel."""
-
-    placement: Placement | None  # the fingers and their roles; None: no finger feels
-    level_db: float | None  # level under every felt finger, dB above the detection threshold; None: no finger feels
-    click_ns: int | None  # when the click began, on the source's time axis; None: what is felt is steady
-
-
-NOTHING = Wanted(None, None, None)
 LATEST_NS = 100_000_000  # a click that comes later after its touch feels as a fault: it is not played
 
 

@@ -140,7 +140,7 @@ class Controls:
         self._counters.controlled += 1
         self._outcome, command = self._pipeline.control(step, time_ns)
         if command is not None:
-            self._hand_over(command, ends_click=not self._pipeline.player.settings.is_enabled)
+            self._hand_over(command, ends_click=not self._pipeline.player.scene.settings.is_enabled)
 
     def tell_outcome(self) -> None:
         """Say what became of the step, after its command was written."""

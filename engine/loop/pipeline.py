@@ -29,17 +29,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from engine.device import Device
-from engine.effects.effect_player import DEFAULT_CLICK_NS, EffectPlayer
+from engine.effects.effect_player import DEFAULT_CLICK_NS, NOTHING, EffectPlayer
 from engine.effects.rules import ControlStep, Effects, Outcome
-from engine.loop.answerer import NOTHING, Answerer, Wanted
+from engine.loop.answerer import Answerer
 from engine.render.prepared import Rendering
 from engine.render.renderer import SILENCE, Command, Renderer
 from engine.table import ClickEntry
 from engine.touch import Digitizer, FingerTracker, Touch, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases
 from engine.touch.sources import Described
-
-_new = tuple.__new__  # the hot path: half the time of calling a named tuple's class
 
 
 def open_pipeline(
@@ -165,7 +163,7 @@ class Pipeline:
         self.touches = self.tracker.change_bar(device)
         player.click_length_ns, player.ahead_ns = rendering.click_length_ns, rendering.click_ahead_ns
         player.change_bar(self.touches, device.surface.corner_m)
-        self.wanted = Wanted(player.placement, player.level_db, player.click_ns)
+        self.wanted = player.wanted
         self.answerer.change_renderer(rendering.renderer, self.wanted)
         self._note_due()
 
@@ -198,16 +196,15 @@ class Pipeline:
     def _take_wanted(self, *, is_over: bool = False) -> bool:
         """Take what the player wants; whether it is something else. is_over: time has ended what was wanted."""
         player = self.player
-        wanted = (player.placement, player.level_db, player.click_ns)
-        if wanted == self.wanted:
+        if player.wanted == self.wanted:
             self._note_due()
             return False
-        self.wanted = _new(Wanted, wanted)
-        if player.placement is not None:
+        self.wanted = player.wanted
+        if player.wanted.placement is not None:
             self.effect = player.effect
             self.joined += player.joined > 0
             self.left_out += player.left_out > 0
-        if not is_over or player.placement is not None:  # a click is awaited also beyond its own end
+        if not is_over or player.wanted.placement is not None:  # a click is awaited also beyond its own end
             self.answerer.stop_waiting()
         self._note_due()
         return True

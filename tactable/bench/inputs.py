@@ -93,13 +93,13 @@ def expected_clicks(stream: Stream, rate_hz: float, count: int, device: Device) 
         time_ns = round(index * _NS_PER_S / rate_hz)
         while player.next_change_ns is not None and player.next_change_ns <= time_ns:
             player.advance_effects(player.next_change_ns)
-        frame, before_ns = digitizer.decode_report(report, time_ns), player.click_ns
+        frame, before_ns = digitizer.decode_report(report, time_ns), player.wanted.click_ns
         if (
             frame is not None
             and player.take_touches(tracker.track(frame), time_ns)
-            and player.click_ns not in (None, before_ns)
+            and player.wanted.click_ns not in (None, before_ns)
         ):
-            found.append((index, place_of(player.placement)))
+            found.append((index, place_of(player.wanted.placement)))
     return found
 
 

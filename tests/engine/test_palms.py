@@ -32,7 +32,7 @@ class Chain:
         assert frame is not None
         self.player.advance_effects(self.time_ns)
         self.player.take_touches(self.tracker.track(frame), self.time_ns)
-        return self.player.level_db
+        return self.player.wanted.level_db
 
 
 @pytest.mark.parametrize("trigger", Trigger)
@@ -46,8 +46,10 @@ def test_a_palm_is_a_quiet_finger_to_those_beside_it() -> None:
     chain.report(PALM)
     (palm,) = chain.player.fingers.values()
     chain.player.take_touches([palm.touch, Touch(8, 0.03, 0)], chain.time_ns)
-    assert chain.player.placement is not None
-    assert sorted(zip(chain.player.placement.position_m, chain.player.placement.is_felt, strict=True)) == [
+    assert chain.player.wanted.placement is not None
+    assert sorted(
+        zip(chain.player.wanted.placement.position_m, chain.player.wanted.placement.is_felt, strict=True)
+    ) == [
         (0.03, True),
         (palm.touch.position_m, False),
     ]

@@ -7,7 +7,7 @@ import ctypes
 import re
 from typing import Any
 
-from engine.effects.effect_player import SPEED_NS
+from engine.effects.effect_play import SPEED_NS
 from engine.touch.digitizer import FRAME_SILENCE_NS
 from engine.touch.placement import MOST_FINGERS
 from firmware_link.protocol.messages import Play, encode_play, encode_play_body

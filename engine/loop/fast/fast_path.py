@@ -126,7 +126,7 @@ class FastPath:
         weakref.finalize(self, os.close, timer)
         self._moment = Moment(pipeline.digitizer, effects, source.packet_head, timer)
         self._moment.refit(pipeline, rendering.fast_table)
-        self._rendering, self._effects = pipeline.rendering, pipeline.player.effects
+        self._rendering, self._effects = pipeline.rendering, pipeline.player.scene.effects
         self._surface = pipeline.digitizer.surface
         self._fast_table = rendering.fast_table
         self._answered: tuple[int, Answer] | None = None  # the report that was taken last, by its index
@@ -138,7 +138,7 @@ class FastPath:
         if packets is None:
             return self._clock.wait(until_ns, readable, writable)
         pipeline, touch = self._pipeline, self.source.fileno()
-        is_fit = pipeline.rendering is self._rendering and pipeline.player.effects is self._effects
+        is_fit = pipeline.rendering is self._rendering and pipeline.player.scene.effects is self._effects
         if not is_fit or pipeline.digitizer.surface is not self._surface:
             self._refit()
         descriptors = (packets, *(descriptor for descriptor in readable if descriptor != touch))
@@ -157,7 +157,7 @@ class FastPath:
         if rendering is not self._rendering:
             self._rendering = rendering
             self._fast_table = rendering.fast_table if isinstance(rendering, FastRendering) else None
-        self._effects, self._surface = self._pipeline.player.effects, self._pipeline.digitizer.surface
+        self._effects, self._surface = self._pipeline.player.scene.effects, self._pipeline.digitizer.surface
         self._moment.refit(self._pipeline, self._fast_table)
 
     def _run(self, until_ns: int) -> None:

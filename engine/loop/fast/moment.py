@@ -7,7 +7,7 @@ import ctypes
 from collections.abc import Sequence
 from typing import Any
 
-from engine.effects.effect_player import FOLLOW_M, FURTHEST_M
+from engine.effects.effect_play import FOLLOW_M, FURTHEST_M
 from engine.effects.rules import Effects, Rule, Segment, Trigger, changed_level
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import CONSTANTS, NONE, Fast
@@ -58,7 +58,7 @@ class Moment:
         Only wait where there is no table, where another surface does not fit that is decoded now, or where rules of a
         program do not: too many, or of other levels.
         """
-        rules = _rules_of(pipeline.player.effects)
+        rules = _rules_of(pipeline.player.scene.effects)
         self._table = self._held = None
         try:  # it may decode another surface now
             _set_digitizer(self.fast, pipeline.digitizer, self.fast.packet_head)
@@ -72,7 +72,7 @@ class Moment:
         self._columns = [side.column for side in pipeline.tracker.position.sides]
         _set_surface(self.fast, pipeline)
         self._table, fast = table, self.fast
-        fast.rules, fast.follows_moves = len(rules), pipeline.player.follows_moves
+        fast.rules, fast.follows_moves = len(rules), pipeline.player.scene.follows_moves
         fast.ahead_ns = pipeline.player.ahead_ns
         for place, rule in zip(fast.rule, rules, strict=False):
             self._set_rule(place, rule)
@@ -104,7 +104,7 @@ class Moment:
         fast, table = self.fast, self._table
         fast.touch, fast.waited, fast.can_answer = descriptors[0], len(descriptors), 0
         fast.descriptor[: len(descriptors)] = descriptors
-        if pipeline.player.settings.level_change_db:
+        if pipeline.player.scene.settings.level_change_db:
             return  # the step knows the levels of the rules alone
         if table is None or dispatcher.is_pending:
             return

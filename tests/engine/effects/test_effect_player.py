@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.effects.effect_player import FOLLOW_M, FURTHEST_M, EffectPlayer
+from engine.effects.effect_play import FOLLOW_M, FURTHEST_M
+from engine.effects.effect_player import EffectPlayer
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst, click
 from engine.touch import Placement, Touch
 from engine.touch.placement import CLOSEST_M, MOST_FINGERS
@@ -52,8 +53,8 @@ class Story:
         return self
 
     def note(self, time_ms: float) -> None:
-        felt = "F" if self.player.click_ns is None else "C"
-        now = (letters(self.player.placement, felt), self.player.level_db)
+        felt = "F" if self.player.wanted.click_ns is None else "C"
+        now = (letters(self.player.wanted.placement, felt), self.player.wanted.level_db)
         before = self.moments[-1][1:] if self.moments else ("-----", None)
         if now != before:
             self.moments.append((time_ms, *now))
@@ -87,13 +88,15 @@ def test_on_another_bar_a_finger_keeps_its_distance_from_where_it_is_placed(to_m
     player.take_touches([touch(1, 20)], 0)
     player.take_touches([touch(1, 20.3)], MS)  # too little to be followed
     player.change_bar([touch(1, to_mm)], 100 * MM)
-    assert player.placement is not None and player.placement.position_m == pytest.approx((held_mm * MM,), abs=1e-12)
+    assert player.wanted.placement is not None and player.wanted.placement.position_m == pytest.approx(
+        (held_mm * MM,), abs=1e-12
+    )
 
 
 def test_a_finger_has_its_own_role_in_a_gap_and_beside_another_one_of_its_zone() -> None:
     seen = story(Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.05)))
     seen.at(0, Touch(1, 0.02, None), Touch(2, 0.03, 0), Touch(3, 0.06, 0), Touch(4, 0.12, None))
-    assert seen.player.placement == Placement((0.02, 0.03, 0.06, 0.12), (True, True, False, False))
+    assert seen.player.wanted.placement == Placement((0.02, 0.03, 0.06, 0.12), (True, True, False, False))
 
 
 @given(st.lists(st.tuples(st.integers(1, 100), st.none() | st.integers(0, 40)), min_size=1, max_size=6))
@@ -103,7 +106,7 @@ def test_at_any_time_the_level_is_that_of_the_segment(segments: list[tuple[int, 
     levels = [level for duration, level in segments for _ in range(duration)] + [None] * 5
     for time_ms, level in enumerate(levels):
         player.advance_effects(time_ms * MS)
-        assert (player.level_db, letters(player.placement)[0]) == (level, "-" if level is None else "F")
+        assert (player.wanted.level_db, letters(player.wanted.placement)[0]) == (level, "-" if level is None else "F")
 
 
 def test_the_first_rule_that_covers_the_finger_wins() -> None:
@@ -117,7 +120,7 @@ def test_the_first_rule_that_covers_the_finger_wins() -> None:
     for place_mm in (10, 30, 60, 110):
         seen = story(*rules)
         seen.at(0, touch(1, place_mm))
-        levels.append(seen.player.level_db)
+        levels.append(seen.player.wanted.level_db)
     assert levels == [1.0, 3.0, 3.0, 4.0]
 
 
@@ -244,13 +247,13 @@ def test_touched_zones_are_never_free_and_all_ends_after_the_last_lift(path: lis
     for step_ms, places_mm in path:
         time_ms += step_ms
         seen.at(time_ms, *(touch(contact_id, place_mm) for contact_id, place_mm in places_mm.items()))
-        shown = letters(seen.player.placement)
-        if seen.player.level_db is not None and not seen.player.joined:
+        shown = letters(seen.player.wanted.placement)
+        if seen.player.wanted.level_db is not None and not seen.player.joined:
             assert all(shown[place_mm // 50] != "-" for place_mm in places_mm.values())
-        assert ("F" in shown) == (seen.player.level_db is not None)
+        assert ("F" in shown) == (seen.player.wanted.level_db is not None)
     seen.at(time_ms + 1)
     seen.until(time_ms + 1000)
-    assert (seen.player.placement, seen.player.level_db, seen.player.next_change_ns) == (None, None, None)
+    assert (seen.player.wanted.placement, seen.player.wanted.level_db, seen.player.next_change_ns) == (None, None, None)
 
 
 @given(frames)
@@ -297,8 +300,8 @@ def test_a_held_drive_follows_the_finger_in_steps_that_its_jitter_does_not_make(
     placed, changed = list[float](), list[bool]()
     for place_mm in (40.0, 40.3, 39.7, 40.0, 40.49, 40.51, 40.1, 40.0, 41.0, 60.0):
         changed.append(player.take_touches([touch(1, place_mm)], 0))
-        assert player.placement is not None
-        placed.append(round(player.placement.position_m[0].real / MM, 3))
+        assert player.wanted.placement is not None
+        placed.append(round(player.wanted.placement.position_m[0].real / MM, 3))
     assert placed == [40.0, 40.0, 40.0, 40.0, 40.0, 40.51, 40.51, 40.0, 41.0, 60.0]
     assert changed == [True, *(later != earlier for earlier, later in pairwise(placed))]
 
@@ -308,13 +311,13 @@ def test_a_click_keeps_the_placement_that_it_began_with() -> None:
     player = EffectPlayer(feels)
     player.take_touches([touch(2, 110)], 0)
     player.take_touches([touch(2, 110), touch(1, 10)], 10 * MS)
-    began = player.placement
+    began = player.wanted.placement
     assert began == Placement((0.01, 0.11), (True, False))
     for touches in ([touch(2, 130), touch(1, 20)], [touch(2, 130), touch(1, 20), touch(3, 200)], [touch(1, 20)]):
         player.take_touches(touches, 20 * MS)
-        assert (player.placement, player.level_db, player.click_ns) == (began, 20.0, 10 * MS)
+        assert (player.wanted.placement, player.wanted.level_db, player.wanted.click_ns) == (began, 20.0, 10 * MS)
     player.advance_effects(40 * MS)
-    assert (player.placement, player.click_ns) == (None, None)
+    assert (player.wanted.placement, player.wanted.click_ns) == (None, None)
 
 
 def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
@@ -322,9 +325,9 @@ def test_a_click_that_a_later_one_cut_does_not_come_back() -> None:
     player.take_touches([touch(1, 10)], 0)
     player.take_touches([touch(1, 10), touch(2, 110)], 5 * MS)
     player.take_touches([touch(1, 10)], 10 * MS)
-    assert (player.placement, player.click_ns) == (None, None)
+    assert (player.wanted.placement, player.wanted.click_ns) == (None, None)
     player.take_touches([touch(1, 10), touch(3, 110)], 15 * MS)
-    assert player.placement == Placement((0.01, 0.11), (False, True)) and player.click_ns == 15 * MS
+    assert player.wanted.placement == Placement((0.01, 0.11), (False, True)) and player.wanted.click_ns == 15 * MS
 
 
 def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
@@ -332,16 +335,16 @@ def test_fingers_that_are_one_to_the_bar_are_placed_as_one() -> None:
     first_feels = Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.0, 0.02)),))
     player = EffectPlayer(first_feels)
     player.take_touches([touch(1, 15), touch(2, 15 + near_mm), touch(3, 100), touch(4, 100 + near_mm)], 0)
-    assert (player.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
+    assert (player.wanted.placement, player.joined) == (Placement((0.015, 0.1), (True, False)), 2)
     last_feels = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.02, 0.03)),)))
     last_feels.take_touches([touch(1, 15), touch(2, 15 + near_mm)], 0)
-    assert last_feels.placement == Placement(((15 + near_mm) * MM,), (True,))
+    assert last_feels.wanted.placement == Placement(((15 + near_mm) * MM,), (True,))
 
 
 def test_of_too_many_fingers_the_felt_ones_are_placed_first() -> None:
     player = EffectPlayer(Effects((Rule(Trigger.TOUCH, HELD, region_m=(0.2, 0.3)),)))
     player.take_touches([touch(number, 10 + 20 * number) for number in range(MOST_FINGERS + 2)], 0)
-    placement = player.placement
+    placement = player.wanted.placement
     assert placement is not None
     assert (len(placement.position_m), sum(placement.is_felt), player.left_out) == (MOST_FINGERS, 2, 2)
     assert placement.position_m[-1] == 0.23 and 0.17 not in placement.position_m
@@ -360,8 +363,8 @@ def made_for(*course: tuple[float, float], comes_mm: float = 240.0, effects: Eff
     for time_ms, place_mm in before:
         player.take_touches([touch(1, place_mm)], round(time_ms * MS))
     player.take_touches([touch(1, last_mm), touch(2, comes_mm)], round(last_ms * MS))
-    assert player.placement is not None and player.click_ns == round(last_ms * MS)
-    return player.placement
+    assert player.wanted.placement is not None and player.wanted.click_ns == round(last_ms * MS)
+    return player.wanted.placement
 
 
 @given(st.floats(-1500.0, 1500.0), st.sampled_from((4.0, 8.0, 12.0, 25.0)))
@@ -401,7 +404,7 @@ def test_a_steady_drive_is_made_for_where_fingers_are() -> None:
     player.ahead_ns = 30 * MS
     for n in range(8):
         player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 7)], 8 * n * MS)
-    assert player.placement == Placement((107.0 * MM, 240.0 * MM), (False, True))
+    assert player.wanted.placement == Placement((107.0 * MM, 240.0 * MM), (False, True))
 
 
 def test_a_click_that_time_begins_counts_the_time_since_the_last_frame_and_not_after_a_silence() -> None:
@@ -414,8 +417,8 @@ def test_a_click_that_time_begins_counts_the_time_since_the_last_frame_and_not_a
         for n in range(6):
             player.take_touches([touch(1, 100.0 + n), *[touch(2, 240.0)] * (n == 5)], 8 * n * MS)
         player.advance_effects((40 + wait_ms) * MS)
-        assert player.placement is not None
-        assert player.placement.position_m[0] == pytest.approx(quiet_mm * MM, abs=1e-9)
+        assert player.wanted.placement is not None
+        assert player.wanted.placement.position_m[0] == pytest.approx(quiet_mm * MM, abs=1e-9)
 
 
 def sliding(effects: Effects) -> EffectPlayer:
@@ -431,12 +434,12 @@ def sliding(effects: Effects) -> EffectPlayer:
 def test_a_finger_that_slides_off_is_felt_where_it_was() -> None:
     player = sliding(Effects((Rule(Trigger.LIFT, click(20.0)),)))
     player.take_touches([], 72 * MS)
-    assert player.placement == Placement((108.0 * MM,), (True,))
+    assert player.wanted.placement == Placement((108.0 * MM,), (True,))
 
 
 def test_another_bar_moves_no_finger() -> None:
     player = sliding(LAST_CLICKS)
     player.change_bar([touch(1, 58.0)], 0.25)
     player.take_touches([touch(1, 59.0), touch(2, 240.0)], 72 * MS)
-    assert player.placement is not None
-    assert player.placement.position_m[0] == pytest.approx((59.0 + 30 / 8) * MM)
+    assert player.wanted.placement is not None
+    assert player.wanted.placement.position_m[0] == pytest.approx((59.0 + 30 / 8) * MM)

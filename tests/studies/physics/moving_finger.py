@@ -38,8 +38,8 @@ def made_for(
         at_m = float(np.clip(quiet_m - m_per_s * back * PERIOD_MS / 1000 + beside_m, 0, device.surface.length_m))
         felt = [Touch(2, felt_m, None)] * (back == 0)
         player.take_touches([Touch(1, at_m, None), *felt], 10**9 - back * PERIOD_MS * 1_000_000)
-    assert player.placement is not None
-    return player.placement
+    assert player.wanted.placement is not None
+    return player.wanted.placement
 
 
 Levels = dict[float, dict[str, list[tuple[float, float]]]]

@@ -159,7 +159,7 @@ async def test_what_a_lease_holds_ends_after_its_silence_not_before(server: Cont
         await settle()
         assert program.said[-1] == {"event": "lease ended"} and not slot.player.fingers[3].is_kept_quiet
         assert not server.scene.regions and "mine" not in server.scene.effects
-        assert slot.player.settings == SceneSettings() and slot.player.level_db is None
+        assert slot.player.scene.settings == SceneSettings() and slot.player.wanted.level_db is None
         program.hang_up()
         await settle()
 
@@ -185,10 +185,10 @@ async def test_while_a_program_has_switched_feeling_off_triggers_are_refused_and
 ) -> None:
     first, second = Line().begin(server), Line().begin(server)
     await first.ask(message)
-    assert slot.player.level_db is not None
+    assert slot.player.wanted.level_db is not None
     await second.ask({"type": "settings", "enabled": False})
-    assert slot.player.level_db is None
-    assert "switched feeling off" in (await first.ask(message))["error"] and slot.player.level_db is None
+    assert slot.player.wanted.level_db is None
+    assert "switched feeling off" in (await first.ask(message))["error"] and slot.player.wanted.level_db is None
     second.hang_up()
     await settle()
-    assert (await first.ask(message))["ok"] and slot.player.level_db is not None
+    assert (await first.ask(message))["ok"] and slot.player.wanted.level_db is not None

@@ -126,7 +126,7 @@ async def test_a_program_triggers_hears_who_touches_and_ends_with_its_connection
         client = await run.connect()
         assert (client.run["device"], client.run["lease_s"]) == ("reference-a", 5.0)
         await client.ask(BUZZ)
-        assert run.player.level_db == 20.0
+        assert run.player.wanted.level_db == 20.0
         await client.ask({"type": "subscribe", "to": ["touches"]})
         await client.ask(REGION)
         run.touch(FINGER)
@@ -134,7 +134,7 @@ async def test_a_program_triggers_hears_who_touches_and_ends_with_its_connection
         assert (finger["finger"], finger["at_m"], finger["zone"], finger["region"]) == (3, 0.05, "I", "a")
         await client.close()
         await asyncio.sleep(0.1)
-        assert run.player.level_db is None and run.slot.scene().rules == ()
+        assert run.player.wanted.level_db is None and run.slot.scene().rules == ()
         client = await run.connect()
         waits = asyncio.ensure_future(client.ask(BUZZ))
         await settle()
@@ -169,13 +169,17 @@ async def test_programs_scene_holds_in_another_run_and_their_regions_unless_zone
         await client.ask(REGION)
         await client.ask({"type": "settings", "level_change": "-5 dB"})
         run.change_run(write(tmp_path / "longer.nc", LONGER))
-        assert run.player.effects.rules[0].region_m == (0.0, 0.09) and run.player.level_db == 20.0  # press, 5 dB less
+        assert (
+            run.player.scene.effects.rules[0].region_m == (0.0, 0.09) and run.player.wanted.level_db == 20.0
+        )  # press, 5 dB less
         await until(run, lambda run_: run_["length_m"] == LONGER.bar.length_m)
-        assert run.player.effects.rules[0].region_m == (0.0, 0.09)
+        assert run.player.scene.effects.rules[0].region_m == (0.0, 0.09)
         run.change_run(write(tmp_path / "other.nc", DEVICE.with_values({"zones.count": 3})))
         await until(run, lambda run_: not run_["regions"])
         await asyncio.sleep(0.1)
-        assert run.player.effects.rules == BASE.rules and run.player.settings == SceneSettings(level_change_db=-5.0)
+        assert run.player.scene.effects.rules == BASE.rules and run.player.scene.settings == SceneSettings(
+            level_change_db=-5.0
+        )
         run.change_run(tmp_path / "missing.nc")  # replaced already: the next one is announced
         await until(run, lambda run_: len(run_["zones"]) == 3)
         await client.close()
@@ -226,11 +230,15 @@ def test_when_the_control_process_ends_the_run_goes_on_without_what_programs_hel
             if step is not None:
                 slot.tell_outcome(player.control(step, 2 * 10**9))
         assert theirs.recv(1 << 16).count(b"\n") == 1
-    assert player.level_db == 14.0 and player.fingers[4].is_kept_quiet
+    assert player.wanted.level_db == 14.0 and player.fingers[4].is_kept_quiet
     theirs.close()
     step = slot.poll()
     assert step is not None and player.control(step, 0) is Outcome.DONE
-    assert player.level_db is None and not player.fingers[4].is_kept_quiet and player.settings == SceneSettings()
+    assert (
+        player.wanted.level_db is None
+        and not player.fingers[4].is_kept_quiet
+        and player.scene.settings == SceneSettings()
+    )
     slot.tell_outcome(Outcome.DONE)
     assert slot.poll() is None and "no longer heard" in capfd.readouterr().err
     waits = list[bool]()
@@ -273,5 +281,5 @@ async def test_open_sound_control_is_served_where_it_says(tmp_path: Path, capfd:
             program.send(encode_osc("/tactable/trigger", ["buzz", 3]))
             answer = await asyncio.get_running_loop().sock_recv(program, 1 << 16)
         assert decode_osc(answer) == [("/tactable/answer", ["/tactable/trigger", True, ""])]
-        assert run.player.level_db == 20.0
+        assert run.player.wanted.level_db == 20.0
     assert "OSC: 1 messages, 0 refused" in capfd.readouterr().err  # told at the end

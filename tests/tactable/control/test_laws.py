@@ -119,7 +119,7 @@ class Control(RuleBasedStateMachine):
     def change_run(self) -> None:
         """Another run of the demo: what waits in the slot is taken by that."""
         self.slot.begin_run()
-        assert self.slot.player.settings == self.slot.decoder.scene.settings
+        assert self.slot.player.scene.settings == self.slot.decoder.scene.settings
 
     @rule(name=st.sampled_from(["reference-a", "reference-t"]))
     def change_table(self, name: str) -> None:
@@ -143,9 +143,9 @@ class Control(RuleBasedStateMachine):
         each = self.wants.values()
         change_db = sum(one.level_change_db for one in each)
         wanted = SceneSettings(all(one.is_enabled for one in each), all(one.uses_rule_file for one in each), change_db)
-        assert player.settings == wanted
+        assert player.scene.settings == wanted
         if not wanted.is_enabled:
-            assert not owners and player.placement is None and player.next_change_ns is None
+            assert not owners and player.wanted.placement is None and player.next_change_ns is None
         whole = StepDecoder()
         for part in StepEncoder().parts(self.server.scene):
             whole.decode(part)
@@ -157,7 +157,9 @@ class Control(RuleBasedStateMachine):
                 self.hang_up(index)
             self.rest()
             self.loop.run_until_complete(self._remove())
-            assert self.slot.player.effects == BASE and self.slot.decoder.scene == ControlStep((), SceneSettings())
+            assert self.slot.player.scene.effects == BASE and self.slot.decoder.scene == ControlStep(
+                (), SceneSettings()
+            )
             assert len(self.slot.decoder._effects) <= len(BASE.others)
 
     async def _remove(self) -> None:

@@ -220,7 +220,7 @@ async def test_commands_that_trigger_and_end_take_no_place_from_others(
         osc.datagram_received(encode_osc(f"{PREFIX}trigger", ["press", 3]), ("127.0.0.1", 1000 + number))
         await settle()
     assert not server._programs and not osc._senders and osc.refused == 0
-    assert len(slot.steps) == 100 and slot.player.level_db is not None
+    assert len(slot.steps) == 100 and slot.player.wanted.level_db is not None
     osc.datagram_received(encode_osc(f"{PREFIX}trigger", ["buzz", 3]), ("127.0.0.1", 1))  # it does not end by itself
     osc.datagram_received(encode_osc(f"{PREFIX}hello", [9001]), ("127.0.0.1", 2))
     await settle()
@@ -245,10 +245,10 @@ async def test_a_sender_silent_for_its_lease_is_forgotten_with_what_it_held(osc:
     await asyncio.sleep(29.7)
     osc.datagram_received(encode_osc(f"{PREFIX}ping", []), ("127.0.0.1", 9))
     await asyncio.sleep(29.7)
-    assert slot.player.level_db is not None and slot.decoder.scene.rules and osc._senders
+    assert slot.player.wanted.level_db is not None and slot.decoder.scene.rules and osc._senders
     await asyncio.sleep(0.6)
     await settle()
-    assert slot.player.level_db is None and slot.decoder.scene.rules == () and not osc._senders
+    assert slot.player.wanted.level_db is None and slot.decoder.scene.rules == () and not osc._senders
     await osc.close()
 
 

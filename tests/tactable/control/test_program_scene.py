@@ -31,7 +31,7 @@ def felt_at(scene: Scene, place_mm: float, on: Trigger = Trigger.TOUCH) -> float
     if on is Trigger.LIFT:
         player.advance_effects(10**9)
         player.take_touches([], 2 * 10**9)
-    return player.level_db
+    return player.wanted.level_db
 
 
 def test_a_region_takes_the_place_of_what_lies_below_it_for_every_event() -> None:
