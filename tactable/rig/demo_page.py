@@ -75,9 +75,8 @@ def _grid(title: str, names: Sequence[str], caption: str) -> Grid:
 def _clicks(report: DemoReport) -> Grid:
     grid = _grid(
         "clicks, promised/simulated: the firmware's waveform played from rest, standard fingers at their positions",
-        ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%", "run*\ndB"),
-        f"peak dB {report.device.threshold.above}; sampled: 95 % of sampled plants feel more, or less where quiet; "
-        "* greatest in the run, under its own fingers",
+        ("fingers", "played", "at finger\nm/s²", "\ndB", "sampled\ndB", "felt after\nms", "off\n%"),
+        f"peak dB {report.device.threshold.above}; sampled: 95 % of sampled plants feel more, or less where quiet",
     )
     for click in report.clicks:
         grid.add_row(*_click_cells(report.device, click))
@@ -99,7 +98,6 @@ def _click_cells(device: Device, report: ClickReport) -> tuple[str, ...]:
         "\n".join(sampled),
         "-" if exceeds_s is None else f"{1e3 * exceeds_s:.1f}",
         f"{100 * report.disagreement:.2f}",
-        _in_run(report),
     )
 
 
@@ -108,8 +106,8 @@ def _drives(report: DemoReport) -> Grid:
     some = "" if number == report.drives_applied else f" ({number} of {report.drives_applied}, evenly over the run)"
     grid = _grid(
         f"steady drives{some}, promised/simulated: held until steady, standard fingers at their positions",
-        ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "off\n%", "run*\ndB"),
-        f"dB {report.device.threshold.above}; * greatest in the run, under its own fingers",
+        ("fingers", "drive", "localized\nfactor", "at finger\nm/s²", "\ndB", "off\n%"),
+        f"dB {report.device.threshold.above}",
     )
     for drive in report.drives:
         grid.add_row(
@@ -119,7 +117,6 @@ def _drives(report: DemoReport) -> Grid:
             _accelerations(drive),
             _levels(drive),
             f"{100 * drive.disagreement:.2f}",
-            _in_run(drive),
         )
     return grid
 
@@ -140,16 +137,6 @@ def _accelerations(report: DriveReport | ClickReport) -> str:
 
 def _levels(report: DriveReport | ClickReport) -> str:
     return "\n".join(f"{report.promise.level_db[i]:.1f}" for i in _felt_first(report))
-
-
-def _in_run(report: DriveReport | ClickReport) -> str:
-    """Each level on the line of the first finger of its role, the others blank; "-" where nothing was felt."""
-    counts = len(report.placement.felt), len(report.placement.quiet)
-    return "\n".join(
-        line
-        for count, level_db in zip(counts, report.in_run_db, strict=True)
-        for line in ["-" if level_db is None else f"{level_db:.1f}", *[""] * count][:count]
-    )
 
 
 def _drive(report: DriveReport) -> str:

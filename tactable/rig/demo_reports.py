@@ -6,7 +6,6 @@ the simulation takes the bytes that the firmware got to the surface in time. So 
 chain between them. Neither is a measurement.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,35 +25,14 @@ STILLEST_DB = -20.0
 
 @dataclass(frozen=True)
 class _CommandReport:
-    """felt_m_per_s2, quiet_m_per_s2: greatest in the run under fingers that were to feel, and under the others.
-
-    Both last until something else is felt; 0 where there were none.
-    """
+    """A command and what was promised of it."""
 
     promise: Promise
-    felt_m_per_s2: float
-    quiet_m_per_s2: float
 
     @property
     def placement(self) -> Placement:
         """The fingers that the command was made for."""
         return self.promise.placement
-
-    def level_db(self, finger: int, acceleration_m_per_s2: float) -> float | None:
-        """Level of an acceleration whose course or tone is that under a finger (index); None for no acceleration."""
-        if not acceleration_m_per_s2:
-            return None
-        change = acceleration_m_per_s2 / self.promise.acceleration_m_per_s2[finger]
-        return float(self.promise.level_db[finger] + 20 * math.log10(change))
-
-    @property
-    def in_run_db(self) -> tuple[float | None, float | None]:
-        """Levels of the greatest accelerations under felt and under quiet fingers; None without such fingers."""
-        felt, quiet = self.placement.felt, self.placement.quiet
-        return (
-            self.level_db(felt[0], self.felt_m_per_s2) if felt else None,
-            self.level_db(quiet[0], self.quiet_m_per_s2) if quiet else None,
-        )
 
     def _difference(self, simulated_m_per_s2: Array) -> float:
         """Greatest difference, relative to the promise, or to STILLEST_DB where that is less."""

@@ -34,10 +34,9 @@ from tactable.rig.first_table import early_options
 from tactable.rig.promises import Promises
 from tactable.rig.ready import early_path, open_cached
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play, wanted_of
-from tactable.rig.simulated_surface import ENVELOPE_S, Felt, SimulatedSurface
+from tactable.rig.simulated_surface import Felt, SimulatedSurface
 
 MOST_DRIVES = 40  # most steady drives of a run whose promise is compared with the simulation
-_NOTHING = (0.0, 0.0)  # of acceleration in a run
 LONGEST_REPLAY_S = 12.0  # a longer recording is replayed faster, so that the demo ends within a minute
 
 
@@ -99,18 +98,12 @@ def _run_demo(table: Table, recording: Recording, effects: Effects) -> DemoRepor
     reporter = Reporter(table, effects.drives)
     applied = first_applied(run)
     felt = reporter.surface.feel(run, LONGEST_REPLAY_S + 1.0) if run.moments else None
-    greatest = _greatest(run, felt) if felt else {}
     # Each drive is held for seconds of simulated time, and a finger that drags under one gets hundreds of them.
     held = [wanted for wanted, event in applied.items() if event.waveform is None]
     compared = [held[round(k)] for k in np.linspace(0, len(held) - 1, min(len(held), MOST_DRIVES))]
-    drives = tuple(
-        reporter.report_drive(wanted, applied[wanted], greatest.get(wanted, _NOTHING)) for wanted in compared
-    )
-    clicks = tuple(
-        reporter.report_click(wanted, event, greatest.get(wanted, _NOTHING))
-        for wanted, event in applied.items()
-        if event.waveform is not None
-    )
+    drives = tuple(reporter.report_drive(wanted, applied[wanted]) for wanted in compared)
+    sounded = ((wanted, event) for wanted, event in applied.items() if event.waveform is not None)
+    clicks = tuple(reporter.report_click(wanted, event) for wanted, event in sounded)
     missed, not_rendered = find_missed(run, applied)
     return DemoReport(
         table.device, table.path, recording, speed, run, drives, clicks, len(held), missed, not_rendered, felt
@@ -126,8 +119,8 @@ class Reporter:
         self._plant = assemble(table.device)
         self._zone_at = ZoneFinder(table.device).zone_at
 
-    def report_drive(self, wanted: Wanted, event: DriveEvent, in_run: tuple[float, float] = _NOTHING) -> DriveReport:
-        """Report a steady drive that the firmware got; in_run: as of `_greatest`."""
+    def report_drive(self, wanted: Wanted, event: DriveEvent) -> DriveReport:
+        """Report a steady drive that the firmware got."""
         placement = wanted.placement
         drive: SteadyDrive | BestRow
         if self._drives is Drives.ZONES:
@@ -142,17 +135,16 @@ class Reporter:
         share = compute_steady_state(loaded, hz, drive.complex_amplitudes).share
         return DriveReport(
             promise,
-            *in_run,
             drive,
             self.surface.simulate_held(event, placement.position_m),
             felt_zones,
             float(share[list(felt_zones)].sum()),
         )
 
-    def report_click(self, wanted: Wanted, event: DriveEvent, in_run: tuple[float, float] = _NOTHING) -> ClickReport:
-        """Report a click that the firmware got; in_run: as of `_greatest`."""
+    def report_click(self, wanted: Wanted, event: DriveEvent) -> ClickReport:
+        """Report a click that the firmware got."""
         click, promise = self._promises.of_click(wanted.placement, wanted.level_db)
-        return ClickReport(promise, *in_run, click, self.surface.simulate_click(event, wanted.placement.position_m))
+        return ClickReport(promise, click, self.surface.simulate_click(event, wanted.placement.position_m))
 
 
 def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted, ...], tuple[Wanted, ...]]:
@@ -167,19 +159,6 @@ def find_missed(run: LiveRun, applied: Collection[Wanted]) -> tuple[tuple[Wanted
             continue
         due[wanted] = due.get(wanted, False) or (change.drive_sequence is not None and not run.came_late(change))
     return tuple(wanted for wanted in due if due[wanted]), tuple(w for w in due if not due[w])
-
-
-def _greatest(run: LiveRun, felt: Felt) -> dict[Wanted, tuple[float, float]]:
-    """Greatest acceleration under fingers that were to feel, and under others, m/s^2, until something else is felt."""
-    out: dict[Wanted, tuple[float, float]] = {}
-    changes = [(change.time_ns, wanted) for change in run.trace if (wanted := wanted_of(change)) is not None]
-    starts_s = [(time_ns - run.moments[0].time_ns) / 1e9 for time_ns, _ in changes]
-    for (_, wanted), start_s, stop_s in zip(changes, starts_s, [*starts_s[1:], np.inf], strict=True):
-        during = (felt.time_s >= start_s - ENVELOPE_S) & (felt.time_s + ENVELOPE_S <= stop_s)
-        found = (float(values[during].max(initial=0.0)) for values in (felt.felt, felt.quiet))
-        before = out.get(wanted, _NOTHING)
-        out[wanted] = (max(before[0], next(found)), max(before[1], next(found)))
-    return out
 
 
 def demo_json(report: DemoReport) -> dict[str, Any]:
@@ -264,8 +243,8 @@ def _click_json(device: Device, report: ClickReport) -> dict[str, Any]:
 
 
 def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: Array) -> dict[str, Any]:
-    """Promise and simulation of every finger, and what was felt in the run."""
-    promise, (felt_db, quiet_db) = report.promise, report.in_run_db
+    """Promise and simulation of every finger."""
+    promise = report.promise
     return {
         "fingers": [
             {
@@ -276,8 +255,5 @@ def _levels_json(device: Device, report: DriveReport | ClickReport, at_finger: A
             }
             for k, finger in enumerate(placement_json(device, report.placement))
         ],
-        "greatest_acceleration_under_a_finger_m_per_s2": max(report.felt_m_per_s2, report.quiet_m_per_s2),
-        "felt_level_in_run_db": felt_db,
-        "quiet_level_in_run_db": quiet_db,
         "disagreement": report.disagreement,
     }

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console
 
@@ -31,7 +30,6 @@ from tactable.rig.demo_run import DemoReport, Reporter, demo_json, find_missed, 
 from tactable.rig.emulate import configuration_of
 from tactable.rig.promises import Promises
 from tactable.rig.rig import LiveRun, Wanted, first_applied, play_to, wanted_of
-from tactable.rig.simulated_surface import SimulatedDrive
 from tactable.run.click_process import solver_of
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_rows import rows_of
@@ -295,19 +293,6 @@ def test_a_broken_promise_is_found_and_one_for_positions_is_not_kept_elsewhere(
     assert reporter.report_drive(wanted, louder).disagreement > AGREEMENT
     moved_m = [at_m + 2e-3 for at_m in wanted.placement.position_m]
     assert replace(report, simulated=reporter.surface.simulate_held(event, moved_m)).disagreement > AGREEMENT
-
-
-def test_the_level_in_the_run_is_the_promised_one_where_the_acceleration_is(table: Table) -> None:
-    placement = Placement.named(table.device, ["I"])
-    drive, promise = Promises(table).of_drive(placement, 20.0)
-    nothing = SimulatedDrive(*[np.zeros(0)] * 4)
-    at_finger, promised_db = float(promise.acceleration_m_per_s2[0]), float(promise.level_db[0])
-    report = DriveReport(promise, 10 * at_finger, 0.0, drive, nothing, (0,), 1.0)
-    assert report.level_db(0, at_finger) == pytest.approx(promised_db)
-    felt_db, quiet_db = report.in_run_db
-    assert felt_db == pytest.approx(promised_db + 20)
-    assert quiet_db is None
-    assert report.level_db(0, 0.0) is None
 
 
 @pytest.fixture(scope="module")
