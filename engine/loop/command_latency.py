@@ -5,6 +5,7 @@ The period of a digitizer is estimated from its Scan Time, with the jitter that 
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,8 @@ from numpy.typing import ArrayLike
 from base.arrays import Integers
 
 Stamps = tuple[int, int, int, int, int, int]  # clock time of each stage in ns, in the order of `Stage`
+_LONGEST_PERIOD_NS = 30_000_000  # a longer interval between two frames is a pause between touches
+_FEWEST = 50  # 0.4 s of an 8 ms digitizer; of fewer, a 99th percentile is the greatest
 
 
 class Stage(IntEnum):
@@ -52,33 +55,35 @@ class Percentiles:
         return cls(len(known_ns), *(round(value) for value in values.tolist()))
 
 
-class LatencyRecorder:
-    """The stamps of the last `capacity` commands, in memory that is allocated once."""
+class _Latest:
+    """The last `capacity` rows of times, ns, in memory that is allocated once."""
+
+    columns: ClassVar[int]
 
     def __init__(self, capacity: int = 65_536) -> None:
-        self.count = 0  # commands recorded since the start
-        self._stamps_ns = np.zeros((capacity, len(Stage)), np.int64)
+        self.count = 0  # rows recorded since the start
+        self._rows_ns = np.zeros((capacity, self.columns), np.int64)
 
-    def record(self, stamps: Stamps) -> None:
-        """Keep the stamps of a command, in place of the oldest when the memory is full."""
-        self._stamps_ns[self.count % len(self._stamps_ns)] = stamps
+    def record(self, *row: int) -> None:
+        """Keep a row, in place of the oldest when the memory is full."""
+        self._rows_ns[self.count % len(self._rows_ns)] = row
         self.count += 1
 
-    def stamps_ns(self) -> Integers:
-        """A copy of the kept stamps, shape (command, stage), ns, oldest first."""
-        capacity = len(self._stamps_ns)
-        if self.count <= capacity:
-            return self._stamps_ns[: self.count].copy()
-        return np.roll(self._stamps_ns, -(self.count % capacity), axis=0)
+    def rows_ns(self) -> Integers:
+        """A copy of the kept rows, shape (row, column), oldest first."""
+        capacity = len(self._rows_ns)
+        return np.roll(self._rows_ns[: self.count], -(self.count % capacity) if self.count > capacity else 0, axis=0)
+
+
+class LatencyRecorder(_Latest):
+    """The stamps of the last commands, in the order of `Stage`."""
+
+    columns = len(Stage)
 
     def summarise(self, first: Stage = Stage.AVAILABLE, last: Stage = Stage.WRITTEN) -> Percentiles | None:
         """Percentiles of the durations from one stage to a later one; None without a command."""
-        stamps_ns = self.stamps_ns()
+        stamps_ns = self.rows_ns()
         return Percentiles.of(stamps_ns[:, last] - stamps_ns[:, first])
-
-
-_LONGEST_PERIOD_NS = 30_000_000  # a longer interval between two frames is a pause between touches
-_FEWEST = 50  # 0.4 s of an 8 ms digitizer; of fewer, a 99th percentile is the greatest
 
 
 @dataclass(frozen=True)
@@ -94,26 +99,14 @@ class ScanPeriods:
     jitter_p99_ns: int
 
 
-class ScanTimes:
-    """Host and scan time of the last `capacity` frames; recording allocates nothing that stays."""
+class ScanTimes(_Latest):
+    """Host and scan time of the last frames."""
 
-    def __init__(self, capacity: int = 65_536) -> None:
-        if capacity < 2:
-            raise ValueError(f"capacity is {capacity}; expected at least 2")
-        self._count = 0
-        self._times_ns = np.zeros((capacity, 2), np.int64)
-
-    def record(self, time_ns: int, scan_time_ns: int) -> None:
-        """Keep the times of one frame, in place of the oldest once `capacity` is reached."""
-        self._times_ns[self._count % len(self._times_ns)] = time_ns, scan_time_ns
-        self._count += 1
+    columns = 2
 
     def summarise(self) -> ScanPeriods | None:
         """Over intervals between frames of one touch; None with fewer than 50, or where the scan time stands still."""
-        kept, capacity = self._times_ns[: self._count], len(self._times_ns)
-        if self._count > capacity:
-            kept = np.roll(kept, -(self._count % capacity), axis=0)
-        host_ns, scan_ns = np.diff(kept, axis=0).T
+        host_ns, scan_ns = np.diff(self.rows_ns(), axis=0).T
         # A reset of the counter shows as an interval that is the host's own.
         follows = (host_ns < _LONGEST_PERIOD_NS) & (host_ns > 0) & (scan_ns > 0) & (scan_ns < 2 * _LONGEST_PERIOD_NS)
         host_ns, scan_ns = host_ns[follows], scan_ns[follows]

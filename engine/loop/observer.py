@@ -105,6 +105,6 @@ class Timing:
         """Record the stamps of a command that was written whole, and the frame's times where it has both."""
         stamps_ns, frame = record.stamps_ns, record.frame
         if stamps_ns[Stage.WRITTEN] and record.report_index is not None:
-            self.latency.record(stamps_ns)
+            self.latency.record(*stamps_ns)
         if frame is not None and frame.scan_time_ns is not None:
             self.scan_times.record(frame.time_ns, frame.scan_time_ns)

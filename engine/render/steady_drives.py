@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from engine.device import Device
 from engine.render.limits import clamp, encode_scaled
 from engine.render.renderer import SILENCE, DriveCommand, Rendered
-from engine.steady import Modes
+from engine.steady import Modes, SteadyDrive
 from engine.steady.cases import MeasuredFinger
-from engine.table.best_rows import BestRows, combination_of
+from engine.table.best_rows import BestRow, BestRows, combination_of
 from engine.touch import Placement
 from engine.touch.finger_tracker import ZoneFinder
 from firmware_link.host.link_values import Capabilities
@@ -27,11 +27,25 @@ _SAME_M = 8e-3  # a measured finger that is nearer than that is the one: half a 
 MOST_REMEMBERED = 4096  # bounds memory; a drive that was forgotten is solved again
 
 
-class SteadyDrives:
-    """The steady drives of one table for one connected device; silence for a level out of reach with `refuses`.
+class _Drives:
+    """Drives as commands for one connected device; silence for a level out of reach with `refuses`.
 
-    `scales` are those of `board_fit`, by actuator; with `has_kernels` compiled kernels solve, else NumPy does.
+    `scales` are those of `board_fit`, by actuator.
     """
+
+    def __init__(self, device: Device, capabilities: Capabilities, refuses: bool, scales: Sequence[float]) -> None:
+        self._device, self._resolution_hz = device, capabilities.frequency_resolution_hz
+        self._refuses, self._scales = refuses, tuple(scales)
+
+    def _encode(self, solved: SteadyDrive | BestRow | None) -> Rendered:
+        if solved is None or (self._refuses and not solved.achieved):
+            return Rendered(SILENCE, is_achieved=False)
+        drive = encode_scaled(clamp(solved, self._device), self._scales, self._resolution_hz)
+        return Rendered(DriveCommand(drive, solved.frequency_hz), solved.achieved)
+
+
+class SteadyDrives(_Drives):
+    """The steady drives of one table, solved for positions; with `has_kernels` by compiled kernels, else in NumPy."""
 
     def __init__(
         self,
@@ -43,9 +57,8 @@ class SteadyDrives:
         *,
         has_kernels: bool = True,
     ) -> None:
+        super().__init__(device, capabilities, refuses, scales)
         self._solver = _solver_of(device, modes, has_kernels=has_kernels)
-        self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
-        self._scales = tuple(scales)
         self._remembered: dict[tuple[Placement, float, float | None, _Known], Rendered] = {}
         self._measured: Sequence[MeasuredFinger] = ()
 
@@ -69,15 +82,10 @@ class SteadyDrives:
         if found is None:
             if len(self._remembered) == MOST_REMEMBERED:
                 del self._remembered[next(iter(self._remembered))]
-            found = self._remembered[key] = self._solve(*key)
+            found = self._remembered[key] = self._encode(
+                self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz, known)
+            )
         return found
-
-    def _solve(self, placement: Placement, level_db: float, held_hz: float | None, known: "_Known") -> Rendered:
-        solved = self._solver.solve(placement.position_m, placement.is_felt, level_db, held_hz, known)
-        if self._refuses and not solved.achieved:
-            return Rendered(SILENCE, is_achieved=False)
-        drive = encode_scaled(clamp(solved, self._device), self._scales, self._resolution_hz)
-        return Rendered(DriveCommand(drive, solved.frequency_hz), solved.achieved)
 
 
 _Known = tuple[MeasuredFinger | None, ...]
@@ -95,15 +103,14 @@ def _solver_of(device: Device, modes: Modes, *, has_kernels: bool) -> "PlainSolv
     return SteadySolver(device, modes)
 
 
-class ZoneDrives:
+class ZoneDrives(_Drives):
     """The best rows of a table's sweep, for the zones of the fingers that feel; silence for zones without a row."""
 
     def __init__(
         self, device: Device, capabilities: Capabilities, rows: BestRows, refuses: bool, scales: Sequence[float]
     ) -> None:
-        self.rows = rows
-        self._device, self._resolution_hz, self._refuses = device, capabilities.frequency_resolution_hz, refuses
-        self._zone_at, self._scales = ZoneFinder(device).zone_at, tuple(scales)
+        super().__init__(device, capabilities, refuses, scales)
+        self.rows, self._zone_at = rows, ZoneFinder(device).zone_at
         self._remembered: dict[tuple[int, float], Rendered] = {}
 
     def take_fingers(self, measured: Sequence[MeasuredFinger]) -> None:
@@ -121,12 +128,5 @@ class ZoneDrives:
         """The drive of a combination of zones, the sum of 2**zone, at this level."""
         found = self._remembered.get((combination, level_db))
         if found is None:
-            found = self._remembered[combination, level_db] = self._look_up(combination, level_db)
+            found = self._remembered[combination, level_db] = self._encode(self.rows.at(combination, level_db))
         return found
-
-    def _look_up(self, combination: int, level_db: float) -> Rendered:
-        row = self.rows.at(combination, level_db)
-        if row is None or (self._refuses and not row.achieved):
-            return Rendered(SILENCE, is_achieved=False)
-        drive = encode_scaled(clamp(row, self._device), self._scales, self._resolution_hz)
-        return Rendered(DriveCommand(drive, row.frequency_hz), row.achieved)

@@ -18,7 +18,7 @@ to another frequency (docs/theory.md), and a few dB of contrast less it does not
 """
 
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class SteadySolver:
 
     def __init__(self, device: Device, modes: Modes) -> None:
         self.device, self.frequency_hz, hz = device, modes.frequency_hz, modes.frequency_hz
-        self._errors_of = cache(self._sample_errors)
+        self._errors: dict[int, tuple[Integers, Single, Complex32] | None] = {}  # by the number of cases
         self._kept: dict[tuple[int, ...], list[Single]] = {}
         low_hz, high_hz = np.array([actuator.band_hz for actuator in device.actuators]).T
         slack_hz = 1e-9 * hz[:, None]
@@ -148,7 +148,9 @@ class SteadySolver:
         shape = self._shapes(cases.position_m).reshape(count, fingers, -1)
         *space, loaded = self._buffers(count, fingers, span.shape[2])
         fill_loaded(shape, span, modes.drive, modes.damper, *self._receptances, impedance, *space, loaded)
-        if (errors := self._errors_of(count)) is not None:  # of surface and channels, beside those of the fingers
+        if count not in self._errors:
+            self._errors[count] = self._sample_errors(count)
+        if (errors := self._errors[count]) is not None:  # of surface and channels, beside those of the fingers
             below, weight, channels = errors
             response = loaded[..., 0, :] + 1j * loaded[..., 1, :]
             one, other = (np.take_along_axis(response, each[:, None, None], axis=3) for each in (below, below + 1))

@@ -167,8 +167,6 @@ class _UsageRange(NamedTuple):
 class _Locals:
     usages: list[_UsageRange] = field(default_factory=list)
     range_start: _Item | None = None
-    is_in_delimiter: bool = False
-    has_alternative: bool = False
 
 
 class _Collection(NamedTuple):
@@ -259,23 +257,12 @@ class _Parser:
                 self._add_usages(self._locals.range_start, item)
                 self._locals.range_start = None
             case 0xA:
-                self._read_delimiter(item)
+                raise DescriptorError("a delimiter, which no touch device has", item.offset, item.unsigned)
 
     def _add_usages(self, first: _Item, last: _Item) -> None:
         """A 4-byte usage carries its page; a shorter one takes the page in force at the main item."""
-        if self._locals.has_alternative:
-            return
-        self._locals.has_alternative = self._locals.is_in_delimiter
         page = first.unsigned >> 16 if len(first.data) == 4 else None
         self._locals.usages.append(_UsageRange(page, first.unsigned & 0xFFFF, last.unsigned & 0xFFFF))
-
-    def _read_delimiter(self, item: _Item) -> None:
-        """Keep the first of the alternatives between two delimiters, the preferred one (HID 1.11 section 6.2.2.8)."""
-        opens = item.unsigned == 1
-        if opens == self._locals.is_in_delimiter:
-            raise DescriptorError("delimiter without its partner", item.offset, item.unsigned)
-        self._locals.is_in_delimiter = opens
-        self._locals.has_alternative = False
 
     def _read_main(self, item: _Item) -> None:
         match item.tag:

@@ -130,7 +130,7 @@ class _ListeningPort:
 
 def _samples(live: Live, source: SocketSource, changes: Sequence[CommandRecord]) -> dict[str, Any]:
     """Stamps of the commands with the sequence of each, times of all reports, and all changes with a command."""
-    stamps_ns = live.timing.latency.stamps_ns()
+    stamps_ns = live.timing.latency.rows_ns()
     sequence_of = {change.time_ns: change.drive_sequence for change in changes if change.drive_sequence is not None}
     sequences = [sequence_of.get(int(time_ns), NO_SEQUENCE) for time_ns in stamps_ns[:, Stage.STATE]]
     return {

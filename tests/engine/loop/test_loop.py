@@ -146,7 +146,7 @@ def test_a_stop_request_silences_a_finger_that_still_touches() -> None:
 
 def test_latency_counts_from_when_the_report_was_due() -> None:
     rig = Rig(recording_of(*held(0.0, 0.2, (1, 0.1)), (0.2, report(lifted=[1])))).run()
-    stamps_ns = rig.latency.stamps_ns()
+    stamps_ns = rig.latency.rows_ns()
     assert rig.latency.count == 2
     assert stamps_ns[0, Stage.AVAILABLE] == rig.start_ns
     # Virtual time stands still inside a pass; the first command waits for the end of the handshake on the line.

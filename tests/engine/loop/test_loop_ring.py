@@ -30,7 +30,7 @@ def test_the_ring_has_every_report_and_command_with_its_fingers_its_sequence_and
         (c.report_index, c.placement, c.drive_sequence, tuple(c.touches)) for c in changes
     ]
     assert [touch.zone for touch in sent[1].touches] == [0, 2]
-    assert [list(record.stamps_ns) for record in sent] == rig.latency.stamps_ns().tolist()
+    assert [list(record.stamps_ns) for record in sent] == rig.latency.rows_ns().tolist()
     assert sent[-1].counters.commands == rig.loop.counters.commands
 
 
