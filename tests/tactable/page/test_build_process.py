@@ -94,7 +94,7 @@ def test_every_module_with_a_declared_kernel_is_listed() -> None:
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for room in ("engine", "precompute", "tactable")
         for path in (ROOT / room).rglob("*.py")
-        if re.search(r"^@njit\(\s*types\.", path.read_text(encoding="utf-8"), re.MULTILINE)
+        if re.search(r"^@(?:njit|kernel)\(\s*types\.", path.read_text(encoding="utf-8"), re.MULTILINE)
     }
     assert declared == {*STEADY, *SWEEP, *BUILDS}
 
