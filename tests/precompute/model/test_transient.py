@@ -78,16 +78,33 @@ def test_stretches_do_not_matter() -> None:
     assert sum(part for _, part in parts) == pytest.approx(energy, rel=1e-9)
 
 
+@any_device
+def test_blocks_of_samples_move_the_bar_as_sample_after_sample_does(device: Device) -> None:
+    plant = plant_of(device)
+    waves = np.random.default_rng(3).normal(size=(8_400, len(device.actuators)))
+    plant.touch(fingers_on(device))
+    whole = plant.run(waves)[0]
+    plant.rest()
+    found = [plant.accelerate(part) for part in np.split(waves, [0, 33, 8230, 8231, 8263])]
+    assert np.concatenate(found) == pytest.approx(whole, rel=1e-9, abs=1e-9 * abs(whole).max())
+    plant.touch(())
+    after = plant.accelerate(waves)
+    plant.rest()
+    plant.touch(fingers_on(device))
+    plant.run(waves)
+    plant.touch(())
+    assert after == pytest.approx(plant.run(waves)[0], rel=1e-9, abs=1e-9 * abs(whole).max())
+
+
 def test_a_bar_at_rest_again_repeats_itself_at_any_rate_of_steps() -> None:
-    """`accelerate` is `run` without energies; after `rest`, steps three times as fine give the same courses."""
+    """After `rest` steps three times as fine give the same courses."""
     device = shipped("reference-a")
     plant, waves = plant_of(device), np.random.default_rng(2).normal(size=(400, 2))
     waves[0] = 0.0
-    first = plant.run(waves)[0]
+    first = plant.accelerate(waves)
     plant.rest()
     assert plant.accelerate(waves).tobytes() == first.tobytes()
-    plant.rest()
-    plant.sample_rate_hz *= 3
+    finer_plant = TransientPlant(basis_of(device), points_of(device), 3 * RATE_HZ)
     at = np.arange(3 * len(waves) - 2) / 3
-    finer = plant.accelerate(np.column_stack([np.interp(at, np.arange(len(waves)), wave) for wave in waves.T]))
+    finer = finer_plant.accelerate(np.column_stack([np.interp(at, np.arange(len(waves)), wave) for wave in waves.T]))
     assert finer[::3] == pytest.approx(first, rel=1e-6, abs=1e-6 * abs(first).max())
