@@ -118,12 +118,6 @@ class Surface:
         return self.contacts[0].contact_id is not None
 
 
-def has_touch_application(descriptor: bytes) -> bool:
-    """Whether an interface says that it is a touch device. Raises `DescriptorError` for a broken descriptor."""
-    declared = read_declarations(descriptor, (), (), constant_usage=_CONTACT_ID)
-    return any(application.usage in _APPLICATIONS for application in declared.applications)
-
-
 def read_surfaces(descriptor: bytes, refused: list[DescriptorError] | None = None) -> tuple[Surface, ...]:
     """Touch surfaces of an interface, in descriptor order; empty when it is not a touch device.
 

@@ -53,8 +53,12 @@ def _card_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
 
 
 def _hid_rows(machine: Machine, problems: list[str]) -> list[dict[str, Any]]:
-    system = machine.hid()
-    return [row for device in find_digitizers(system) for row in _rows_of(system, device, problems)]
+    try:
+        system = machine.hid()
+        return [row for device in find_digitizers(system) for row in _rows_of(system, device, problems)]
+    except DigitizerError as error:
+        problems.append(str(error))
+        return []
 
 
 def _rows_of(system: HidSystem, device: HidDigitizer, problems: list[str]) -> Iterator[dict[str, Any]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from engine.touch import DescriptorError, Digitizer, DigitizerError, open_digitizer
 from engine.touch.sources import hid_discovery
 from engine.touch.sources.evdev import EvdevModule, load_evdev
+from engine.touch.sources.hidraw import read_descriptor
 from firmware_link.host.serial_port import PortDescription, find_ports
 from tactable.audio.interfaces import Interface, find_interfaces
 from tactable.doctor import Check
@@ -17,7 +18,7 @@ from tactable.doctor.ports import SystemFiles, check_ports, port_rules, rule_rem
 class Machine:
     """Access to the machine's digitizers, ports, files and sound cards, which tests replace."""
 
-    hid: Callable[[], hid_discovery.HidSystem] = hid_discovery.HidSystem
+    hid: Callable[[], hid_discovery.HidSystem] = hid_discovery.load_hid_system
     evdev: Callable[[], EvdevModule | None] = load_evdev
     ports: Callable[[], Sequence[PortDescription]] = find_ports
     files: SystemFiles = field(default_factory=SystemFiles)
@@ -29,7 +30,8 @@ def open_found(
 ) -> tuple[Digitizer | None, str | None]:
     """The digitizer of a found device, from its descriptor, and why it cannot be used; None where it can."""
     try:
-        digitizer = open_digitizer(device.descriptor, device.vendor_id, device.product_id, device.report_id)
+        descriptor = read_descriptor(system, device)
+        digitizer = open_digitizer(descriptor, device.vendor_id, device.product_id, device.report_id)
     except (DescriptorError, DigitizerError) as error:
         return None, str(hid_discovery.undecodable(system, device, error))
     if not os.access(device.path, os.R_OK):
@@ -39,8 +41,13 @@ def open_found(
 
 def examine(machine: Machine) -> list[Check]:
     """Every check, in the order of the chain from touch to wire."""
-    system = machine.hid()
-    checks = _check_digitizers(system, hid_discovery.find_digitizers(system))
+    try:
+        system = machine.hid()
+        found = hid_discovery.find_digitizers(system)
+    except DigitizerError as error:
+        checks = [Check("hidapi", str(error), "run `pip install -U hidapi`")]
+    else:
+        checks = [Check("hidapi", "module hidraw"), *_check_digitizers(system, found)]
     return [*checks, *check_ports(machine.ports(), machine.files)]
 
 

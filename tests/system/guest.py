@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from engine.touch.sources.hid_discovery import HidSystem
+from engine.touch.sources.hid_discovery import load_hid_system
 from engine.touch.sources.hidraw import RING_SIZE, HidrawCounters, HidrawSource, open_hidraw
 from engine.touch.sources.recording import Recording
 from firmware_link.emulator.emulator_process import EmulatorLog
@@ -91,7 +91,7 @@ def kernel_device() -> KernelDevice:
         stage.plugged.wait()
         with open_touch_screen() as source:
             path = kernel_path_of(DEMO.vendor_id, DEMO.product_id)
-        port, system = until_it_works(lambda: path_of(SERIAL_NUMBER)), HidSystem()
+        port, system = until_it_works(lambda: path_of(SERIAL_NUMBER)), load_hid_system()
         found = KernelDevice(
             kernel_name=path.name,
             driver=path.joinpath("driver").resolve().name,
@@ -226,7 +226,7 @@ def touch_screen() -> VirtualDevice:
 @contextlib.contextmanager
 def open_touch_screen() -> Iterator[HidrawSource]:
     """By the name that stays, as soon as the kernel shows it."""
-    system = HidSystem()
+    system = load_hid_system()
     with contextlib.closing(until_it_works(lambda: open_hidraw(system, TOUCH_SERIAL_NUMBER))) as source:
         yield source
 

@@ -1,33 +1,57 @@
 """Finds the digitizers among the HID interfaces of this machine, chooses one by name, and explains missing rights."""
 
+import importlib
+import os
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, cast
 
 from base.errors import TactableError
-from engine.touch.descriptor import DescriptorError, has_touch_application
+from engine.touch.descriptor import SurfaceKind
 from engine.touch.digitizer import DigitizerError
 from engine.touch.sources.evdev import SLOT_AXES
 
 RULE_FILE = "/etc/udev/rules.d/70-tactable.rules"  # before 73-seat-late.rules, which acts on the tag
 
-_HID_ID = re.compile("([0-9A-F]+):([0-9A-F]+):([0-9A-F]+)")  # of the kernel: 0003:000004F3:0000200A
+_DIGITIZER_PAGE = 0x0D  # HID Usage Tables
+_TOUCH_USAGES = frozenset(kind.value for kind in SurfaceKind)
 _VENDOR_AND_PRODUCT = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})")
+# hidapi's number of a bus to the kernel's, which recordings hold: USB, Bluetooth, I2C, SPI.
+_KERNEL_BUS = {1: 0x03, 2: 0x05, 3: 0x18, 4: 0x1C}
+
+
+class HidModule(Protocol):
+    """The part of a hidapi module that is used."""
+
+    def enumerate(self) -> list[dict[str, Any]]:
+        """One entry per top-level collection."""
 
 
 @dataclass(frozen=True)
 class HidSystem:
-    """The folder of the nodes hidrawN, and the one in which the kernel describes them to every user."""
+    """Module of hidapi that lists devices, and the folder in which the kernel describes their nodes /dev/hidrawN."""
 
-    nodes: Path = Path("/dev")
+    module: HidModule
     sysfs: Path = Path("/sys/class/hidraw")
+
+
+def load_hid_system(import_module: Callable[[str], object] = importlib.import_module) -> HidSystem:
+    """Import the module `hidraw` of hidapi. Raises `DigitizerError` where it is not installed.
+
+    Its other module, `hid`, uses libusb, which detaches the touch screen from the desktop and sees no I2C or Bluetooth.
+    """
+    try:
+        return HidSystem(cast(HidModule, import_module("hidraw")))
+    except ImportError:
+        raise DigitizerError("hidapi with its module hidraw is not installed: run `pip install -U hidapi`") from None
 
 
 @dataclass(frozen=True)
 class HidDigitizer:
-    """One HID interface with a touch collection; empty where the device does not say.
+    """One HID interface with a touch collection; empty where the device or the system does not say.
 
     `bus` is the kernel's number; `port` is where it is plugged in, the same after a replug. `report_id` is that of the
     touch surface that was chosen; None: the one that reports is meant.
@@ -37,9 +61,9 @@ class HidDigitizer:
     name: str
     vendor_id: int
     product_id: int
-    descriptor: bytes
     serial_number: str = ""
     bus: int = 0
+    interface_number: int = -1
     port: str = ""
     report_id: int | None = None
 
@@ -49,44 +73,53 @@ class HidDigitizer:
         return f"{self.vendor_id:04x}:{self.product_id:04x}"
 
     @property
-    def interface(self) -> str:
-        """The interface of a composite device, such as input0; empty where the port does not say."""
-        return self.port.rpartition("/")[2]
-
-    @property
     def stable_id(self) -> str:
         """The serial number; else vendor, product and port; else the path."""
         return self.serial_number or (f"{self.number}@{self.port}" if self.port else self.path)
 
 
 def find_digitizers(system: HidSystem) -> tuple[HidDigitizer, ...]:
-    """Every interface with a touch screen or touch pad collection, in the order of its path; opens none."""
-    return tuple(filter(None, (_digitizer(system, about) for about in sorted(system.sysfs.glob("hidraw*")))))
+    """Every interface with a touch screen or touch pad collection, in the order of its path; opens none.
 
-
-def _digitizer(system: HidSystem, about: Path) -> HidDigitizer | None:
-    """The digitizer that the kernel describes in a folder; None for another device."""
+    Raises `DigitizerError` when the system cannot say.
+    """
     try:
-        descriptor = (about / "device" / "report_descriptor").read_bytes()
-        lines = (about / "device" / "uevent").read_text(encoding="utf-8", errors="replace").splitlines()
-        is_touch = has_touch_application(descriptor)
-    except (OSError, DescriptorError):  # unplugged meanwhile, or of a device that the kernel does not drive either
-        return None
-    kernel = {key: value for key, _, value in (line.partition("=") for line in lines)}
-    number = _HID_ID.fullmatch(kernel.get("HID_ID", ""))
-    if number is None or not is_touch:
-        return None
-    bus, vendor_id, product_id = (int(digits, 16) for digits in number.groups())
+        collections = system.module.enumerate()
+    except OSError as error:
+        raise DigitizerError(f"cannot list HID devices: {error}") from error
+    touch = [c for c in collections if c["usage_page"] == _DIGITIZER_PAGE and c["usage"] in _TOUCH_USAGES]
+    by_path = {os.fsdecode(collection["path"]): collection for collection in touch}
+    return tuple(_digitizer(system, path, by_path[path]) for path in sorted(by_path))
+
+
+def _digitizer(system: HidSystem, path: str, collection: dict[str, Any]) -> HidDigitizer:
+    manufacturer, product = (collection.get(f"{key}_string") or "" for key in ("manufacturer", "product"))
+    kernel = _read_uevent(system.sysfs, path)
     return HidDigitizer(
-        path=str(system.nodes / about.name),
-        name=kernel.get("HID_NAME", ""),
-        vendor_id=vendor_id,
-        product_id=product_id,
-        descriptor=descriptor,
-        serial_number=kernel.get("HID_UNIQ", "").strip(),
-        bus=bus,
+        path=path,
+        name=product if product.startswith(manufacturer) else f"{manufacturer} {product}".strip(),
+        vendor_id=collection["vendor_id"],
+        product_id=collection["product_id"],
+        serial_number=(collection.get("serial_number") or "").strip(),
+        bus=_kernel_bus(kernel) or _KERNEL_BUS.get(collection.get("bus_type", 0), 0),
+        interface_number=collection.get("interface_number", -1),
         port=kernel.get("HID_PHYS", ""),
     )
+
+
+def _read_uevent(sysfs: Path, path: str) -> dict[str, str]:
+    """The kernel's properties of a node, such as HID_PHYS=usb-0000:00:14.0-6/input0; empty where it has none."""
+    try:
+        text = (sysfs / Path(path).name / "device" / "uevent").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return {}
+    return {key: value for key, _, value in (line.partition("=") for line in text.splitlines())}
+
+
+def _kernel_bus(kernel: dict[str, str]) -> int:
+    """Bus of HID_ID=0003:000004F3:0000200A, 0 where it is absent: hidapi does not know every bus."""
+    digits = kernel.get("HID_ID", "").partition(":")[0]
+    return int(digits, 16) if re.fullmatch("[0-9A-Fa-f]+", digits) else 0
 
 
 def select_digitizer(name: str, found: Sequence[HidDigitizer]) -> HidDigitizer:

@@ -1,10 +1,13 @@
 """Reads the reports of a HID digitizer of this machine, across unplugs and overflows."""
 
 import errno
+import fcntl
 import os
 import select
+import struct
 from dataclasses import dataclass, replace
 from enum import Enum
+from pathlib import Path
 
 from engine.touch.digitizer import DigitizerError
 from engine.touch.sources import LIFT_ALL, OnClock
@@ -14,6 +17,8 @@ RING_SIZE = 63  # unread reports that the kernel keeps; it then drops the newest
 _READ_BYTES = 4096  # with a smaller buffer the rest of a report is lost
 _FIRST_RETRY_NS = 250_000_000
 _LAST_RETRY_NS = 2_000_000_000  # longest pause, as of a lost port (firmware_link/host/reopening.py)
+# _IOR('H', 1, int) and _IOR('H', 2, struct hidraw_report_descriptor) of linux/hidraw.h
+_HIDIOCGRDESCSIZE, _HIDIOCGRDESC = 0x80044801, 0x90044802
 
 
 class Connection(Enum):
@@ -53,11 +58,12 @@ class HidrawSource(OnClock):
         self._node: _Node | None = None
         self._burst = 0  # reports read since there was none
         try:
-            self._attach(_Node(device))
+            self._attach(_Node(system, device))
         except DigitizerError:
             self.close()
             raise
-        self.descriptor = device.descriptor
+        assert self._node is not None
+        self.descriptor: bytes = self._node.descriptor
 
     @property
     def device(self) -> HidDigitizer:
@@ -153,7 +159,7 @@ class HidrawSource(OnClock):
         if not self._reconnects or now_ns < self._finder.retry_ns:
             return None
         try:
-            node = self._finder.reopen()
+            node = self._finder.reopen(self.descriptor)
         except DigitizerError as error:
             self.problem = error
             self._finder.wait(now_ns, min(2 * self._finder.pause_ns, _LAST_RETRY_NS))
@@ -176,7 +182,7 @@ class _Finder:
         """Look again after a pause."""
         self.pause_ns, self.retry_ns = pause_ns, now_ns + pause_ns
 
-    def reopen(self) -> "_Node":
+    def reopen(self, descriptor: bytes) -> "_Node":
         """Open the device again. Raises DigitizerError while it is away, or where its descriptor is another one."""
         mine = self.device
 
@@ -186,15 +192,19 @@ class _Finder:
 
         def difference(found: HidDigitizer) -> tuple[bool, bool, bool]:
             # Of a composite device the same interface; of equal devices the same port, then the same path.
-            return found.interface != mine.interface, found.port != mine.port, found.path != mine.path
+            is_other = found.interface_number != mine.interface_number
+            return is_other, found.port != mine.port, found.path != mine.path
 
         nearest = min(filter(matches, find_digitizers(self.system)), key=difference, default=None)
         if nearest is None:
             raise DigitizerError(f"{mine.name or mine.number} is unplugged: plug it in again")
-        if nearest.descriptor != mine.descriptor:
+        nearest = replace(nearest, report_id=mine.report_id)
+        node = _Node(self.system, nearest)
+        if node.descriptor != descriptor:
+            node.close()
             raise DigitizerError(f"{nearest.path} is another device than {mine.path} was: start the run again")
-        self.device = replace(nearest, report_id=mine.report_id)
-        return _Node(self.device)
+        self.device = nearest
+        return node
 
 
 def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> HidrawSource:
@@ -202,13 +212,32 @@ def open_hidraw(system: HidSystem, name: str, *, reconnect: bool = True) -> Hidr
     return HidrawSource(system, select_digitizer(name, find_digitizers(system)), reconnect=reconnect)
 
 
-class _Node:
-    """Linux's own /dev/hidrawN, read only."""
+def read_descriptor(system: HidSystem, device: HidDigitizer) -> bytes:
+    """The report descriptor, where the kernel says it without opening the device. Raises `DigitizerError`."""
+    try:
+        return _read_sysfs_descriptor(system.sysfs, device.path)
+    except OSError:  # an older kernel, or a container without /sys: the device itself says it
+        node = _Node(system, device)
+        node.close()
+        return node.descriptor
 
-    def __init__(self, device: HidDigitizer) -> None:
+
+def _read_sysfs_descriptor(sysfs: Path, path: str) -> bytes:
+    return (sysfs / Path(path).name / "device" / "report_descriptor").read_bytes()
+
+
+class _Node:
+    """Linux's own /dev/hidrawN, read only: hidapi opens read-write and offers nothing to wait on."""
+
+    def __init__(self, system: HidSystem, device: HidDigitizer) -> None:
         try:
             self._descriptor = os.open(device.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
+            raise refusal(device, error) from error
+        try:
+            self.descriptor = _read_node_descriptor(self._descriptor, device.path, system.sysfs)
+        except OSError as error:
+            self.close()
             raise refusal(device, error) from error
 
     def fileno(self) -> int:
@@ -226,3 +255,13 @@ class _Node:
 
     def close(self) -> None:
         os.close(self._descriptor)
+
+
+def _read_node_descriptor(descriptor: int, path: str, sysfs: Path) -> bytes:
+    try:
+        size = struct.unpack("<i", fcntl.ioctl(descriptor, _HIDIOCGRDESCSIZE, bytes(4)))[0]
+        buffer = bytearray(struct.pack("<I", size) + bytes(4096))
+        fcntl.ioctl(descriptor, _HIDIOCGRDESC, buffer)
+    except OSError:
+        return _read_sysfs_descriptor(sysfs, path)
+    return bytes(buffer[4 : 4 + size])

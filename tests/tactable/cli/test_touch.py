@@ -83,7 +83,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def test_list_shows_size_contacts_a_stable_name_what_is_simulated_and_why_a_device_cannot_be_used(bench: Bench) -> None:
     device = bench.hid.plug(serial_number="A1")
-    bench.hid.plug("hidraw1", name="virtual bar (SIMULATED)")
+    bench.hid.plug("hidraw1", product_string="virtual bar (SIMULATED)")
     emulated = PortDescription("/dev/ttyACM1", "x", "emulated firmware (SIMULATED)")
     bench.ports = (PortDescription("/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver"), emulated)
     listing = bench.json("list")
@@ -96,11 +96,11 @@ def test_list_shows_size_contacts_a_stable_name_what_is_simulated_and_why_a_devi
     assert list(port.values()) == ["/dev/ttyACM0", "/dev/serial/by-id/usb-bar", "bar driver", False]
     assert other["simulated"]
     assert "Touch Bar" in bench.run("list").stdout
-    bench.hid.plug("hidraw2", descriptor=application(finger().replace(b"\x26\xe8\x03", b"\x25\x00")))
+    bench.hid.plug("hidraw2", descriptor=b"\x05\x0d\x09")
     bench.hid.plug("hidraw3", vendor_id=0x056A)
     rows = bench.json("list")["digitizers"][2:]
     assert [row["usable"] for row in rows] == [False, False, True]
-    assert "not below its maximum" in rows[0]["problem"] and "Wacom" in rows[1]["problem"]
+    assert "cut off" in rows[0]["problem"] and "Wacom" in rows[1]["problem"]
 
 
 def test_sound_cards_are_listed_with_the_text_that_chooses_them_and_the_doctor_needs_none(bench: Bench) -> None:
@@ -143,6 +143,16 @@ def test_the_input_node_is_named_where_only_a_kernel_driver_decodes_the_reports(
     assert check.remedy == "use /dev/input/event5"
     with pytest.raises(DigitizerError, match=r"Wacom.*/dev/input/event5"):
         learn_live(bench.machine(), device.path, [None], print)
+
+
+def test_a_machine_without_hidapi_still_lists_the_rest() -> None:
+    def system() -> HidSystem:
+        raise DigitizerError("hidapi is not installed: run `pip install hidapi`")
+
+    machine = Machine(system, lambda: None, lambda: ())
+    listing = json.loads(CliRunner().invoke(app, ["list", "--json"], obj=machine).stdout)
+    assert [row["stable_id"] for row in listing["digitizers"]] == ["simulated"]
+    assert "pip install hidapi" in listing["problems"][0]
 
 
 # ---- record ----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A machine with HID devices that come and go: Linux's nodes as packet-mode pipes, and what it says of them."""
+"""A machine with HID devices that come and go: hidapi's module, and Linux's nodes as packet-mode pipes."""
 
 from __future__ import annotations
 
@@ -33,40 +33,49 @@ class FakeDevice:
     product_id: int = 0x200A
     serial_number: str = ""
     port: str = "usb-0000:00:14.0-6/input0"
-    name: str = "Touch Bar"
+    product_string: str = "Touch Bar"
+    usages: tuple[tuple[int, int], ...] = ((0x0D, 0x04), (0x0D, 0x0E), (0x01, 0x02))
     descriptor: bytes = DESCRIPTOR
+    bus_type: int = 1
+    hid_id: str = ""
     writer: int | None = None
 
 
 @dataclass
 class FakeMachine:
-    """The nodes and the kernel's files of them in `folder`."""
+    """hidapi's module and the kernel's files in `folder`."""
 
     folder: Path
     plugged: dict[str, FakeDevice] = field(default_factory=dict)
     opened: list[HidrawSource] = field(default_factory=list)
 
     def system(self) -> HidSystem:
-        return HidSystem(self.folder, self.folder / "sys")
+        return HidSystem(self, self.folder / "sys")
 
     def open(self, name: str, *, reconnect: bool = True) -> HidrawSource:
         self.opened.append(open_hidraw(self.system(), name, reconnect=reconnect))
         return self.opened[-1]
 
-    def plug(self, node: str = "hidraw0", **traits: Any) -> FakeDevice:
+    def enumerate(self) -> list[dict[str, Any]]:
+        keys = ("vendor_id", "product_id", "serial_number", "product_string", "bus_type")
+        found: list[dict[str, Any]] = []
+        for device in self.plugged.values():
+            own = {key: getattr(device, key) for key in keys} | {"path": os.fsencode(device.path)}
+            own |= {"manufacturer_string": "", "interface_number": 0}
+            found += [{**own, "usage_page": page, "usage": usage} for page, usage in device.usages]
+        return found
+
+    def plug(self, name: str = "hidraw0", **traits: Any) -> FakeDevice:
         """A device with a node of this name: a pipe that keeps packets apart, as hidraw keeps reports."""
-        device = FakeDevice(str(self.folder / node), **traits)
+        device = FakeDevice(str(self.folder / name), **traits)
         os.mkfifo(device.path)
         device.writer = os.open(device.path, os.O_RDWR | os.O_NONBLOCK)
         fcntl.fcntl(device.writer, fcntl.F_SETPIPE_SZ, 1 << 20)
         fcntl.fcntl(device.writer, fcntl.F_SETFL, os.O_NONBLOCK | os.O_DIRECT)
-        about = self.folder / "sys" / node / "device"
+        about = self.folder / "sys" / name / "device"
         about.mkdir(parents=True)
         (about / "report_descriptor").write_bytes(device.descriptor)
-        number = f"0003:{device.vendor_id:08X}:{device.product_id:08X}"
-        said = {"ID": number, "NAME": device.name, "PHYS": device.port, "UNIQ": device.serial_number}
-        lines = ["DRIVER=hid-multitouch", *(f"HID_{key}={value}" for key, value in said.items())]
-        (about / "uevent").write_text("\n".join(lines))
+        (about / "uevent").write_text(f"DRIVER=hid-multitouch\nHID_ID={device.hid_id}\nHID_PHYS={device.port}\n")
         self.plugged[device.path] = device
         return device
 

@@ -3,6 +3,7 @@
 import select
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,12 +12,13 @@ from engine.touch.sources import LIFT_ALL, Source
 from engine.touch.sources.hid_discovery import (
     RULE_FILE,
     find_digitizers,
+    load_hid_system,
     parse_number,
     refusal,
     select_digitizer,
 )
-from engine.touch.sources.hidraw import Connection, HidrawSource
-from tests.engine.touch.descriptors import HYBRID, PEN, TOUCH_PAD, application, finger
+from engine.touch.sources.hidraw import Connection, HidrawSource, read_descriptor
+from tests.engine.touch.descriptors import TOUCH_PAD, application, finger
 from tests.engine.touch.sources.fake_hid import DESCRIPTOR, RING, FakeMachine, touch_report
 
 MS = 1_000_000
@@ -28,6 +30,19 @@ def machine(tmp_path: Path) -> Iterator[FakeMachine]:
     made = FakeMachine(tmp_path)
     yield made
     made.close()
+
+
+def test_without_the_module_hidraw_the_remedy_is_named() -> None:
+    def import_module(name: str) -> object:
+        if name not in installed:
+            raise ImportError(name)
+        return SimpleNamespace()
+
+    installed = {"hidraw", "hid"}
+    load_hid_system(import_module)
+    installed.remove("hidraw")
+    with pytest.raises(DigitizerError, match="pip install -U hidapi"):
+        load_hid_system(import_module)
 
 
 def test_a_chosen_surface_is_chosen_again_after_a_replug(machine: FakeMachine) -> None:
@@ -43,14 +58,20 @@ def test_a_chosen_surface_is_chosen_again_after_a_replug(machine: FakeMachine) -
         machine.open(f"{NUMBER}#xy")
 
 
-def test_a_touch_device_is_found_once_as_the_kernel_describes_it_and_others_never(machine: FakeMachine) -> None:
-    pad = application(finger(), usage=TOUCH_PAD, report_id=9)
-    touch = machine.plug("hidraw0", descriptor=DESCRIPTOR + pad, serial_number=" A1 ")
-    machine.plug("hidraw1", descriptor=application(finger(), usage=PEN))
-    machine.plug("hidraw2", descriptor=DESCRIPTOR[:-1])
+def test_a_device_of_several_collections_is_found_once_and_other_devices_never(machine: FakeMachine) -> None:
+    touch = machine.plug("hidraw0", usages=((0x0D, 0x04), (0x0D, 0x05), (0x01, 0x02)))
+    machine.plug("hidraw1", usages=((0x01, 0x06), (0x0D, 0x02), (0xFF00, 0x04)))
+    assert [device.path for device in find_digitizers(machine.system())] == [touch.path]
+
+
+@pytest.mark.parametrize(("hid_id", "bus"), [("0018:000004F3:0000200A", 0x18), ("", 0x05), ("what?", 0x05)])
+def test_what_hidapi_says_of_a_device_is_passed_on_but_the_bus_that_the_kernel_knows_better(
+    machine: FakeMachine, hid_id: str, bus: int
+) -> None:
+    machine.plug(bus_type=2, hid_id=hid_id, serial_number=" A1 ")
     (device,) = find_digitizers(machine.system())
-    assert (device.path, device.name, device.number, device.serial_number) == (touch.path, "Touch Bar", NUMBER, "A1")
-    assert (device.bus, device.port, device.descriptor) == (3, "usb-0000:00:14.0-6/input0", touch.descriptor)
+    assert (device.name, device.number, device.serial_number, device.bus) == ("Touch Bar", NUMBER, "A1", bus)
+    assert device.port == "usb-0000:00:14.0-6/input0"
 
 
 def test_a_digitizer_is_chosen_by_any_name_and_one_for_two_or_none_is_refused_by_choice(machine: FakeMachine) -> None:
@@ -66,6 +87,13 @@ def test_a_digitizer_is_chosen_by_any_name_and_one_for_two_or_none_is_refused_by
         select_digitizer(NUMBER, found)
     with pytest.raises(DigitizerError, match=r"no digitizer 'bar'.*04f3:200a@usb-3"):
         select_digitizer("bar", found)
+
+
+def test_the_descriptor_is_read_without_permission_to_open(machine: FakeMachine) -> None:
+    device = machine.plug()
+    Path(device.path).chmod(0)
+    system = machine.system()
+    assert read_descriptor(system, find_digitizers(system)[0]) == DESCRIPTOR
 
 
 def test_reports_come_in_order_with_index_and_time(machine: FakeMachine) -> None:
@@ -161,7 +189,7 @@ def test_the_twin_of_a_lost_device_does_not_stand_in_for_it(machine: FakeMachine
 def test_another_descriptor_is_another_device(machine: FakeMachine) -> None:
     machine.plug()
     source = lose(machine, NUMBER)
-    machine.plug("hidraw1", descriptor=HYBRID)
+    machine.plug("hidraw1", descriptor=DESCRIPTOR[:-12])
     assert source.read(1000 * MS) is None
     assert source.state is Connection.LOST
     assert "another device" in str(source.problem)
@@ -212,3 +240,12 @@ def test_a_node_that_is_gone_again_says_what_to_do(machine: FakeMachine) -> None
     machine.close()
     with pytest.raises(DigitizerError, match="plug it in again"):
         HidrawSource(machine.system(), device)
+
+
+def test_a_system_that_cannot_list_says_so(machine: FakeMachine, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> None:
+        raise OSError("udev is not there")
+
+    monkeypatch.setattr(machine, "enumerate", refuse)
+    with pytest.raises(DigitizerError, match="udev is not there"):
+        find_digitizers(machine.system())
