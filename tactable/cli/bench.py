@@ -96,7 +96,7 @@ def latency(
 
     The report says where each microsecond goes, with tails, beside loads and floors.
     """
-    # It knows the demo: importing that takes longer than parsing the options.
+    # It draws, and knows the demo: importing that takes longer than parsing the options.
     from tactable.audio.names import is_audio
     from tactable.bench.latency.latency_report import measure, write_report
 
@@ -170,4 +170,4 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
     for row in document["ratios"]:
         if row["way"].startswith("due"):
             say(f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}")
-    say(f"{folder / 'report.md'}: the page; report.json and the samples beside it")
+    say(f"{folder / 'report.md'}: the page; pictures, report.json and the samples beside it")

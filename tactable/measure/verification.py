@@ -45,7 +45,8 @@ from precompute.model.transient import TransientPlant
 from precompute.sampling.plants import sample_scenarios
 from tactable.explain.words import zone_names
 from tactable.measure.apparatus import Apparatus
-from tactable.measure.driven_device import AskedDrive, DrivenDevice
+from tactable.measure.asked_drive import AskedDrive
+from tactable.measure.driven_device import DrivenDevice
 from tactable.measure.faults import SPOILING, Fault
 from tactable.measure.stepped_sine import SteppedSine, SteppedSineOptions, slowest_decay_per_s
 

@@ -1,14 +1,55 @@
-"""Turns the document of a report into a page in Markdown."""
+"""Turns the document of a report into a page in Markdown and its pictures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tactable.bench.latency.stages import MISSES_MS, us
+import numpy as np
+from matplotlib.figure import Figure
+
+from tactable.bench.latency.stages import MISSES_MS, Values, us
+from tactable.figures.style import CURVES
+
+_BINS = 80  # even in the logarithm: over three decades a bin is 9 % wide
+_MOST_CURVES = 4
 
 
-def page_markdown(document: Mapping[str, Any]) -> str:
-    """The page in Markdown."""
-    return "\n\n".join(["# From report to command", *markdown_lines(document)]) + "\n"
+def page_pictures(document: Mapping[str, Any], ways_us: Mapping[str, Values]) -> dict[str, Figure]:
+    """The pictures of a report by the names of their files; `ways_us`: from due to written by condition, us."""
+    drawn = {name: values[np.isfinite(values)] for name, values in ways_us.items() if np.isfinite(values).any()}
+    pictures = {}
+    for load in dict.fromkeys(condition["load"] for condition in document["conditions"]):
+        names = [c["name"] for c in document["conditions"] if c["load"] == load and c["name"] in drawn]
+        for number, first in enumerate(range(0, len(names), _MOST_CURVES), 1):
+            series = {name: drawn[name] for name in names[first : first + _MOST_CURVES]}
+            pictures[f"{load}-{number}.png"] = draw_ways(series)
+    return pictures
+
+
+def draw_ways(series: Mapping[str, Values]) -> Figure:
+    """Histogram of each series of latencies, us, and beside it the share that took longer; time is logarithmic."""
+    low_us = max(0.1, min(float(values.min()) for values in series.values()))
+    high_us = max(1.01 * low_us, max(float(values.max()) for values in series.values()))
+    edges_us = np.geomspace(low_us, high_us, _BINS + 1)
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    histogram, exceedance = figure.subplots(1, 2)
+    for (name, values), (colour, line) in zip(series.items(), CURVES, strict=False):
+        share = np.histogram(np.maximum(values, low_us), edges_us)[0] / len(values)
+        histogram.stairs(100 * share, edges_us, color=colour, ls=line, label=name)
+        beyond = 1 - np.arange(len(values)) / len(values)
+        exceedance.step(np.sort(values), beyond, where="post", color=colour, ls=line)
+    histogram.set(xscale="log", xlabel="due to written (us)", ylabel="share of the samples (%)")
+    exceedance.set(xscale="log", yscale="log", xlabel="due to written (us)", ylabel="share that took longer")
+    for axes in (histogram, exceedance):
+        axes.set_xlim(low_us, high_us)
+        axes.grid(visible=True, alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
+    return figure
+
+
+def page_markdown(document: Mapping[str, Any], pictures: Sequence[str]) -> str:
+    """The page in Markdown, with the names of its pictures."""
+    shown = [f"![distribution of the latency]({name})" for name in pictures]
+    return "\n\n".join(["# From report to command", *markdown_lines(document), *shown]) + "\n"
 
 
 def markdown_lines(document: Mapping[str, Any]) -> list[str]:

@@ -24,8 +24,8 @@ from engine.table import Table
 from firmware_link.host.link_values import BOARD_EMULATED
 from tactable.bench.inputs import Stream
 from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load, environment_json
-from tactable.bench.latency.latency_page import page_markdown
-from tactable.bench.latency.segments import Bench, Measured, build_echo_engine
+from tactable.bench.latency.latency_page import page_markdown, page_pictures
+from tactable.bench.latency.segments import Bench, Measured, build_program
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
 
 FORMAT, REVISION = "tactable latency", 3
@@ -71,6 +71,10 @@ class Run:
         """Stamps by the name of their condition."""
         return {condition.name: [part.stamps for part in parts] for condition, parts in self.measured.items()}
 
+    def ways_us(self) -> dict[str, Values]:
+        """From due to written of each sample (sample,), us, by the name of the condition."""
+        return {name: np.concatenate(parts)[:, Point.WRITTEN] / _US for name, parts in self.rounds().items()}
+
 
 def measure(
     table: Table,
@@ -91,7 +95,7 @@ def measure(
     with work_folder("latency") as folder:
         # Of a recording only the engine knows which reports bring a command, so the C program cannot answer alike.
         is_generated = stream.reports_per_command is not None
-        program = build_echo_engine(folder) if plan.has_echo and is_generated else None
+        program = build_program("echo_engine", folder) if plan.has_echo and is_generated else None
         plan = replace(plan, has_echo=program is not None)
         with Bench(table, dict(streams), folder, transport, program) as bench:
             measured = _measure_rounds(bench, plan, seconds, rounds, on_progress)
@@ -103,7 +107,7 @@ def measure(
         "method": _METHOD + f" Touches: {stream.name}; over {transport.name}.",
         "floor_note": _floor_note(plan.has_echo, transport),
         "command": shlex.join(["tactable", *sys.argv[1:]]),
-        "environment": environment_json(),
+        "environment": environment_json() | {"exchange_between_processors_ns": bench.exchanges_ns},
         "apparatus": to_plain(bench.generator_outcomes),
         "configuration": {
             "rates_hz": plan.rates_hz,
@@ -131,11 +135,13 @@ def _measure_rounds(
     measured: dict[Condition, list[Measured]] = {}
     done, count = 0, rounds * sum(len(plan.conditions(load)) for load in plan.loads)
     for number, load, conditions in plan.rounds(rounds):
+        bench.measure_exchange()
         with background_load(load):
             for condition in conditions:
                 done += 1
                 on_progress(f"round {number + 1}: {done} of {count}: {condition.name}")
                 measured.setdefault(condition, []).append(bench.measure(condition, seconds))
+    bench.measure_exchange()
     return measured
 
 
@@ -255,10 +261,14 @@ def _ratios(run: Run) -> list[dict[str, Any]]:
 
 
 def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
-    """Write report.md, report.json and samples.npz."""
+    """Write report.md with its pictures, report.json and samples.npz."""
     folder.mkdir(parents=True, exist_ok=True)
+    pictures = page_pictures(document, run.ways_us())
+    for name, picture in pictures.items():
+        with replace_file(folder / name) as partial:
+            picture.savefig(partial, format="png", dpi=110)
     write_text(folder / "report.json", json.dumps(to_plain(document), indent=2))
-    write_text(folder / "report.md", page_markdown(document))
+    write_text(folder / "report.md", page_markdown(document, list(pictures)))
     write_samples(run, folder / "samples.npz")
 
 

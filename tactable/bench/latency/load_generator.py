@@ -15,7 +15,8 @@ from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 
 from engine.loop.loop import Clock, SystemClock
-from tactable.bench.ends import STAMPS, Arrivals, LightDevice
+from tactable.bench.latency.sockets import STAMPS
+from tactable.bench.light_device import Arrivals, LightDevice
 
 LEAD_NS = 20_000_000  # from the start of a schedule to its first report: the handshake is over, the engine waits
 AWAKE_NS = 200_000  # after a report the load generator stays awake: five times what an engine takes to answer

@@ -24,7 +24,6 @@ from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
-from tactable.bench.ends import Arrivals, LightDevice
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.conditions import ECHO, Condition, Transport
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule
@@ -38,6 +37,7 @@ from tactable.bench.latency.stamps import (
     stamps_of_replaced,
 )
 from tactable.bench.latency.timed_engine import Segment
+from tactable.bench.light_device import Arrivals, LightDevice
 from tactable.rig.emulate import configuration_of
 
 _LINK_BUFFER_BYTES = 2_048  # small, so that a line that stands still is noticed: a real one has one frame in flight
@@ -72,7 +72,9 @@ class Bench:
         allowed = sorted(os.sched_getaffinity(0))
         self._own_processor, self._engine_processor = allowed[0], allowed[-1]
         self._stack = ExitStack()
+        self._exchange = build_program("exchange", folder)
         self.generator_outcomes: tuple[Outcome, ...] = ()  # the real-time steps of the load generator
+        self.exchanges_ns: list[int] = []  # what `measure_exchange` found, in order
 
     def __enter__(self) -> "Bench":
         arguments = {"table": str(self._table_path)}
@@ -87,6 +89,12 @@ class Bench:
 
     def __exit__(self, *unused: object) -> None:
         self._stack.close()
+
+    def measure_exchange(self) -> None:
+        """Measure how far apart the processors of load generator and engine are, unless there is no C compiler."""
+        found_ns = exchange_ns(self._exchange, self._own_processor, self._engine_processor)
+        if found_ns is not None:
+            self.exchanges_ns.append(found_ns)
 
     def measure(self, condition: Condition, seconds: float) -> Measured:
         """Measure one segment. Raises LinkError or ChildError where the engine, the port or its device fails."""
@@ -183,13 +191,24 @@ class Bench:
         return Measured(stamps, samples[:, 0].copy(), facts, outcomes)
 
 
-def build_echo_engine(folder: Path) -> Path | None:
-    """Compile the C echo engine into `folder`; None where no compiler is there or none succeeds."""
-    compiler, program = find_compiler(), folder / "echo_engine"
+def build_program(name: str, folder: Path) -> Path | None:
+    """Compile the C file `name` beside this module into `folder`; None where no compiler is there or none succeeds."""
+    compiler, program = find_compiler(), folder / name
     if compiler is None:
         return None
-    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(Path(__file__).with_name("echo_engine.c"))]
+    command = [compiler, "-O2", "-std=c11", "-o", str(program), str(Path(__file__).with_name(f"{name}.c"))]
     return program if subprocess.run(command, capture_output=True, check=False).returncode == 0 else None
+
+
+def exchange_ns(program: Path | None, first: int, second: int) -> int | None:
+    """How long a cache line takes from one processor to another and back, ns, by the program `exchange`.
+
+    None without the program, for one processor alone, and where it may not run on both.
+    """
+    if program is None or first == second:
+        return None
+    done = subprocess.run([str(program), str(first), str(second)], capture_output=True, text=True, check=False)
+    return int(done.stdout) if done.returncode == 0 else None
 
 
 def start_echo_engine(

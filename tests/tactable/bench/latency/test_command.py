@@ -64,6 +64,8 @@ def check_report(document: dict[str, Any], table: Path) -> None:
     assert document["configuration"]["rates_hz"] == [200, 1000]
     assert document["environment"]["clock"]["reading_ns"] > 0
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
+    can_exchange = HAS_COMPILER and len(document["environment"]["allowed_processors"]) > 1
+    assert len(document["environment"]["exchange_between_processors_ns"]) == 3 * can_exchange
     if HAS_COMPILER:
         floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
         assert [(floor["rate_hz"], floor["commands"]) for floor in floors] == [(200, 60), (1000, 60)]

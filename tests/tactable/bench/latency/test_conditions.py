@@ -1,13 +1,9 @@
 """The plan: every step is left out once, each engine has its floor, and no condition is always the first."""
 
 from dataclasses import replace
-from pathlib import Path
-
-import pytest
 
 from engine.loop.realtime import ALL_STEPS, Step
 from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, BackgroundLoad, Condition, Plan
-from tactable.bench.latency.segments import build_echo_engine
 
 PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True, has_zones=True)
 
@@ -31,8 +27,3 @@ def test_each_engine_is_next_to_its_floor_and_rounds_begin_with_another_conditio
     rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
     assert len({conditions[0] for conditions in rounds}) == 4
     assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)
-
-
-def test_without_a_compiler_there_is_no_floor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert build_echo_engine(tmp_path) is None

@@ -40,7 +40,7 @@ def document_of(run: Run) -> dict[str, Any]:
 
 def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the_layer_and_what_came_late() -> None:
     document = document_of(made_run())
-    text = page_markdown(document)
+    text = page_markdown(document, [])
     assert "the slowest hundredth lost its time in host (wake-up, 100 %)" in text
     assert f"| {OURS.name} | 40 | 0 | 0 | 0 | 0 |" in text
     assert "    tactable bench latency <&>" in text
@@ -50,13 +50,14 @@ def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the
     assert (document["format"], document["revision"]) == ("tactable latency", 3)
 
 
-def test_the_page_shows_every_condition_and_all_samples_lie_beside_it(tmp_path: Path) -> None:
+def test_the_page_shows_every_condition_and_its_picture(tmp_path: Path) -> None:
     run = made_run()
     write_report(document_of(run), run, tmp_path / "new")
     names = sorted(path.name for path in (tmp_path / "new").iterdir())
-    assert names == ["report.json", "report.md", "samples.npz"]
+    assert names == ["idle-1.png", "report.json", "report.md", "samples.npz"]
     page = (tmp_path / "new" / "report.md").read_text(encoding="utf-8")
-    assert "SIMULATED: the touches, the firmware" in page and OURS.name in page
+    assert "SIMULATED: the touches, the firmware" in page and "](idle-1.png)" in page
+    assert (tmp_path / "new" / "idle-1.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
     with np.load(tmp_path / "new" / "samples.npz") as arrays:
         for name, parts in run.rounds().items():
