@@ -69,7 +69,7 @@ def record(
 
 def replay(
     recording_name: Annotated[
-        str, Argument(metavar="RECORDING", help="A recording by record or hid-recorder; FILE#38 of one surface.")
+        str, Argument(metavar="RECORDING", help="A recording (hid-recorder, evemu, libinput); FILE#38 of one surface.")
     ],
     frames: Annotated[bool, Option("--frames", help="Print every complete touch frame.")] = False,
     device_name: Annotated[

@@ -13,6 +13,9 @@ from engine.touch.choice import open_digitizer
 _EVENT_TIME, _LENGTH = re.compile(r"[0-9]{1,12}\.[0-9]{6}"), re.compile(r"[0-9]{1,5}")
 _HEX = re.compile(r"[0-9a-fA-F \t\r]+=?\s*")
 _QUOTED = re.compile(r"^[> \t]+", re.MULTILINE)
+_LIBINPUT = re.compile(r"^devices:", re.MULTILINE)
+# Its lines of bits and axes, and events of a type and code of four digits, which no length of hid-recorder has.
+_EVEMU = re.compile(r"^(?:[AB]: [0-9a-f]{2} |E: [0-9.]+ [0-9a-f]{4} [0-9a-f]{4} -?\d+[ \t\r]*(?:#|$))", re.MULTILINE)
 
 
 class RecordingError(TactableError):
@@ -46,15 +49,22 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """The first touch surface of a recording by hid-recorder.
+    """The first touch surface of a recording by hid-recorder, evemu-record or `libinput record`.
 
-    Lines may be quoted or folded by mail. In a file with several devices a `D:` line comes before the lines of each;
-    reports are counted per device, and where none is a touch surface, the first is read. Raises `RecordingError`, also
-    for a path that is no plain file, since a device may never end; and `OSError` where the file cannot be opened.
+    Lines may be quoted or folded by mail. In a hid-recorder file with several devices a `D:` line comes before the
+    lines of each; reports are counted per device, and where none is a touch surface, the first is read. Raises
+    `RecordingError`, also for a path that is no plain file, since a device may never end; and `OSError` where the file
+    cannot be opened.
     """
+    from engine.touch.sources.event_recording import read_evemu, read_libinput
+
     if not stat.S_ISREG(path.stat().st_mode):
         raise RecordingError(path, 1, "is not a plain file", "write the recording into one")
     text = _QUOTED.sub("", path.read_text(encoding="utf-8-sig", errors="replace"))
+    if _LIBINPUT.search(text):
+        return read_libinput(path, text)
+    if _EVEMU.search(text):
+        return read_evemu(path, text)
     devices = [_Device(path, lines) for lines in _lines_of_devices(text)]
     touch = [device for device in devices if device.is_touch_surface()]
     return next((device for device in touch if device.has_reports), (*touch, *devices, _Device(path, []))[0]).read()

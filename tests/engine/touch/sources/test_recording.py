@@ -2,13 +2,14 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from engine.touch import open_digitizer
 from engine.touch.sources.recording import Recording, RecordingError, Report, read_recording, write_recording
 from tests.engine.touch.descriptors import HYBRID
 from tests.engine.touch.test_digitizer import NOBODY, Finger, hybrid
@@ -94,6 +95,14 @@ def test_a_pipe_and_a_device_that_never_ends_are_refused(tmp_path: Path) -> None
 
 PANEL = f"R: {len(HYBRID)} {HYBRID.hex(' ')}"
 TOUCHES = [f"E: 000000.{8 * k:03d}000 14 {hybrid(Finger(1, 100 + k), NOBODY, 1).hex(' ')}" for k in range(3)]
+EVDEV = [(3, 0x2F, 1), (3, 0x39, 7), (3, 0x35, 40), (3, 0x36, 9), (0, 0, 0), (3, 0x35, 41), (0, 0, 0), (3, 0x39, -1)]
+RANGES = {0x2F: (0, 9), 0x35: (0, 1000), 0x36: (0, 100), 0x39: (0, 65535)}
+
+
+def places(recording: Recording) -> list[list[tuple[int, int]]]:
+    digitizer = open_digitizer(recording.descriptor, recording.vendor_id, recording.product_id)
+    found = [digitizer.decode_report(report.data, round(1e9 * report.time_s)) for report in recording.reports]
+    return [[(contact.x, contact.y) for contact in frame.contacts] for frame in found if frame is not None]
 
 
 def folded(line: str) -> str:
@@ -118,3 +127,57 @@ def test_of_several_devices_the_touch_surface_is_read_wherever_it_stands(tmp_pat
     for text in (f"D: 0\n{mouse}\nD: 1\n{panel}", f"D: 1\n{panel}\nD: 0\n{mouse}"):
         recording = read_text(tmp_path, text)
         assert (recording.name, len(recording.reports)) == ("panel", 3)
+
+
+def evemu(events: Sequence[tuple[int, int, int]]) -> str:
+    axes = [f"A: {code:02x} {least} {most} 0 0 0" for code, (least, most) in RANGES.items()]
+    lines = [f"E: 0.{k:06d} {kind:04x} {code:04x} {value:04d}\t# said" for k, (kind, code, value) in enumerate(events)]
+    return "\n".join(["# EVEMU 1.3", "N: panel", "I: 0003 1234 0001 0110", *axes, *lines])
+
+
+def libinput(events: Sequence[tuple[int, int, int]], hid: Sequence[bytes] = ()) -> str:
+    head = ["devices:", "- node: /dev/input/event5", "  evdev:", '    name: "panel"', "    id: [3, 4660, 1, 0]"]
+    codes = ["    codes:", "      0: [0, 1] # EV_SYN", "      3: [0, 47, 53] # EV_ABS", "    absinfo:"]
+    axes = [f"      {code}: [{least}, {most}, 0, 0, 0]" for code, (least, most) in RANGES.items()]
+    reports = [
+        f"  - hid:\n    time: [  0, {k:6d}]\n    hidraw0: [\n  {listed(data)}\n    ]" for k, data in enumerate(hid)
+    ]
+    lines = [f"    - [  0, {k:6d}, {kind:3d}, {code:3d}, {value}]" for k, (kind, code, value) in enumerate(events)]
+    return "\n".join([*head, *codes, *axes, f"  hid: [{listed(HYBRID)}]", "  events:", *reports, "  - evdev:", *lines])
+
+
+def listed(data: bytes) -> str:
+    return ",\n    ".join(", ".join(f"0x{byte:02x}" for byte in data[k : k + 16]) for k in range(0, len(data), 16))
+
+
+@pytest.mark.parametrize("form", [evemu, libinput])
+def test_events_of_the_input_layer_are_read_as_a_node_would_give_them(
+    tmp_path: Path, form: Callable[[Sequence[tuple[int, int, int]]], str]
+) -> None:
+    recording = read_text(tmp_path, form([*EVDEV, (0, 0, 0)]))
+    assert recording.name == "panel"
+    assert places(recording) == [[(40, 9)], [(41, 9)], []]
+    assert [report.time_s for report in recording.reports] == [4e-6, 6e-6, 8e-6]
+
+
+def test_reports_that_libinput_kept_are_read_in_place_of_its_events(tmp_path: Path) -> None:
+    recording = read_text(tmp_path, libinput(EVDEV, [hybrid(Finger(1, 100 + k), NOBODY, 1) for k in range(3)]))
+    assert (recording.vendor_id, recording.product_id, recording.descriptor) == (0x1234, 1, HYBRID)
+    assert places(recording) == [[(100, 200)], [(101, 200)], [(102, 200)]]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        (evemu(EVDEV).replace("A: 2f", "A: 2e"), 1, "multitouch slots.*hidraw"),
+        (libinput(EVDEV).replace("47: [", "46: ["), 2, "multitouch slots.*hidraw"),
+        (evemu(EVDEV).replace("A: 2f 0 9", "A: 2f 0 99999999"), 4, "A.*record again"),
+        (evemu(EVDEV) + "\nE: 0.1 0003", 16, "E.*record again"),
+        (libinput(EVDEV) + "\n    - [ 0, 9]", libinput(EVDEV).count("\n") + 2, r"\[ 0, 9\].*record again"),
+        ("devices:\n", 1, "multitouch slots"),
+    ],
+)
+def test_events_without_slots_or_cut_off_are_refused_by_line(tmp_path: Path, text: str, line: int, says: str) -> None:
+    with pytest.raises(RecordingError, match=says) as caught:
+        read_text(tmp_path, text)
+    assert caught.value.line_number == line
