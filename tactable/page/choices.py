@@ -56,6 +56,9 @@ class Choice:
     rules: Rules = Rules.TOUCH
     level_db: float = DEFAULT_LEVEL_DB
     quiet_zones: tuple[str, ...] = ()
+    is_loaded: bool = True  # whether the fingers load the simulated bar
+    is_other: bool = False
+    """Whether the simulated bar is another one than the table's, with other fingers, beside where they seem to be."""
     actuators_m: tuple[complex, ...] = ()
 
 
@@ -119,6 +122,8 @@ def _moved(choice: Choice, name: str, value: Any, device: Device, offers: Offere
             if len(places) not in (0, count) or not all(isinstance(at_m, kind) for at_m in places):
                 raise ChoiceError(f"actuators_m is {value!r}; expected {count} positions in metres, or none")
             return replace(choice, actuators_m=tuple(places))
+        case "is_loaded" | "is_other":
+            return replace(choice, **{name: _one_of(name, value, (True, False))})
     raise ChoiceError(f"there is no switch {name!r}; there are {', '.join(to_plain(Choice('')))}")
 
 

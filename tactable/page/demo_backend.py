@@ -37,6 +37,7 @@ from tactable.page.processes.engine_process import Order, ProgramsAt
 from tactable.page.view import View, device_json
 from tactable.rig.emulate import configuration_of
 from tactable.rig.first_table import is_first, open_first_table
+from tactable.rig.other_bar import OtherBar
 from tactable.rig.promises import SampledPromises
 from tactable.rig.ready import cached_table, compare_with_shipped, early_path, is_outdated, open_cached
 from tactable.shipped import find_device
@@ -63,6 +64,11 @@ def _view_of(table: Table, before: View | None, resolution_hz: float) -> View:
     if before is not None and before.table is table:
         view.spreads = before.spreads
     return view
+
+
+def _played(choice: Choice) -> Choice:
+    """The choice without what is of the simulated bar alone."""
+    return replace(choice, is_loaded=True, is_other=False)
 
 
 def _identity(table: Table) -> tuple[Path, str, int]:
@@ -102,6 +108,9 @@ class DemoBackend(PageBackend):
         self._table: Table | None = None
         self._is_outdated = False  # whether older code made the shipped table that plays
         self._is_between = False  # whether one run ends and the next begins
+        self._other: OtherBar | None = None
+        self._others = 0
+        """How often another bar was switched on: the seed of the bar that plays, so that each one is new."""
         self._shown_solved = 0  # how many solved clicks the browsers have heard of
         self._rings = 0
         self._status, self._trouble = "starting", ""
@@ -131,6 +140,7 @@ class DemoBackend(PageBackend):
             "has_kernels": self._plays is not None and self._plays[1],
             "compared": self._compared,
             "what_if": self._what_if(),
+            "other": None if self._other is None else str(self._other),
             "solved": self._solved(),
         }
 
@@ -194,7 +204,16 @@ class DemoBackend(PageBackend):
             choice = replace(choice, level_db=described.levels_db[0])
         self._device = moved(described, choice)
         self._choice, self._described, self._trouble = choice, described, ""
+        if not choice.is_other:
+            self._other = None
+        elif self._other is None or self._other.nominal.fingerprint != self._device.fingerprint:
+            self._others += 1
+            self._other = OtherBar(self._device, self._others)
         self._builder.forgive()
+
+    def sound(self, finger: int) -> bytes | None:
+        """Vibration that a finger felt, as a SOUND message."""
+        return None if self.view is None else self.view.sound(finger)
 
     def tick(self) -> tuple[list[bytes], bool]:
         """Advance the bar to the present, as the firmware drove it."""
@@ -202,6 +221,9 @@ class DemoBackend(PageBackend):
         view, firmware, engine = self.view, self._firmware, self._engine
         if view is None or firmware is None or engine is None or self._is_between:
             return [], False
+        other = self._other
+        if other is not None and other.nominal.fingerprint != view.bar.device.fingerprint:
+            other = None  # the run of the device before has not ended yet
         messages = []
         for applied in firmware.take_answers():
             if applied.host_ns_at_device_zero != view.zero_ns:  # it has booted
@@ -209,7 +231,7 @@ class DemoBackend(PageBackend):
                 view.begin_at_rest(applied.until_us)
             view.read(engine.records())
             view.take_events(applied.events)
-            messages += view.move(applied.until_us)
+            messages += view.move(applied.until_us, is_loaded=self._choice.is_loaded, other=other)
         if len(view.solved) != self._shown_solved:
             self._shown_solved = len(view.solved)
             self.scene_number += 1
@@ -263,7 +285,7 @@ class DemoBackend(PageBackend):
         choice, device = self._choice, self._device
         order = order_for(choice.device, self._described, self._cache, self._work)
         table = await self._best_table(device, order)
-        wanted = choice, self._builder.has_compiled
+        wanted = _played(choice), self._builder.has_compiled
         if table is not self._table or wanted != self._plays:
             await self._change_over(choice, device, table)
         # For actuators that were moved kernels are compiled, and no table is built.
@@ -345,7 +367,7 @@ class DemoBackend(PageBackend):
         for line in lines:
             self._say(line)
         shown = self._table
-        self.view, self._table, self._plays = view, table, (choice, has_kernels)
+        self.view, self._table, self._plays = view, table, (_played(choice), has_kernels)
         self._pointers.feed(self._engine.feed)
         await self._compare(device, shown, table)
         if shown is not None and shown is not table:

@@ -12,7 +12,8 @@ from functools import lru_cache, partial
 import numpy as np
 
 from base.arrays import Array, Field
-from engine.device import Device
+from engine.device import Device, Finger
+from engine.loop.ring import MOST_TOUCHES
 from engine.touch import Touch
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent
 from firmware_link.emulator.synthesis import US_PER_S, Synthesis
@@ -23,12 +24,13 @@ from precompute.model.transient import TransientPlant
 from tactable.page.judged_commands import Command
 from tactable.page.page_messages import LOWEST_DB, Drive
 from tactable.rig.first_table import modes_of
+from tactable.rig.other_bar import OtherBar
 
 RATE_HZ = 12_000  # 40 samples in a period of 300 Hz: straight lines between them cost 0.2 % of the amplitude
 MOST_POINTS, MOST_MOVING = 1500, 420
 """Points of a field of levels, and of a field that is shown slowed: 6 and 12 mm apart on a tablet."""
 _WHOLE = 400  # of a field of more points, every n-th sample is looked at. Under fingers all are.
-KEPT_S = 1.0  # length of the past that can be seen slowed
+KEPT_S = 1.0  # length of the past that can be seen slowed, and heard
 POWER_S = 0.1  # averaging time of the level of a steady drive
 LONGEST_STEP_S = KEPT_S
 """After a longer stall the missed time is left out: the past that is kept must hold a whole step."""
@@ -107,14 +109,39 @@ class LiveBar:
         corner_m = device.surface.corner_m
         self.field, self.moving = Field.of(corner_m, MOST_POINTS), Field.of(corner_m, MOST_MOVING)
         self._modes: _Modes = _Modes(device) if twin is None else twin._modes
-        self._grid, self._moving = (self._modes.basis.at(each.position_m) for each in (self.field, self.moving))
+        self._other: OtherBar | None = None
+        self._look_at_modes()
         self._every = 1 + self.field.count // _WHOLE
         self._taps = threshold_filter(device.threshold, RATE_HZ)
         silent = tuple(ChannelTarget(0.0, 0.0, None) for _ in device.actuators)
         self._silence = DriveEvent(0, Cause.NEW_SESSION, None, device.limits.slew_per_s, silent)
         self._synthesis = self._silent_synthesis()
         self._fingers: tuple[Touch, ...] = ()
+        self._is_loaded = True
+        self._heard = dict[int, tuple[float, Array]]()
+        """By finger: since when it is on the bar, and the mode shapes (mode,) at its last position; newest last.
+
+        A lifted finger is kept while there is room.
+        """
         self._rest()
+
+    def _look_at_modes(self) -> None:
+        self._grid, self._moving = (self._modes.basis.at(each.position_m) for each in (self.field, self.moving))
+
+    def become(self, other: OtherBar | None, twin: "LiveBar | None" = None) -> None:
+        """Be another bar from now on, at rest, with its fingers; None: the table's. twin: one that is it already."""
+        if other is self._other:
+            return
+        self._other = other
+        device = self.device if other is None else other.device
+        self._modes = _Modes(device) if twin is None else twin._modes
+        self._look_at_modes()
+        self._heard.clear()
+        self._rest()
+
+    def place_of(self, contact: int | None, at_m: complex) -> complex:
+        """Where the finger of a contact is that seems to be at `at_m`."""
+        return at_m if self._other is None or contact is None else self._other.finger_of(contact, at_m)[0]
 
     def begin_at_rest(self, now_us: float) -> None:
         """Start at rest at this time, which is that of a device that has just booted."""
@@ -133,35 +160,48 @@ class LiveBar:
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
         self._plant = _ModalPlant(self._modes.basis, np.zeros(0), RATE_HZ)
-        self._loads, self._loaded_us = dict[int, complex](), self.now_us
+        self._loads: tuple[tuple[complex, Finger], ...] = ()
+        self._loaded_us, self._loaders = self.now_us, list[int]()
         self._place()
 
     def take_events(self, events: Sequence[DriveEvent]) -> None:
         """Take drive events in the order of their times."""
         self._synthesis.take_events(events)
 
-    def touch(self, fingers: Sequence[Touch]) -> None:
-        """Set the fingers, at most as many as a ring record holds."""
-        if len(fingers) == len(self._fingers) and all(
+    def touch(self, fingers: Sequence[Touch], *, is_loaded: bool) -> None:
+        """Set the fingers, at most as many as a ring record holds; they load the bar, or only feel it."""
+        is_still = is_loaded == self._is_loaded and len(fingers) == len(self._fingers)
+        if is_still and all(
             new.contact_id == old.contact_id and abs(new.position_m - old.position_m) < STILL_M
             for new, old in zip(fingers, self._fingers, strict=True)
         ):
             return
-        self._fingers = tuple(fingers)
+        self._fingers, self._is_loaded = tuple(fingers), is_loaded
         self._place()
 
     def _place(self) -> None:
-        places_m = np.array([finger.position_m for finger in self._fingers])
-        self._rows = np.concatenate([self._grid, self._modes.basis.at(places_m)])
+        places_m = [self.place_of(finger.contact_id, finger.position_m) for finger in self._fingers]
+        self._rows = np.concatenate([self._grid, self._modes.basis.at(np.array(places_m))])
+        for finger, row in zip(self._fingers, self._rows[self.field.count :], strict=True):
+            since_us, _ = self._heard.pop(finger.contact_id, (self.now_us, row))
+            self._heard[finger.contact_id] = since_us, row
+        while len(self._heard) > MOST_TOUCHES:
+            del self._heard[next(iter(self._heard))]
 
     def _load(self, at_us: float) -> None:
         """Let the fingers load the plant: at once where there are others, now and then where they only move."""
-        loads = {finger.contact_id: finger.position_m for finger in self._fingers}
-        has_moved = [*loads] == [*self._loads]
+        loads = tuple(self._load_of(finger) for finger in self._fingers) if self._is_loaded else ()
+        loaders = [finger.contact_id for finger in self._fingers]
+        has_moved = loaders == self._loaders and len(loads) == len(self._loads)
         if loads == self._loads or (has_moved and at_us < self._loaded_us + MOVED_US):
             return
-        self._plant.take_model(self._modes.under(tuple((at_m, self.device.finger) for at_m in loads.values())))
-        self._loads, self._loaded_us = loads, at_us
+        self._plant.take_model(self._modes.under(loads))
+        self._loads, self._loaders, self._loaded_us = loads, loaders, at_us
+
+    def _load_of(self, finger: Touch) -> tuple[complex, Finger]:
+        if self._other is None:
+            return finger.position_m, self.device.finger
+        return self._other.finger_of(finger.contact_id, finger.position_m)
 
     def move_until(self, until_us: float) -> Moved | None:
         """Simulate until then; None while nothing moves."""
@@ -230,6 +270,19 @@ class LiveBar:
         rows = np.concatenate([self._moving, self._modes.basis.at(np.array(finger_m))])
         acceleration: Array = self._motion.last(passed)[:count:every] @ rows.T
         return acceleration
+
+    def felt(self, number: int) -> Array | None:
+        """Acceleration over threshold (time,) under a finger in the last KEPT_S; None for an unknown finger.
+
+        It is that at the finger's last position, and 0 before the finger came.
+        """
+        if number not in self._heard:
+            return None
+        since_us, row = self._heard[number]
+        course: Array = self._weighted.last(self._weighted.kept) @ row
+        since = len(course) - (_sample_at(self.now_us) - _sample_at(since_us))
+        course[: max(since, 0)] = 0.0
+        return course
 
 
 def _sample_at(time_us: float) -> int:

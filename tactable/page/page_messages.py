@@ -7,12 +7,14 @@ Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and 
     MOTION  0x03  a moment of the moving surfaces, to be shown slowed: u8 points along, u8 rows of them, u8 fingers of
                   the command, u8 is_click, u16 steps, u32 command, f32 seconds per step, f32 m/s^2 at 32767, then i16
                   (surface, step, point and finger), ours first
+    SOUND   0x04  what a finger felt: u32 finger, u32 samples per second, then i16 (sample,)
 
 From the browser:
 
     TOUCHES 0x81  up to 64 times: u32 pointer, u8 phase (0 down, 1 move, 2 up, 3 cancel), f32 x, f32 y
     CHOICE  0x82  JSON of at most MOST_CHOICE_BYTES: the switches that change
-    DEVICE  0x83  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
+    LISTEN  0x83  u32 finger, as a picture numbers it
+    DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
 
 Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. A point of the surface is f32 x,
 f32 y (base.points.sides_of). Points of a field follow one another along the surface, row by row.
@@ -26,12 +28,13 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from base.arrays import Array
 from base.points import sides_of
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 9  # raise it with any change of these bytes: an old page is told to load again
+VERSION = 8  # raise it with any change of these bytes: an old page is told to load again
 MOST_TOUCHES = 64  # the events of ten fingers in six pictures
 MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
@@ -43,12 +46,14 @@ NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
 
 _HEAD = struct.Struct("<BB")
 _TOUCH = struct.Struct("<IBff")
+_FINGER_NUMBER = struct.Struct("<I")
 # time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, five lengths
 _PICTURE = struct.Struct("<d6IIff5I5IIBB5B")
 _FINGER = struct.Struct("<IBBffff")
 _MADE = struct.Struct("<IBBff4h")
 _CHANNEL = struct.Struct("<fff")
 _MOTION = struct.Struct("<BBBBHIff")
+_SOUND = struct.Struct("<II")
 _PER_DB = 100  # i16 in centibel: finer than anything that is shown
 _WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
 _PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
@@ -60,9 +65,11 @@ class Kind(IntEnum):
     SCENE = 0x01
     PICTURE = 0x02
     MOTION = 0x03
+    SOUND = 0x04
     TOUCHES = 0x81
     CHOICE = 0x82
-    DEVICE = 0x83
+    LISTEN = 0x83
+    DEVICE = 0x84
 
 
 class CloseCode(IntEnum):
@@ -157,8 +164,8 @@ class Picture:
     """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
 
     fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns, u32
-    latencies, u8 drive, u8 flags (1 is_playing, 2 is_late, 4 has a paper surface, 8 is_mixed), then u8 of fingers,
-    made fingers, channels, levels along the surface and rows of them.
+    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper surface, 16 is_mixed), then u8 of
+    fingers, made fingers, channels, levels along the surface and rows of them.
     finger: u32 number, u8 zone (255: none), u8 role, point position_m, f32 level_db, f32 felt_db.
     made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised, simulated, low,
     high of 0.01 dB (-32768: none).
@@ -175,6 +182,7 @@ class Picture:
     median_ns: tuple[int, int, int, int, int]  # median of the same over the last `latencies` commands
     latencies: int
     drive: Drive
+    is_loaded: bool  # the fingers are in the plant
     is_playing: bool  # the command still drives
     is_late: bool
     """The machine stalled during the command, or the firmware never had it in time: what it did is not judged."""
@@ -203,7 +211,7 @@ def encode_picture(picture: Picture) -> bytes:
     """Encode a PICTURE."""
     counts = [len(part) for part in (picture.fingers, picture.made, picture.channels)]
     has_paper = picture.paper is not None
-    flags = (picture.is_playing, picture.is_late, has_paper, picture.is_mixed)
+    flags = (picture.is_loaded, picture.is_playing, picture.is_late, has_paper, picture.is_mixed)
     fixed = _PICTURE.pack(
         picture.time_s,
         *picture.counters,
@@ -267,6 +275,11 @@ def encode_motion(acceleration: Array, size: tuple[int, int], step_s: float, com
     )
 
 
+def encode_sound(finger: int, rate_hz: int, samples: NDArray[np.int16]) -> bytes:
+    """Encode a SOUND of samples (time,)."""
+    return _HEAD.pack(VERSION, Kind.SOUND) + _SOUND.pack(finger, rate_hz) + samples.astype("<i2").tobytes()
+
+
 @dataclass(frozen=True, slots=True)
 class DroppedFile:
     """A device file that was dropped on the page; nothing is checked yet but that it is text."""
@@ -275,8 +288,8 @@ class DroppedFile:
     text: str
 
 
-Asked = tuple[PointerEvent, ...] | dict[str, Any] | DroppedFile
-"""A request of a browser: touches, switches, or a device file."""
+Asked = tuple[PointerEvent, ...] | dict[str, Any] | int | DroppedFile
+"""A request of a browser: touches, switches, the number of the finger to hear, or a device file."""
 
 
 def decode_message(data: bytes) -> Asked:
@@ -293,6 +306,9 @@ def decode_message(data: bytes) -> Asked:
         return _decode_touches(body)
     if kind == Kind.CHOICE:
         return _decode_choice(body)
+    if kind == Kind.LISTEN and len(body) == _FINGER_NUMBER.size:
+        number: int = _FINGER_NUMBER.unpack(body)[0]
+        return number
     if kind == Kind.DEVICE:
         return _decode_device(body)
     raise PageMessageError(CloseCode.MALFORMED, f"{len(body)} bytes of kind 0x{kind:02x}: not a message of a browser")

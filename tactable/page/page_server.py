@@ -76,6 +76,10 @@ class PageBackend(ABC):
         """Take a device file that was dropped on the page."""
 
     @abstractmethod
+    def sound(self, finger: int) -> bytes | None:
+        """Vibration that a finger felt, as a SOUND message; None where it is not known."""
+
+    @abstractmethod
     async def run(self) -> None:
         """Do the background work until cancelled."""
 
@@ -161,7 +165,7 @@ class PageServer:
         self._browsers[number] = browser
         sender = asyncio.create_task(browser.send())
         try:
-            await self._listen(number, socket_)
+            await self._listen(number, socket_, browser)
         except PageMessageError as error:
             await socket_.close(error.code, str(error)[:100])
         except WebSocketDisconnect:
@@ -173,7 +177,7 @@ class PageServer:
             with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
                 await sender
 
-    async def _listen(self, number: int, socket_: WebSocket) -> None:
+    async def _listen(self, number: int, socket_: WebSocket, browser: _Browser) -> None:
         while True:
             message = await socket_.receive()
             if message["type"] == "websocket.disconnect":
@@ -186,8 +190,10 @@ class PageServer:
                 self.backend.touch(number, asked)
             elif isinstance(asked, dict):
                 self.backend.choose(asked)
-            else:
+            elif isinstance(asked, DroppedFile):
                 self.backend.drop(asked)
+            elif (sound := self.backend.sound(asked)) is not None:
+                browser.offer(sound)
 
     async def broadcast(self) -> None:
         """Tick the backend and offer its messages to all browsers, until cancelled."""

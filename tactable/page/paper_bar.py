@@ -55,12 +55,14 @@ class PaperBar:
         self._take(at_us, self._silent)
         self._ends_us = math.inf
 
-    def move_until(self, until_us: float, touches: Sequence[Touch], command: Command | None) -> None:
+    def move_until(
+        self, until_us: float, touches: Sequence[Touch], command: Command | None, *, is_loaded: bool
+    ) -> None:
         """Let the bar move until then, with the fingers of the first bar; less than STEP_US are left for later."""
         if 0 <= until_us - self.levels.bar.now_us < STEP_US:
             return
         self._end_by(until_us)
-        self.levels.bar.touch(touches)
+        self.levels.bar.touch(touches, is_loaded=is_loaded)
         self.levels.move_until(until_us, touches, command)
 
     def _end_by(self, until_us: float) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from base.plain import to_plain
 from base.points import is_within
@@ -28,22 +29,29 @@ from tactable.page.page_messages import (
     Picture,
     Role,
     encode_motion,
+    encode_sound,
 )
 from tactable.page.paper_bar import PaperBar
+from tactable.rig.other_bar import OtherBar
 from tactable.rig.promises import SampledPromises
 
 CLICK_MOTION_S = 0.09  # length of the slowed moment of a click: the click, and the ringing after it
 STEADY_MOTION_S = 0.04  # two periods of 60 Hz, twelve of 300 Hz
-CAPTURE_AFTER_S = 0.4  # a command can be seen slowed this long after it; a steady one is captured repeatedly
+CAPTURE_AFTER_S = 0.4  # a command can be seen slowed and heard this long after it; a steady one is captured repeatedly
+HEARD_S = 0.4  # long enough for a pitch; of the past that is kept (KEPT_S)
+LOUDER_DB = 12.0  # distance of the wanted level from full scale in a sound
+LOUDEST_LEVEL_DB = 40.0  # the wanted level that is assumed for a command at full scale
 _MOTION_RATE_HZ = 3000  # ten moments in a period of 300 Hz
+_FULL_SCALE = 32_767  # the greatest int16
 
 
 class Capture:
-    """Captures motions to be shown slowed: of a command, then of the newest that came."""
+    """Captures motions to be shown slowed and sounds to be heard: of a command, then of the newest that came."""
 
     def __init__(self) -> None:
         self._command: Command | None = None
         self._due_us, self._is_captured = math.inf, False
+        self._sounds: dict[int, NDArray[np.int16]] = {}
 
     def begin_command(self, command: Command) -> None:
         """Wait for a command, unless another is waited for that was not captured yet."""
@@ -51,8 +59,8 @@ class Capture:
             self._command, self._due_us = command, command.at_us + CAPTURE_AFTER_S * US_PER_S
             self._is_captured = False
 
-    def take_motion(self, bars: Sequence[LiveBar], newest: Command | None) -> list[bytes]:
-        """The MOTION that is due, of bars that show the same moment."""
+    def take_motion(self, bars: Sequence[LiveBar], touches: Sequence[Touch], newest: Command | None) -> list[bytes]:
+        """The MOTION that is due, of bars that show the same moment; sounds are those of the first bar."""
         command, now_us = self._command, bars[0].now_us
         if command is None or now_us < self._due_us:
             return []
@@ -60,7 +68,11 @@ class Capture:
         duration_s = CLICK_MOTION_S if is_click else STEADY_MOTION_S
         since_us = command.at_us if is_click else self._due_us - duration_s * US_PER_S
         every = RATE_HZ // _MOTION_RATE_HZ if is_click else RATE_HZ // _MOTION_RATE_HZ // 2
-        moments = [bar.motion(since_us, duration_s, every, command.placement.position_m) for bar in bars]
+        contacts = {finger: number for number, finger in command.fingers.items()}
+        places_m = enumerate(command.placement.position_m)
+        finger_m = [bars[0].place_of(contacts.get(finger), at_m) for finger, at_m in places_m]
+        moments = [bar.motion(since_us, duration_s, every, finger_m) for bar in bars]
+        self._keep_sounds(command, bars[0], touches)
         self._due_us, self._is_captured = now_us + 1e6, True
         if newest is not None and newest is not command:
             self.begin_command(newest)
@@ -71,6 +83,20 @@ class Capture:
             return []
         size = bars[0].moving.along, bars[0].moving.across
         return [encode_motion(np.stack(motions), size, every / RATE_HZ, command.number, is_click=is_click)]
+
+    def _keep_sounds(self, command: Command, bar: LiveBar, touches: Sequence[Touch]) -> None:
+        full_scale_db = LOUDER_DB + (command.wanted_db if math.isfinite(command.wanted_db) else LOUDEST_LEVEL_DB)
+        per_threshold = _FULL_SCALE / 10 ** (full_scale_db / 20)
+        for touch in touches:
+            course = bar.felt(touch.contact_id)
+            if course is not None:
+                heard = course[-round(HEARD_S * RATE_HZ) :] * per_threshold
+                self._sounds[touch.contact_id] = np.clip(np.rint(heard), -_FULL_SCALE, _FULL_SCALE).astype(np.int16)
+
+    def sound(self, finger: int) -> bytes | None:
+        """SOUND of the last captured command under a finger; None where the finger felt none."""
+        samples = self._sounds.get(finger)
+        return None if samples is None else encode_sound(finger, RATE_HZ, samples)
 
 
 LATENCIES = 64  # of the newest commands, whose median is shown
@@ -126,6 +152,7 @@ class View:
         self._counters = _NO_COUNTERS
         self._latencies_ns: deque[list[int]] = deque(maxlen=LATENCIES)
         self._command: Command | None = None
+        self._is_loaded = True
         self._capture = Capture()
         self._taken_us: dict[int, float] = {}  # by sequence number, when the firmware last took it
 
@@ -168,19 +195,22 @@ class View:
         self.bar.take_events(events)
         self._taken_us |= {event.sequence: event.device_time_us for event in events if event.sequence is not None}
 
-    def move(self, until_us: float) -> list[bytes]:
-        """Advance the bars; returns MOTION messages, to be shown slowed."""
-        command, start_us = self._command, self.bar.now_us
-        self.bar.touch(self._touches)
+    def move(self, until_us: float, *, is_loaded: bool, other: OtherBar | None = None) -> list[bytes]:
+        """Advance the bars, which may be others than the table's; returns MOTION messages, to be shown slowed."""
+        self._is_loaded, command, start_us = is_loaded, self._command, self.bar.now_us
+        self.bar.become(other)
+        if self.paper is not None:
+            self.paper.levels.bar.become(other, self.bar)
+        self.bar.touch(self._touches, is_loaded=is_loaded)
         if until_us - start_us > LONGEST_STEP_S * US_PER_S and command is not None:
             command.is_stalled |= start_us < command.ended_us
         self.ours.move_until(until_us, self._touches, command)
         bars = [self.bar]
         if self.paper is not None:
-            self.paper.move_until(until_us, self._touches, command)
+            self.paper.move_until(until_us, self._touches, command, is_loaded=is_loaded)
             bars.append(self.paper.levels.bar)
         self._find_spread(command)
-        return self._capture.take_motion(bars, command)
+        return self._capture.take_motion(bars, self._touches, command)
 
     def _find_spread(self, command: Command | None) -> None:
         """Compute what sampled bars give of a command, once, when it is judged: it takes some milliseconds."""
@@ -188,6 +218,10 @@ class View:
             return
         if self.bar.now_us > command.at_us + JUDGED_S * US_PER_S:
             command.spread_db = self.spreads.of(command.placement, command.played)
+
+    def sound(self, finger: int) -> bytes | None:
+        """SOUND of the last captured command under a finger; None where the finger felt none."""
+        return self._capture.sound(finger)
 
     def picture(self) -> Picture:
         """The present state."""
@@ -204,6 +238,7 @@ class View:
             median_ns=_stages(median.tolist()),
             latencies=len(self._latencies_ns),
             drive=Drive.SILENCE if command is None else command.drive,
+            is_loaded=self._is_loaded,
             is_playing=command is not None and now_us < command.ended_us,
             is_late=command is not None and self._is_late(command),
             is_mixed=command is not None and command.is_mixed,

@@ -27,12 +27,11 @@ from firmware_link.protocol.drive_words import ChannelDrive
 from firmware_link.protocol.messages import FULL_SCALE_WORD, Play, decode_body, encode_play_body
 from precompute.model.assembly import assemble
 from tactable.explain.words import zone_names
+from tactable.rig.other_bar import reach_beside_m
 
 if TYPE_CHECKING:
     from engine.steady.steady_solver import SteadySolver
     from tactable.explain.click_source import ClickSource
-
-_BESIDE_M = 2e-3  # a table's places are 3 mm apart: its clicks are made for more than a digitizer's millimetre
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,14 +192,14 @@ class Promises:
 class SampledPromises:
     """What sampled bars give to sampled fingers of a placement, from 5th to 95th percentile, in any order of commands.
 
-    They are those that clicks are judged with; fingers lie within 2 mm of their positions, or as the device's spread
-    says. To make them takes up to three seconds, and compiled kernels.
+    They are those that clicks are judged with; fingers lie within `reach_beside_m` of their positions. To make them
+    takes up to three seconds, and compiled kernels.
     """
 
     def __init__(self, table: Table) -> None:
         from tactable.explain.click_source import ClickSource
 
-        self._source = ClickSource(table, max(_BESIDE_M, table.device.spread.reach_m))
+        self._source = ClickSource(table, reach_beside_m(table.device))
         _ = self._source.solver
 
     def of(self, placement: Placement, played: ClickEntry | Sequence[ChannelDrive]) -> Array:

@@ -56,6 +56,7 @@ def test_touches_are_felt_where_fingers_are_and_nowhere_else(demo: Demo, browser
         touches_have_their_roles_their_command_and_their_levels(visit)
         a_click_is_felt_by_one_finger_and_not_by_the_other(visit)
         a_finger_that_is_drawn_along_the_bar_is_followed(visit)
+        what_a_finger_felt_is_heard(visit)
 
 
 def touches_have_their_roles_their_command_and_their_levels(visit: Visit) -> None:
@@ -95,6 +96,14 @@ def a_finger_that_is_drawn_along_the_bar_is_followed(visit: Visit) -> None:
     visit.until(f"p.fingerCount === 1 && p.fingers[0].zone === 2 && {is_made_for(f'2:{FELT}')} && p.age_s > 2")
     lift(visit)
     visit.until("!p.isPlaying")
+
+
+def what_a_finger_felt_is_heard(visit: Visit) -> None:
+    choose(visit, source="click", quiet_zones=[])
+    settled(visit, 1, lambda: visit.touch(f1=FIRST))
+    visit.page.click("#hear")
+    visit.wait("tactable.sound.played === 1")
+    lift(visit)
 
 
 def test_everything_can_be_done_by_keyboard_and_mouse(demo: Demo, browser: Browser) -> None:

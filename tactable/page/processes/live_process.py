@@ -133,9 +133,13 @@ class LiveBackend(PageBackend):
         records, view = list(self._reader.read()), self._view
         view.read(records)
         view.take_events(self._drive.events(records))
-        messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US)
+        messages = view.move((time.monotonic_ns() - BEHIND_NS) / _NS_PER_US, is_loaded=True)
         picture = view.picture()
         return [*messages, encode_picture(picture)], bool(picture.fingers) or view.ours.is_moving
+
+    def sound(self, finger: int) -> bytes | None:
+        """Vibration that a finger felt, as a SOUND message."""
+        return self._view.sound(finger)
 
     async def run(self) -> None:
         """Watch for another table until cancelled."""

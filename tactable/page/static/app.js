@@ -1,4 +1,4 @@
-// Connects the parts of the page: the wire, the surface, the panel and fingers.
+// Connects the parts of the page: the wire, the surface, the panel, fingers and sound.
 
 import { DeviceHand } from "./device.js";
 import { Fingers } from "./fingers.js";
@@ -8,11 +8,14 @@ import { linkOf, readLink } from "./permalink.js";
 import { drawingFor } from "./plate.js";
 import { middleOf, pointAt, shareOf } from "./points.js";
 import { snapshotOf } from "./snapshot.js";
+import { Sound } from "./sound.js";
 import { Wire } from "./wire.js";
 
 const PANEL_MS = 125;
+const HEARD_AFTER_MS = 550; // The server captures the sound 0.4 s after a command.
 
-let scene = null, panel_ms = 0, isDrawn = false, isWelcomed = false, link = null, bar = null, second = null;
+let scene = null, heard = 0, panel_ms = 0, isDrawn = false, isWelcomed = false, link = null, bar = null, second = null;
+const sound = new Sound();
 const wire = new Wire({
   scene(found) {
     scene = found;
@@ -36,6 +39,7 @@ const wire = new Wire({
     if (papers) second?.show(papers);
     byId("courses").toggleAttribute("data-has", courses.take(ours, papers));
   },
+  sound(found) { sound.play(found); },
   state(...connection) { panel.state(...connection); },
 });
 const panel = new Panel(wire);
@@ -59,6 +63,10 @@ function draw(device) {
   document.body.style.setProperty("--sides", device.corner_m.x / device.corner_m.y);
   bar.device = second.device = device;
 }
+
+
+const ear = byId("ear");
+for (let number = 1; number <= 10; number++) ear.add(new Option(`${number}`, `${number - 1}`));
 
 byId("keep").addEventListener("change", (event) => { fingers.keeps = event.target.checked; });
 byId("lift").addEventListener("click", () => fingers.liftAll());
@@ -143,7 +151,16 @@ byId("save").addEventListener("click", () => {
   link.download = `tactable-${scene?.device.name ?? "surface"}.png`;
   link.click();
 });
+byId("hear").addEventListener("click", () => { sound.wake(); wire.listen(Number(ear.value)); });
+byId("always").addEventListener("change", () => sound.wake());
 fingers.onUse = () => { byId("lift").hidden = !fingers.anyKept; };
+
+function listen() {
+  const { command } = wire.picture;
+  if (command === heard) return;
+  heard = command;
+  if (command && byId("always").checked) setTimeout(() => wire.listen(Number(ear.value)), HEARD_AFTER_MS);
+}
 
 function frame(now_ms) {
   if (!bar || bar.isDue(now_ms)) { // The sentence and the labels are of one picture.
@@ -158,6 +175,7 @@ function frame(now_ms) {
   if (now_ms - panel_ms > PANEL_MS) {
     panel_ms = now_ms;
     panel.update(wire.picture, wire.received);
+    listen();
     welcome();
     linkScene();
   }
@@ -165,6 +183,6 @@ function frame(now_ms) {
 }
 
 // For tests, and for the console of the browser.
-window.tactable = { wire, get bar() { return bar; }, get second() { return second; }, courses, fingers, deviceHand, panel, get scene() { return scene; } };
+window.tactable = { wire, get bar() { return bar; }, get second() { return second; }, courses, fingers, deviceHand, panel, sound, get scene() { return scene; } };
 wire.connect();
 requestAnimationFrame(frame);

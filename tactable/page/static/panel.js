@@ -65,6 +65,8 @@ export class Panel {
     this._wire = wire;
     this._scene = null;
     this._bars = [];
+    byId("loaded").addEventListener("change", (event) => wire.choose({ is_loaded: event.target.checked }));
+    byId("other").addEventListener("change", (event) => wire.choose({ is_other: event.target.checked }));
     byId("switches").addEventListener("submit", (event) => event.preventDefault());
     const stages = byId("stages");
     for (const name of STAGES) {
@@ -124,6 +126,10 @@ export class Panel {
     check(byId("level"), (value) => value === choice.level_db);
     check(byId("devices"), (value) => value === choice.device);
     check(byId("zones"), (value) => !choice.quiet_zones.includes(value));
+    byId("loaded").checked = choice.is_loaded;
+    byId("other").checked = choice.is_other;
+    byId("other-bar").hidden = !scene.other;
+    say(byId("other-bar"), `The ${document.body.dataset.surface} that plays is not the table’s, and the engine is not told: ${scene.other}.`);
     for (const id of ["source", "level", "zones"]) byId(id).disabled = choice.rules === "file";
   }
 

@@ -18,6 +18,8 @@ export function readLink(hash, scene) {
   for (const name of Object.keys(NAMES)) if (asked.has(name)) switches[name] = asked.get(name);
   if (asked.has("level")) switches.level_db = asked.get("level") === "full" ? null : Number(asked.get("level"));
   if (asked.has("actuators")) switches.actuators_m = readPoints(asked.get("actuators"));
+  if (asked.has("loaded")) switches.is_loaded = asked.get("loaded") !== "0";
+  if (asked.has("other")) switches.is_other = asked.get("other") !== "0";
   const zones = scene.device.zones.map(({ name }) => name);
   const isOther = switches.device !== undefined && switches.device !== scene.choice.device;
   if (asked.has("quiet")) switches.quiet_zones = asked.get("quiet").split(",").filter((name) => isOther ? name : zones.includes(name));
@@ -39,6 +41,8 @@ export function linkOf(choice, fingers) {
     ["level", choice.level_db === null ? "full" : `${choice.level_db}`],
     ...(choice.quiet_zones.length ? [["quiet", choice.quiet_zones.join(",")]] : []),
     ...(choice.actuators_m.length ? [["actuators", textOf(choice.actuators_m)]] : []),
+    ...(choice.is_other ? [["other", "1"]] : []),
+    ...(choice.is_loaded ? [] : [["loaded", "0"]]),
     ...(fingers.length ? [["fingers", textOf(fingers)]] : []),
   ];
   return `#${parts.map(([name, value]) => `${name}=${encodeURIComponent(value).replaceAll("%2C", ",").replaceAll("%3A", ":")}`).join("&")}`;

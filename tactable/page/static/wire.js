@@ -2,8 +2,8 @@
 
 import { parseScene } from "./points.js";
 
-export const VERSION = 9;
-export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, TOUCHES: 0x81, CHOICE: 0x82, DEVICE: 0x83 };
+export const VERSION = 8;
+export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
 export const NO_ZONE = 255;
@@ -23,7 +23,7 @@ export function makePicture() {
   return {
     time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
     last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
+    isLoaded: true, isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
     fingers: Array.from({ length: MOST_FINGERS }, () =>
       ({ number: 0, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, level_db: -60, felt_db: -60 })),
     // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
@@ -59,10 +59,11 @@ export function decodePicture(view, picture, paper) {
   picture.latencies = view.getUint32(at, true); at += 4;
   picture.drive = view.getUint8(at++);
   const flags = view.getUint8(at++);
-  picture.isPlaying = Boolean(flags & 1);
-  picture.isLate = Boolean(flags & 2);
-  picture.hasPaper = Boolean(flags & 4);
-  picture.isMixed = Boolean(flags & 8);
+  picture.isLoaded = Boolean(flags & 1);
+  picture.isPlaying = Boolean(flags & 2);
+  picture.isLate = Boolean(flags & 4);
+  picture.hasPaper = Boolean(flags & 8);
+  picture.isMixed = Boolean(flags & 16);
   picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
   picture.channelCount = view.getUint8(at++);
@@ -131,7 +132,13 @@ export function decodeMotions(view) {
   return motions;
 }
 
-// The connection. `on` has scene(object), picture(), motions(list), state(text, isUp, hasEnded).
+export function decodeSound(view) {
+  const samples = new Float32Array((view.byteLength - 10) / 2);
+  for (let i = 0, at = 10; i < samples.length; i++, at += 2) samples[i] = view.getInt16(at, true) / 32767;
+  return { finger: view.getUint32(2, true), rate_hz: view.getUint32(6, true), samples };
+}
+
+// The connection. `on` has scene(object), picture(), motions(list), sound(object), state(text, isUp, hasEnded).
 export class Wire {
   constructor(on) {
     this.picture = makePicture();
@@ -194,6 +201,9 @@ export class Wire {
       case Kind.MOTION:
         this._on.motions(decodeMotions(view));
         break;
+      case Kind.SOUND:
+        this._on.sound(decodeSound(view));
+        break;
     }
   }
 
@@ -225,5 +235,14 @@ export class Wire {
     message.set(text, 2);
     this._socket.send(message);
     return true;
+  }
+
+  listen(finger) {
+    if (!this.isUp) return;
+    const message = new DataView(new ArrayBuffer(6));
+    message.setUint8(0, VERSION);
+    message.setUint8(1, Kind.LISTEN);
+    message.setUint32(2, finger, true);
+    this._socket.send(message);
   }
 }

@@ -42,7 +42,7 @@ from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
 from tests.precompute.measurements.test_uff import nodes, response
-from tests.tactable.page.browser import encode_choice, encode_touches
+from tests.tactable.page.browser import encode_choice, encode_listen, encode_touches
 
 PATIENCE_S = 10
 BATCH = 50
@@ -202,7 +202,7 @@ def _play_page(rng: random.Random, _folder: Path) -> None:
     odd: object = rng.choice(
         (None, -1, 1e308, "", [], {}, [[]], True, "touch", choice[key], ["I", "I"], [3], "\x1b[2J", 10**400)
     )
-    whole = rng.choice((encode_touches(touches), encode_choice({**choice, key: odd})))
+    whole = rng.choice((encode_touches(touches), encode_choice({**choice, key: odd}), encode_listen(rng.randrange(9))))
     asked = decode_message(whole if rng.random() < 0.3 else edited_bytes(rng, whole, rng.choice((0, 2))))
     if isinstance(asked, dict):
         effects_of(changed(Choice(DEVICE.name), asked, DEVICE, offers), DEVICE, None)

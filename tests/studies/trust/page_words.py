@@ -111,7 +111,9 @@ def act(visit: Visit, random: np.random.Generator) -> None:
         switch = [
             {"source": str(random.choice(["click", "steady", "zones"]))},
             {"level_db": [10, 20, 30, None][random.integers(4)]},
-        ][random.integers(2)]
+            {"is_loaded": bool(random.integers(2))},
+            {"is_other": bool(random.integers(2))},
+        ][random.integers(4)]
         visit.page.evaluate("(switches) => tactable.wire.choose(switches)", switch)
     elif fingers and (what < 0.5 or len(fingers) == 4):
         finger = f"f{random.choice(fingers)}"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.page_messages import _HEAD, _PHASES, _TOUCH, VERSION, Kind
+from tactable.page.page_messages import _FINGER_NUMBER, _HEAD, _PHASES, _TOUCH, VERSION, Kind
 
 
 def encode_touches(events: Sequence[PointerEvent]) -> bytes:
@@ -22,3 +22,8 @@ def encode_choice(switches: dict[str, Any]) -> bytes:
 def encode_device(name: str, text: str) -> bytes:
     """Encode a DEVICE."""
     return _HEAD.pack(VERSION, Kind.DEVICE) + json.dumps({"name": name, "text": text}).encode()
+
+
+def encode_listen(finger: int) -> bytes:
+    """Encode a LISTEN."""
+    return _HEAD.pack(VERSION, Kind.LISTEN) + _FINGER_NUMBER.pack(finger)

@@ -23,6 +23,8 @@ CHOICES = st.builds(
     rules=st.sampled_from([rules for rules in Rules if rules is not Rules.FILE]),
     level_db=st.sampled_from([*DEVICE.levels_db, math.inf]),
     quiet_zones=st.lists(st.sampled_from(ZONES), unique=True).map(tuple),
+    is_loaded=st.booleans(),
+    is_other=st.booleans(),
     actuators_m=st.just(()) | st.tuples(*[st.floats(0.0, DEVICE.bar.length_m)] * len(DEVICE.actuators)),
 )
 
@@ -61,6 +63,7 @@ def test_every_choice_has_rules_that_feel_at_its_level_where_it_may(choice: Choi
         ({"quiet_zones": "I"}, "quiet_zones"),
         ({"actuators_m": [0.1]}, "actuators_m"),
         ({"quiet_zones": ["VI"]}, "quiet_zones"),
+        ({"is_loaded": 1}, "is_loaded"),
     ],
 )
 def test_what_is_no_switch_or_no_position_is_refused_by_name(switches: dict[str, Any], named: str) -> None:

@@ -172,7 +172,8 @@ class Rig:
     def choose(self, **switches: object) -> None:
         """Move switches, and wait until what is chosen plays."""
         self.backend.choose(switches)
-        self.wait(lambda: self.backend.scene()["plays"] == self.backend.scene()["choice"])
+        of_the_bar = {"is_loaded": True, "is_other": False}
+        self.wait(lambda: self.backend.scene()["plays"] == self.backend.scene()["choice"] | of_the_bar)
 
 
 @contextmanager
@@ -199,12 +200,14 @@ def test_the_demo_plays_on_through_runs_and_kernels_and_the_deaths_of_its_proces
             switches_change_over_without_a_new_process,
             fingers_that_rest_while_one_run_follows_another_play_in_both,
             a_finger_that_lifts_between_two_runs_rests_in_neither,
+            fingers_that_load_nothing_break_the_promise,
+            another_bar_is_played_until_it_is_the_tables_again,
             a_drive_goes_on_without_a_jolt_when_kernels_are_adopted,
             partial(a_process_that_dies_is_started_again, which=0),  # the emulated firmware
             partial(a_process_that_dies_is_started_again, which=1),  # the engine
         )
         for step in steps:
-            rig.choose(source="click", quiet_zones=[], level_db=20, actuators_m=[])
+            rig.choose(source="click", quiet_zones=[], level_db=20, is_loaded=True, is_other=False, actuators_m=[])
             step(rig)
             rig.lift()
             rig.until(lambda picture: not picture.fingers)
@@ -274,6 +277,36 @@ def a_finger_that_lifts_between_two_runs_rests_in_neither(rig: Rig) -> None:
     ticks = iter(range(5))
     rig.wait(lambda: next(ticks, None) is None)  # the records that are there are read
     rig.until(lambda picture: not picture.fingers)
+
+
+def fingers_that_load_nothing_break_the_promise(rig: Rig) -> None:
+    rig.choose(source="steady")
+    rig.press(FIRST)
+    loaded = rig.until(lambda picture: picture.command > 0 and picture.age_s > 1.0 and is_kept(picture))
+    rig.choose(is_loaded=False)
+    freed_s = rig.until(lambda picture: not picture.is_loaded).time_s
+    free = rig.until(lambda picture: picture.time_s > freed_s + 1.5)
+    assert free.made[0].simulated_db is not None and loaded.made[0].simulated_db is not None
+    assert abs(free.made[0].simulated_db - loaded.made[0].simulated_db) > 0.5
+
+
+def another_bar_is_played_until_it_is_the_tables_again(rig: Rig) -> None:
+    found = list[float]()
+    for is_other in (False, True, False):
+        rig.choose(source="steady", is_other=is_other)
+        assert (rig.backend.scene()["other"] is not None) == is_other
+        before = rig.until(lambda _: True).command
+        rig.press(FIRST)
+        shown = rig.until(partial(is_judged_after, before))
+        assert shown.made[0].simulated_db is not None
+        found.append(shown.made[0].simulated_db)
+        rig.lift()
+        rig.until(lambda picture: not picture.fingers)
+    assert found[2] == pytest.approx(found[0], abs=0.1) and abs(found[1] - found[0]) > 0.1
+
+
+def is_judged_after(command: int, picture: Picture) -> bool:
+    return picture.command > command and picture.age_s > 1.0 and picture.made[0].low_db is not None
 
 
 def a_drive_goes_on_without_a_jolt_when_kernels_are_adopted(rig: Rig) -> None:

@@ -32,7 +32,7 @@ from tactable.page.page_messages import (
     encode_picture,
     encode_scene,
 )
-from tests.tactable.page.browser import encode_choice, encode_device, encode_touches
+from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 EVENTS = st.builds(PointerEvent, st.integers(0, 2**32 - 1), FLOATS, FLOATS, st.sampled_from(Phase))
@@ -47,6 +47,7 @@ PICTURE = Picture(
     median_ns=STAGES,
     latencies=9,
     drive=Drive.STEADY,
+    is_loaded=True,
     is_playing=True,
     is_late=False,
     fingers=(
@@ -69,14 +70,16 @@ PICTURE = Picture(
     st.dictionaries(
         st.text(max_size=20), st.none() | st.booleans() | st.floats(allow_nan=False) | st.text(max_size=20), max_size=8
     ),
+    st.integers(0, 2**32 - 1),
     st.text(max_size=99),
     st.text(max_size=999),
 )
 def test_what_a_browser_says_comes_as_it_was(
-    events: list[PointerEvent], switches: dict[str, object], name: str, text: str
+    events: list[PointerEvent], switches: dict[str, object], finger: int, name: str, text: str
 ) -> None:
     assert decode_message(encode_touches(events)) == tuple(events)
     assert decode_message(encode_choice(switches)) == switches
+    assert decode_message(encode_listen(finger)) == finger
     assert decode_message(encode_device(name, text)) == DroppedFile(name, text)
 
 
@@ -94,8 +97,9 @@ def test_any_bytes_are_a_message_or_refused(data: bytes, body: bytes, kind: Kind
     [
         (b"", CloseCode.MALFORMED),
         (bytes([VERSION]), CloseCode.MALFORMED),
-        (bytes([VERSION + 1, Kind.CHOICE]) + b"{}", CloseCode.OTHER_VERSION),
+        (bytes([VERSION + 1, Kind.LISTEN]) + bytes(4), CloseCode.OTHER_VERSION),
         (bytes([VERSION, Kind.SCENE]) + b"{}", CloseCode.MALFORMED),
+        (bytes([VERSION, Kind.LISTEN]) + bytes(3), CloseCode.MALFORMED),
         (bytes([VERSION, Kind.TOUCHES]), CloseCode.MALFORMED),
         (bytes([VERSION, Kind.TOUCHES]) + bytes(13 * (MOST_TOUCHES + 1)), CloseCode.MALFORMED),
         (bytes([VERSION, Kind.TOUCHES]) + struct.pack("<IBff", 1, 4, 0.5, 0.5), CloseCode.MALFORMED),
@@ -122,7 +126,7 @@ def test_a_picture_lies_as_its_definition_says() -> None:
     fixed = struct.unpack_from("<d6IIff5I5IIBB5B", data, 2)
     assert fixed[:9] == (1.5, 1, 2, 3, 4, 5, 6, 7, 0.25)
     assert math.isinf(fixed[9])
-    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 1, 2, 2, 1, 1, 3)
+    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 1, 3)
     at = 2 + struct.calcsize("<d6IIff5I5IIBB5B")
     on_bar, on_plate = (struct.unpack_from("<IBBffff", data, at + 22 * i) for i in range(2))
     assert on_bar == (3, 255, 0, 0.125, pytest.approx(math.nan, nan_ok=True), 20.5, 21.5)
@@ -145,7 +149,7 @@ def test_the_second_bar_lies_after_the_first() -> None:
     )
     data, alone = encode_picture(replace(PICTURE, paper=paper)), encode_picture(PICTURE)
     flags_at = 2 + struct.calcsize("<d6IIff5I5IIB")
-    assert (data[flags_at], alone[flags_at]) == (4 | 1, 1)
+    assert (data[flags_at], alone[flags_at]) == (8 | 3, 3)
     assert data[:flags_at] + data[flags_at + 1 : len(alone)] == alone[:flags_at] + alone[flags_at + 1 :]
     words = struct.unpack(f"<{3 + 3 + 2 * 2 + 2}h", data[len(alone) :])
     assert words == (100, 200, 6000, 400, 500, 600, 150, 250, -6000, -300, -32768, -725)

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 import uvicorn
 from websockets.asyncio.client import ClientConnection, connect
@@ -14,13 +15,14 @@ from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.control.security import HEADERS, AccessPolicy, new_token
-from tactable.page.page_messages import VERSION, CloseCode, DroppedFile, Kind
+from tactable.page.page_messages import VERSION, CloseCode, DroppedFile, Kind, encode_sound
 from tactable.page.page_server import MOST_BROWSERS, AddressError, PageBackend, PageServer, listen_at, serve
-from tests.tactable.page.browser import encode_choice, encode_device, encode_touches
+from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 pytestmark = pytest.mark.usefixtures("both_ends")
 
 DOWN = PointerEvent(1, 0.25, 0.5, Phase.DOWN)
+SOUND = encode_sound(3, 8000, np.zeros(4, np.int16))
 Visit = Callable[[AccessPolicy, "Notes"], Awaitable[None]]
 
 
@@ -56,6 +58,9 @@ class Notes(PageBackend):
 
     def drop(self, file: DroppedFile) -> None:
         self.asked.append(file)
+
+    def sound(self, finger: int) -> bytes | None:
+        return SOUND if finger == 3 else None
 
     async def run(self) -> None:
         await asyncio.Event().wait()
@@ -177,7 +182,7 @@ async def test_what_is_no_message_closes_the_socket_and_hurts_nobody_else(access
         for message, code in (
             (b"", CloseCode.MALFORMED),
             (bytes([VERSION, Kind.CHOICE]) + b"[" * 1500, CloseCode.MALFORMED),
-            (bytes([VERSION + 1, Kind.CHOICE, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
+            (bytes([VERSION + 1, Kind.LISTEN, 0, 0, 0, 0]), CloseCode.OTHER_VERSION),
             ("text", CloseCode.NOT_BINARY),
             (bytes(1 << 20), CloseCode.TOO_BIG),
         ):
@@ -198,6 +203,9 @@ async def test_what_browsers_ask_reaches_the_show_and_goes_with_them(access: Acc
         await socket.send(encode_choice({"level_db": None}))
         assert json.loads((await next_of(socket, Kind.SCENE))[2:]) == {"number": 1}
         await socket.send(encode_device("bar.toml", "x" * 9000))
+        await socket.send(encode_listen(9))
+        await socket.send(encode_listen(3))
+        assert await next_of(socket, Kind.SOUND) == SOUND
     await until(lambda: bool(backend.left))
     assert backend.asked == [(1, (DOWN,)), {"level_db": None}, DroppedFile("bar.toml", "x" * 9000)]
     assert backend.left == [1]

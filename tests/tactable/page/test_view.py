@@ -13,11 +13,11 @@ from engine.table.best_rows import BestRows
 from engine.touch import Placement
 from firmware_link.protocol.basis import encode_click
 from firmware_link.protocol.drive_words import ChannelDrive
-from tactable.page.live_bar import LiveBar
+from tactable.page.live_bar import RATE_HZ, LiveBar
 from tactable.page.page_messages import LOWEST_DB, Drive, Kind, Role, encode_picture
 from tactable.page.paper_bar import PaperBar
 from tactable.page.processes.live_process import RingDrive
-from tactable.page.view import JUDGED_S, LATENCIES, View
+from tactable.page.view import HEARD_S, JUDGED_S, LATENCIES, View
 from tactable.rig.promises import Promises, SampledPromises, SolvedClick
 from tests.engine.made_rows import row_of, rows_of
 from tests.tactable.page.played import COUNTERS, FRAME_US, RESOLUTION_HZ, STAGE_NS, record_of
@@ -56,7 +56,7 @@ class Rig:
     def go_on(self, seconds: float) -> None:
         end_us = self.view.bar.now_us + 1e6 * seconds
         while self.view.bar.now_us < end_us:
-            self.told += self.view.move(self.view.bar.now_us + FRAME_US)
+            self.told += self.view.move(self.view.bar.now_us + FRAME_US, is_loaded=True)
 
 
 @pytest.fixture
@@ -188,7 +188,7 @@ def test_a_stall_over_two_clicks_gives_the_second_no_level_of_the_first_on_both_
         rig.view.read(records)
         end_us = rig.view.bar.now_us + 0.8e6
         while rig.view.bar.now_us < end_us:
-            rig.view.move(min(rig.view.bar.now_us + step_us, end_us))
+            rig.view.move(min(rig.view.bar.now_us + step_us, end_us), is_loaded=True)
         picture = rig.view.picture()
         assert picture.paper is not None
         found.append([*(finger.felt_db for finger in picture.fingers), *picture.counted_db])
@@ -202,7 +202,7 @@ def test_what_a_stall_cut_off_and_what_the_firmware_refused_is_not_judged(rig: R
     rig.play(0.5, is_click=True)
     assert not rig.view.picture().is_late
     rig.tell(TURNED, is_click=True)
-    rig.view.move(rig.view.bar.now_us + 2.5e6)
+    rig.view.move(rig.view.bar.now_us + 2.5e6, is_loaded=True)
     assert rig.view.picture().is_late
     rig.view.read([record_of(rig.table, PAIR, rig.next_ns, is_click=True)._replace(drive_sequence=77)])
     rig.go_on(0.2)
@@ -234,13 +234,23 @@ def test_latencies_are_those_of_commands_that_a_report_caused(rig: Rig) -> None:
     assert picture.command == LATENCIES + 3
 
 
-def test_a_click_can_be_seen_slowed_once(rig: Rig) -> None:
+def test_a_click_can_be_seen_slowed_once_and_heard_by_every_finger(rig: Rig) -> None:
     rig.play(2.0, is_click=True)
     (motion,) = rig.told
     along, rows, fingers, is_click, steps, command, step_s, scale = struct.unpack_from("<4BHIff", motion, 2)
     assert (along, rows, fingers, is_click, command) == (FIELD_POINTS, 1, 2, 1, 1)
     assert steps * step_s == pytest.approx(0.09)
     assert scale > 0
+    loudest = []
+    for finger in (1, 2):
+        sound = rig.view.sound(finger)
+        assert sound is not None
+        assert struct.unpack_from("<II", sound, 2) == (finger, RATE_HZ)
+        samples = np.frombuffer(sound[10:], "<i2")
+        assert len(samples) == round(HEARD_S * RATE_HZ)
+        loudest.append(abs(samples.astype(np.int32)).max())
+    assert loudest[0] > loudest[1]
+    assert rig.view.sound(9) is None
 
 
 def test_a_steady_drive_is_seen_slowed_again_and_again_while_it_plays_then_a_click_as_soon_as_ever(rig: Rig) -> None:
@@ -270,7 +280,7 @@ def test_many_touches_leave_nothing_behind(rig: Rig) -> None:
         for is_silent in (False, True):
             rig.tell(placement, is_click=bool(number % 4), is_silent=is_silent)
             for _ in range(2):
-                rig.view.move(rig.view.bar.now_us + 250_000)
+                rig.view.move(rig.view.bar.now_us + 250_000, is_loaded=True)
                 encode_picture(rig.view.picture())
 
     for number in range(20):
