@@ -11,12 +11,14 @@ from engine.loop.realtime import Step, parse_steps
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream, open_table, replayed, tapping
+from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, BackgroundLoad, Plan, Transport
 from tactable.bench.latency.stages import us
-from tactable.cli.console import ERRORS, remark, say, show
+from tactable.cli.console import ERRORS, OUT, remark, say, show
 from tactable.cli.options import AsJson, BitRate, DeviceOption, OptionalTable, OptionError, read_counts
 from tactable.shipped import DEMO_RECORDING, find_device, named_effects
 
+EXIT_WORSE = 4
 _HIGHEST_RATE_HZ = 20_000
 _MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/command_latency.py)
 
@@ -90,15 +92,20 @@ def latency(
     seconds: Annotated[float, Option(min=0.05, help="Length of a segment of measurement.")] = 1.0,
     rounds: Annotated[int, Option(min=1, help="Segments of each condition, interleaved.")] = 5,
     output: Annotated[Path, Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
+    baseline: Annotated[
+        Path | None, Option("--compare", help="An earlier report.json; exit status 4 if latency got worse.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the latency from report to command.
 
-    The report says where each microsecond goes, with tails, beside loads and floors.
+    The report says where each microsecond goes, with tails, beside loads and floors. Exit status 4: it is worse
+    than the report of --compare.
     """
     # It draws, and knows the demo: importing that takes longer than parsing the options.
+    from base.plain import to_plain
     from tactable.audio.names import is_audio
-    from tactable.bench.latency.latency_report import measure, write_report
+    from tactable.bench.latency.latency_report import compare_with, measure, read_baseline, write_report
 
     if is_audio(over):
         raise OptionError(
@@ -113,10 +120,15 @@ def latency(
         if most_hz * seconds > _MOST_SAMPLES:
             longest_s = _MOST_SAMPLES // most_hz
             raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
+        before = None if baseline is None else read_baseline(baseline, plan)
         document, run = measure(table, plan, streams, transport, seconds, rounds, _on_progress)
+    if before is not None:
+        document["comparison"] = to_plain(compare_with(run, before))
     document["finger_waits"] = _finger_waits(document, bit_rate_hz)
     write_report(document, run, output)
     show(document, as_json, lambda _, found: _print_summary(found, output))
+    if got_worse(document.get("comparison", {})):
+        raise typer.Exit(EXIT_WORSE)
 
 
 def _finger_waits(document: dict[str, Any], bit_rate_hz: int) -> str:
@@ -170,4 +182,6 @@ def _print_summary(document: dict[str, Any], folder: Path) -> None:
     for row in document["ratios"]:
         if row["way"].startswith("due"):
             say(f"{row['condition']}, against {row['against']}: median {row['median']['value']:.2f}")
+    for name in got_worse(document.get("comparison", {})):
+        OUT.print(f"WORSE than the baseline: {name}", style="red", soft_wrap=True)
     say(f"{folder / 'report.md'}: the page; pictures, report.json and the samples beside it")

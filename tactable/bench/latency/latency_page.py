@@ -68,6 +68,8 @@ def markdown_lines(document: Mapping[str, Any]) -> list[str]:
     blocks += [f"- {line}" for line in _blames(conditions)]
     blocks += ["## What came late", _misses_table(conditions)]
     blocks += [f"- {line}" for line in _facts(conditions)]
+    if document.get("comparison"):
+        blocks += ["## Against the baseline", _comparison_table(document["comparison"])]
     machine = [[str(key), str(value)] for key, value in _flat(document["environment"]).items()]
     blocks += ["## Steps", *(f"- {line}" for line in _steps(conditions))]
     blocks += ["## Machine", _table(["what", "value"], machine)]
@@ -93,8 +95,8 @@ def _ratios_table(ratios: Sequence[Mapping[str, Any]]) -> str:
     return _table(["condition", "against", "way", "median ratio (95 %)", "p99.9 ratio (95 %)"], rows)
 
 
-def _interval(found: Mapping[str, float] | None) -> str:
-    return "too few samples" if found is None else f"{found['value']:.2f} ({found['low']:.2f} - {found['high']:.2f})"
+def _interval(found: Mapping[str, float] | None, key: str = "value") -> str:
+    return "too few samples" if found is None else f"{found[key]:.2f} ({found['low']:.2f} - {found['high']:.2f})"
 
 
 def _median_and_p99(figures: Mapping[str, float | None] | None) -> str:
@@ -136,6 +138,16 @@ def _facts(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
         for c in conditions
         if "reports_lost" in c
     ]
+
+
+def _comparison_table(comparison: Mapping[str, Any]) -> str:
+    rows = []
+    for name, found in comparison.items():
+        verdicts = [f"{_interval(found[key], 'ratio')} {found[key]['verdict']}" for key in ("median", "p99")]
+        stage = found.get("stage")
+        changed = f"{stage['name']} ({stage['layer']}): {stage['median_change_us']:+.1f} us" if stage else "-"
+        rows.append([name, *verdicts, changed, f"{found['floor_ratio']:.2f}"])
+    return _table(["condition", "median", "p99", "stage that changed most", "floor"], rows)
 
 
 def _steps(conditions: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -1,8 +1,4 @@
-"""Measures a plan and makes the report of it: a versioned document, its page and summary, and all samples.
-
-Samples that follow one another share what the machine did at the moment, so the bootstrap draws rounds, and within a
-round stretches of neighbours.
-"""
+"""Measures a plan and makes the report of it: a versioned document, its page and summary, and all samples."""
 
 import json
 import math
@@ -23,12 +19,13 @@ from base.work_folder import work_folder
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_EMULATED
 from tactable.bench.inputs import Stream
+from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
 from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load, environment_json
 from tactable.bench.latency.latency_page import page_markdown, page_pictures
 from tactable.bench.latency.segments import Bench, Measured, build_program
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
 
-FORMAT, REVISION = "tactable latency", 3
+FORMAT, REVISION = "tactable latency", 2
 _LEAST_FOR_P99_9 = 10_000  # ten samples lie beyond it (docs/latency.md)
 _US = 1e3
 _PROVENANCE = ("code_fingerprint", "format_revision", "created")  # attributes of a table that the report repeats
@@ -50,14 +47,8 @@ _SUMMED = (
 )
 
 
-RESAMPLES = 400  # ten lie beyond either end of the interval
-_CONFIDENCE = 0.95  # the custom of the field
-_BLOCK = 32  # samples of a stretch
-Statistic = Callable[[Values], float]
-
-
 class LatencyReportError(TactableError, ValueError):
-    """A table that cannot be measured: which, and why."""
+    """A table that cannot be measured, or a report that cannot be used as a baseline: which, and why."""
 
 
 @dataclass(frozen=True)
@@ -187,54 +178,6 @@ def _condition_json(condition: Condition, parts: Sequence[Measured]) -> dict[str
     }
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A ratio or difference with its 95 % bootstrap interval; NaN without samples."""
-
-    value: float
-    low: float
-    high: float
-
-
-def percentile(values: Values, share: float) -> float:
-    """The value that `share` percent of the known values stay within; NaN without one."""
-    known = values[np.isfinite(values)]
-    return float(np.percentile(known, share, method="inverted_cdf")) if len(known) else float("nan")
-
-
-def median(values: Values) -> float:
-    """Median of the known values; NaN without one."""
-    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
-
-
-def compare(
-    ours: Sequence[Values], theirs: Sequence[Values], statistic: Statistic, combine: Callable[[float, float], float]
-) -> Interval:
-    """`combine(statistic of ours, statistic of theirs)` with its interval; each argument is one array a round."""
-    random = np.random.default_rng(0)
-    value = combine(statistic(np.concatenate(ours)), statistic(np.concatenate(theirs)))
-    drawn = [combine(statistic(_redraw(ours, random)), statistic(_redraw(theirs, random))) for _ in range(RESAMPLES)]
-    tail = 50 * (1 - _CONFIDENCE)
-    low, high = np.nanpercentile(drawn, [tail, 100 - tail]) if np.isfinite(drawn).any() else (np.nan, np.nan)
-    return Interval(value, float(low), float(high))
-
-
-def ratio(ours: float, theirs: float) -> float:
-    """Ratio of two durations; NaN where the second is 0."""
-    return ours / theirs if theirs else float("nan")
-
-
-def _redraw(rounds: Sequence[Values], random: np.random.Generator) -> Values:
-    """Resample the rounds with replacement, and stretches of neighbours within each (block bootstrap)."""
-    drawn = []
-    for values in (rounds[index] for index in random.integers(len(rounds), size=len(rounds))):
-        block = min(_BLOCK, len(values))
-        count = -(-len(values) // block) if block else 0
-        starts = random.integers(len(values) - block + 1, size=count)
-        drawn.append(values[(starts[:, None] + np.arange(block)).ravel()[: len(values)]])
-    return np.concatenate(drawn)
-
-
 def _ratios(run: Run) -> list[dict[str, Any]]:
     """Each condition against its floor in the same run: the ways from due and from sent to written."""
     rows = []
@@ -260,6 +203,29 @@ def _ratios(run: Run) -> list[dict[str, Any]]:
     return rows
 
 
+def read_baseline(path: Path, plan: Plan) -> dict[str, list[Stamps]]:
+    """Stamps of a baseline, a report.json, by condition. Raises LatencyReportError where they are of no use."""
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise LatencyReportError(f"{path}: is no report ({error}); give a report.json") from error
+    if (before.get("format"), before.get("revision")) != (FORMAT, REVISION):
+        raise LatencyReportError(f"{path}: is no {FORMAT} of revision {REVISION}: measure it again")
+    rounds = read_samples(path.with_name("samples.npz"))
+    planned = [condition for load in plan.loads for condition in plan.conditions(load)]
+    floors = {plan.floor_of(condition) for condition in planned}
+    if not any(condition.name in rounds for condition in planned if condition not in floors):
+        raise LatencyReportError(f"{path}: has none of these conditions: measure with its own command")
+    return rounds
+
+
+def compare_with(run: Run, baseline: Mapping[str, Sequence[Stamps]]) -> dict[str, Any]:
+    """Every condition that the baseline has, too."""
+    floors = ((condition, run.plan.floor_of(condition)) for condition in run.measured)
+    floor_of = {condition.name: floor.name for condition, floor in floors if floor is not None}
+    return compare_runs(run.rounds(), baseline, floor_of)
+
+
 def write_report(document: dict[str, Any], run: Run, folder: Path) -> None:
     """Write report.md with its pictures, report.json and samples.npz."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -281,3 +247,21 @@ def write_samples(run: Run, path: Path) -> None:
             arrays[f"{condition.name}/{number}/due"] = part.due_ns
     with replace_file(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def read_samples(path: Path) -> dict[str, list[Stamps]]:
+    """Stamps of each condition by its name, one array a round. Raises LatencyReportError for another file."""
+    rounds: dict[str, list[Stamps]] = {}
+    try:
+        with np.load(path) as arrays:
+            if [str(name) for name in arrays["points"]] != [point.name for point in Point]:
+                raise LatencyReportError(f"{path}: its points are others than ours: measure the baseline again")
+            for key in arrays.files:
+                name, _, number = key.rpartition("/")
+                if number.isdecimal():
+                    rounds.setdefault(name, []).append(arrays[key])
+    except LatencyReportError:
+        raise
+    except (OSError, KeyError, ValueError) as error:
+        raise LatencyReportError(f"{path}: holds no samples of ours ({error}); it lies beside its report") from error
+    return rounds

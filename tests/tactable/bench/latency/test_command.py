@@ -1,15 +1,18 @@
-"""The command `bench latency`, whole: nothing is lost, and order is kept."""
+"""The command `bench latency`, whole: nothing is lost, order is kept, worse is said."""
 
 import json
 import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 from engine.loop.realtime import Step
 from tactable.bench.inputs import MOST_COMMANDS_HZ
+from tactable.bench.latency.latency_report import LatencyReportError
+from tactable.cli.bench import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
 from tests.engine.made_clicks import every_click
@@ -75,25 +78,42 @@ def check_report(document: dict[str, Any], table: Path) -> None:
 
 
 @pytest.mark.machine
-def test_nothing_is_lost_and_the_report_says_what_it_stands_on(table: Path, tmp_path: Path) -> None:
+def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_baseline_is_worse(
+    table: Path, tmp_path: Path
+) -> None:
+    first = tmp_path / "first"
     words = ("--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
-    document = report(tmp_path, str(table), "--rates", "200,1000", *words)
+    document = report(first, str(table), "--rates", "200,1000", *words)
     check_conditions(document)
     check_report(document, table)
     assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
+    with np.load(first / "samples.npz") as arrays:
+        ours = {name: arrays[name] for name in arrays if not name.startswith("C echo")}
+    faster = {name: each if "due" in name or name == "points" else each / 20 for name, each in ours.items()}
+    (tmp_path / "report.json").write_bytes((first / "report.json").read_bytes())
+    np.savez(tmp_path / "samples.npz", **faster)
+    once = ("--loads", "idle", "--seconds", "0.3", "--rounds", "1", "--no-ablations", "--no-echo", *GENTLE)
+    done = bench(tmp_path / "new", str(table), "--rates", "200", *once, "--compare", str(tmp_path / "report.json"))
+    assert done.exit_code == EXIT_WORSE
+    assert "WORSE than the baseline: tactable, 200/s" in done.stdout.replace("\n", " ")
+    (found,) = json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["comparison"].values()
+    assert found["median"]["low"] > 2
+    assert found["stage"]["high_us"] > 0  # slower than the baseline; its other end is the machine's noise
+    with pytest.raises(LatencyReportError, match="has none of these conditions"):
+        bench(tmp_path / "others", str(table), "--rates", "300", *once, "--compare", str(first / "report.json"))
 
 
 @pytest.mark.machine
 def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware_says_when_it_had_a_command(
     table: Path, tmp_path: Path
 ) -> None:
-    words = (str(table), "--rounds", "1", "--no-echo", "--no-ablations", "--realtime", "collector")
+    words = (str(table), "--rounds", "1", "--no-echo", "--realtime", "collector")
     recorded = ("--rates", "1000", "--loads", "idle", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
     document = report(tmp_path / "recorded", *words, *recorded)
     (condition,) = document["conditions"]
     assert (condition["reports_sent"], condition["reports_lost"]) == (700, 0)
     assert "SIMULATED" in (tmp_path / "recorded" / "report.md").read_text(encoding="utf-8")
-    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5")
+    over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations")
     document = report(tmp_path / "terminal", *words, *over)
     (condition,) = document["conditions"]
     assert condition["stages"]["line"]["count"] >= 0.9 * condition["commands"]

@@ -1,4 +1,4 @@
-"""The report: every sample is in it, the page needs nothing but itself, and what is simulated says so."""
+"""The report: samples come back as they were, the page needs nothing but itself, and what is simulated says so."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,14 @@ import pytest
 from engine.loop.realtime import ALL_STEPS
 from tactable.bench.latency.conditions import ECHO, TACTABLE, BackgroundLoad, Condition, Plan
 from tactable.bench.latency.latency_page import page_markdown
-from tactable.bench.latency.latency_report import Run, run_json, write_report
+from tactable.bench.latency.latency_report import (
+    LatencyReportError,
+    Run,
+    read_samples,
+    run_json,
+    write_report,
+    write_samples,
+)
 from tactable.bench.latency.segments import Measured
 from tactable.bench.latency.stamps import first_with_sequence
 from tests.tactable.bench.latency.test_stages import stamps_of
@@ -38,6 +45,21 @@ def document_of(run: Run) -> dict[str, Any]:
     }
 
 
+def test_samples_come_back_as_they_were_and_a_file_without_any_is_refused_by_name(tmp_path: Path) -> None:
+    run = made_run()
+    write_samples(run, tmp_path / "samples.npz")
+    again = read_samples(tmp_path / "samples.npz")
+    assert again.keys() == run.rounds().keys()
+    for name, parts in run.rounds().items():
+        np.testing.assert_array_equal(parts, again[name])
+    (tmp_path / "samples.npz").write_bytes(b"no archive")
+    with pytest.raises(LatencyReportError, match=r"samples\.npz: holds no samples"):
+        read_samples(tmp_path / "samples.npz")
+    np.savez(tmp_path / "others.npz", points=np.array(["DUE"]))
+    with pytest.raises(LatencyReportError, match="its points are others"):
+        read_samples(tmp_path / "others.npz")
+
+
 def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the_layer_and_what_came_late() -> None:
     document = document_of(made_run())
     text = page_markdown(document, [])
@@ -47,7 +69,7 @@ def test_the_ratio_to_the_floor_is_that_of_the_medians_and_the_summary_names_the
     assert [row["way"] for row in document["ratios"]] == ["due to written", "sent to written"]
     assert [row["median"]["value"] for row in document["ratios"]] == [pytest.approx(2.0)] * 2
     assert document["ratios"][0]["p99_9"] is None
-    assert (document["format"], document["revision"]) == ("tactable latency", 3)
+    assert (document["format"], document["revision"]) == ("tactable latency", 2)
 
 
 def test_the_page_shows_every_condition_and_its_picture(tmp_path: Path) -> None:
@@ -59,9 +81,6 @@ def test_the_page_shows_every_condition_and_its_picture(tmp_path: Path) -> None:
     assert "SIMULATED: the touches, the firmware" in page and "](idle-1.png)" in page
     assert (tmp_path / "new" / "idle-1.png").read_bytes().startswith(b"\x89PNG")
     assert json.loads((tmp_path / "new" / "report.json").read_text(encoding="utf-8"))["conditions"][0]["rounds"] == 2
-    with np.load(tmp_path / "new" / "samples.npz") as arrays:
-        for name, parts in run.rounds().items():
-            np.testing.assert_array_equal(parts, [arrays[f"{name}/{number}"] for number in range(len(parts))])
 
 
 def test_an_arrival_belongs_to_the_latest_command_of_its_sequence() -> None:
