@@ -1,7 +1,8 @@
 """Times the stages of the engine's step, from a report in hand to the bytes of its command, in one process.
 
 Every report of a recording passes all stages once a round. The sets of rules take turns within a round, so that all of
-them meet the same machine; each figure stands beside that of the plainest rules of the same run.
+them meet the same machine; each figure stands beside that of the plainest rules of the same run. The compiled step
+looks up and never solves, so it is compared over the reports that it answers under the same rules.
 """
 
 import platform
@@ -27,11 +28,13 @@ from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
-from tactable.bench.inputs import HELD
+from tactable.bench.in_process import InProcess, measure_in_process
+from tactable.bench.inputs import HELD, replayed
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, reading_ns
 from tactable.bench.latency.stages import figures_of, us
 from tactable.bench.light_device import LightDevice
 from tactable.rig.emulate import configuration_of
+from tactable.run.live_run import fast_library
 
 ROUNDS = 15  # of all reports of a recording; their median is shown
 STAGES = ("decode", "track", "play", "render", "frame")
@@ -53,7 +56,7 @@ def run_step_bench(
 
     Raises what opening a digitizer or rendering the table raises.
     """
-    clock_ns = reading_ns()
+    library, clock_ns = fast_library(), reading_ns()
     rules = {name: each for name, each in rules.items() if each.drives is Drives.POSITIONS or table.best_rows}
     rows = []
     for recording_name, recording in recordings.items():
@@ -64,6 +67,12 @@ def run_step_bench(
                 for name, step in steps.items():
                     stamps[name].append(step.run())
         found = [_figures(name, step, np.concatenate(stamps[name]), clock_ns) for name, step in steps.items()]
+        for figures, name in zip(found, steps, strict=True):
+            compiled = None
+            if library is not None and recording.reports:
+                stream = replayed(recording)
+                compiled = measure_in_process(table, stream, len(recording.reports), library, rules[name])
+            figures |= _compared(np.concatenate(stamps[name]), compiled, clock_ns)
         rows.append({"recording": recording_name, "reports": len(recording.reports), "rules": found})
         for figures in found:
             figures["ratio_to_plainest"] = _ratio(figures["report_to_bytes"], found[0]["report_to_bytes"])
@@ -81,6 +90,24 @@ def _figures(rules: str, step: "Step", stamps: Stamps, clock_ns: float) -> dict[
         "stages": {name: figures_of(with_command[:, i]) for i, name in enumerate(STAGES)},
         "report_to_bytes": figures_of(with_command.sum(axis=1)),
         "decode_every_report": figures_of(durations[:, 0]),
+    }
+
+
+def _compared(stamps: Stamps, compiled: InProcess | None, clock_ns: float) -> dict[str, Any]:
+    """Figures of the compiled step, and of this one over the same reports: those whose command both brought.
+
+    None without the compiled step, and where it answers none. answered: its share of the commands of one round.
+    """
+    if compiled is None:
+        return {"compiled_step": None, "same_reports": None, "answered": None, "ratio_to_compiled": None}
+    both = compiled.has_command & compiled.is_fast
+    whole_ns = (stamps[:, -1] - clock_ns * len(STAGES)).reshape(-1, len(both))[:, both].ravel()
+    fast, same = figures_of(compiled.answer_ns[both]), figures_of(whole_ns[np.isfinite(whole_ns)])
+    return {
+        "compiled_step": fast,
+        "same_reports": same,
+        "answered": float(both.sum() / max(compiled.has_command.sum(), 1)),
+        "ratio_to_compiled": _ratio(same, fast),
     }
 
 
@@ -165,20 +192,26 @@ def _ready_link(configuration: LinkConfiguration, device: Device) -> tuple[Link,
 
 def print_step_bench(out: Console, result: dict[str, Any]) -> None:
     """Print medians in us: of the stages of a report that brings a command, and of the decoding of any report."""
-    head = ("report to bytes", "p99", "ratio", "decode, every report")
+    head = ("report to bytes", "p99", "ratio", "compiled step", "of commands", "its ratio", "decode, every report")
     grid = Grid("recording", "rules", *STAGES, *head)
     for row in result["recordings"]:
         for found in row["rules"]:
             figures = [found["stages"][name] or {} for name in STAGES]
             whole = found["report_to_bytes"] or {}
-            ratio = found["ratio_to_plainest"]
+            plainest, compiled = (
+                "-" if found[name] is None else f"{found[name]:.2f}"
+                for name in ("ratio_to_plainest", "ratio_to_compiled")
+            )
             grid.add_row(
                 row["recording"],
                 found["rules"],
                 *(us(figure.get("p50_us")) for figure in figures),
                 us(whole.get("p50_us")),
                 us(whole.get("p99_us")),
-                "-" if ratio is None else f"{ratio:.2f}",
+                plainest,
+                us((found["compiled_step"] or {}).get("p50_us")),
+                "-" if found["answered"] is None else f"{100 * found['answered']:.0f} %",
+                compiled,
                 us((found["decode_every_report"] or {}).get("p50_us")),
             )
     out.print(grid)

@@ -13,6 +13,7 @@ from engine.touch.sources.recording import read_recording
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream, open_table, replayed, tapping
 from tactable.bench.latency.compare import got_worse
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, BackgroundLoad, Plan, Transport
+from tactable.bench.latency.load_generator import Stall, StalledLayer
 from tactable.bench.latency.stages import us
 from tactable.cli.console import ERRORS, OUT, remark, say, show
 from tactable.cli.options import AsJson, BitRate, DeviceOption, OptionalTable, OptionError, read_counts
@@ -26,7 +27,7 @@ _MOST_SAMPLES = 65_536  # what the engine keeps (engine/loop/command_latency.py)
 def sweep(device_name: DeviceOption = "reference-a", as_json: AsJson = False) -> None:
     """Time the sweep over frequencies and amplitudes.
 
-    It is compared with the time to write the same memory.
+    It is compared with NumPy, with the solution point by point, and with the time to write the same memory.
     """
     from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 
@@ -45,7 +46,7 @@ def step(
 ) -> None:
     """Time the stages from a report to command bytes.
 
-    Drives for positions and for zones, and clicks are timed, with and without rules.
+    Drives for positions and for zones, and clicks are timed, with and without rules, beside the compiled step.
     """
     from engine.effects.rule_file import read_effects
     from tactable.bench.step import RULES, print_step_bench, run_step_bench
@@ -78,17 +79,21 @@ def latency(
     table_path: OptionalTable = None,
     rates: Annotated[str, Option(help="Reports a second, rising.")] = "125,1000,4000",
     fingers: Annotated[int, Option(min=1, max=10, help="Generated fingers; one of them taps.")] = 1,
-    recording: Annotated[Path | None, Option(help="Send the reports of this recording.")] = None,
+    recordings: Annotated[
+        list[Path] | None,
+        Option("--recording", help="Send the reports of this recording; further ones inside the process only."),
+    ] = None,
     over: Annotated[
         str, Option(metavar="sockets|pty|PORT", help="Engine alone, an emulator behind a terminal, or a serial port.")
     ] = "sockets",
     bit_rate_hz: BitRate = PTY_BIT_RATE_HZ,
-    loads: Annotated[str, Option(help="Background loads, of idle and stress.")] = "idle,stress",
+    loads: Annotated[str, Option(help="Background loads, of idle, stress and thread.")] = "idle,stress,thread",
     real_time: Annotated[
         str, Option("--realtime", help="Real-time steps as `run` takes them: all, none, all,-priority.")
     ] = "all",
     ablations: Annotated[bool, Option(help="Measure also without each step, without all, and zones.")] = True,
     echo: Annotated[bool, Option(help="Measure also the C echo engine, where a compiler is there.")] = True,
+    stall: Annotated[StalledLayer | None, Option(help="Let a layer stand still 60 of 250 ms, to see it named.")] = None,
     seconds: Annotated[float, Option(min=0.05, help="Length of a segment of measurement.")] = 1.0,
     rounds: Annotated[int, Option(min=1, help="Segments of each condition, interleaved.")] = 5,
     output: Annotated[Path, Option("-o", "--output", help="Folder of the report.")] = Path("latency"),
@@ -113,15 +118,18 @@ def latency(
             "latency; measure it with `tactable measure`, which states it, or give a serial port"
         )
     with open_table(table_path) as table:
-        streams = _streams(table, read_counts("--rates", rates, 1, _HIGHEST_RATE_HZ), fingers, recording)
+        streams = _streams(table, read_counts("--rates", rates, 1, _HIGHEST_RATE_HZ), fingers, recordings or [])
         transport = Transport(over) if over == "sockets" else Transport(over, bit_rate_hz)
         plan = _plan(tuple(rate for rate, _ in streams), loads, real_time, ablations, echo, bool(table.best_rows))
-        most_hz = plan.rates_hz[-1] if recording else min(plan.rates_hz[-1], MOST_COMMANDS_HZ)
+        most_hz = plan.rates_hz[-1] if recordings else min(plan.rates_hz[-1], MOST_COMMANDS_HZ)
         if most_hz * seconds > _MOST_SAMPLES:
             longest_s = _MOST_SAMPLES // most_hz
             raise typer.BadParameter(f"--seconds {seconds:g}: at most {longest_s} at this rate; take more --rounds")
+        injected = None if stall is None else Stall(stall)
         before = None if baseline is None else read_baseline(baseline, plan)
-        document, run = measure(table, plan, streams, transport, seconds, rounds, _on_progress)
+        document, run = measure(
+            table, plan, streams, recordings or [], transport, seconds, rounds, injected, _on_progress
+        )
     if before is not None:
         document["comparison"] = to_plain(compare_with(run, before))
     document["finger_waits"] = _finger_waits(document, bit_rate_hz)
@@ -143,9 +151,9 @@ def _finger_waits(document: dict[str, Any], bit_rate_hz: int) -> str:
     )
 
 
-def _streams(table: Table, rates: Sequence[int], fingers: int, recording: Path | None) -> list[tuple[int, Stream]]:
-    if recording is not None:
-        stream = replayed(read_recording(recording))
+def _streams(table: Table, rates: Sequence[int], fingers: int, recordings: Sequence[Path]) -> list[tuple[int, Stream]]:
+    if recordings:
+        stream = replayed(read_recording(recordings[0]))
         return [(rate_hz, stream) for rate_hz in rates]
     return [(rate_hz, tapping(fingers, rate_hz, table.device)) for rate_hz in rates]
 

@@ -34,6 +34,7 @@ class BackgroundLoad(StrEnum):
 
     IDLE = "idle"  # only what the machine does anyway
     STRESS = "stress"  # for each processor one process that computes and one that moves memory
+    THREAD = "thread"  # a busy Python thread in the engine's own process: it shows why no other thread may live there
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ class Plan:
 
     def conditions(self, load: BackgroundLoad) -> tuple[Condition, ...]:
         """Every condition beside a load, each engine next to its floor."""
+        if load is BackgroundLoad.THREAD:
+            return (Condition(TACTABLE, self.middle_hz, load, self.steps),)
         engines = (TACTABLE, ECHO) if self.has_echo else (TACTABLE,)
         found = [Condition(engine, rate_hz, load, self.steps) for rate_hz in self.rates_hz for engine in engines]
         ablated = BackgroundLoad.STRESS if BackgroundLoad.STRESS in self.loads else BackgroundLoad.IDLE
@@ -118,7 +121,7 @@ class Plan:
 
 @contextmanager
 def background_load(load: BackgroundLoad) -> Iterator[None]:
-    """Run the processes of a load for the length of a `with` block."""
+    """Run the processes of a load for the length of a `with` block; the busy thread belongs to the engine's process."""
     kinds = ("compute", "memory") * (os.cpu_count() or 1) if load is BackgroundLoad.STRESS else ()
     children = [Child(__name__, {"kind": kind}, name=f"the background load {kind}") for kind in kinds]
     try:

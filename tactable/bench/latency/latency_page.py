@@ -68,6 +68,8 @@ def markdown_lines(document: Mapping[str, Any]) -> list[str]:
     blocks += [f"- {line}" for line in _blames(conditions)]
     blocks += ["## What came late", _misses_table(conditions)]
     blocks += [f"- {line}" for line in _facts(conditions)]
+    if document.get("in_process"):
+        blocks += ["## Inside the process, us, no system call", _process_table(document["in_process"])]
     if document.get("comparison"):
         blocks += ["## Against the baseline", _comparison_table(document["comparison"])]
     machine = [[str(key), str(value)] for key, value in _flat(document["environment"]).items()]
@@ -138,6 +140,12 @@ def _facts(conditions: Sequence[Mapping[str, Any]]) -> list[str]:
         for c in conditions
         if "reports_lost" in c
     ]
+
+
+def _process_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    names = ("report_to_bytes", "report_to_answer", "of_one_finger", "of_ten_fingers")
+    head = ["stream", "reports", "to a command: median / p99", "until the loop is done", "one finger", "ten fingers"]
+    return _table(head, [[r["stream"], str(r["reports"]), *(_median_and_p99(r[name]) for name in names)] for r in rows])
 
 
 def _comparison_table(comparison: Mapping[str, Any]) -> str:

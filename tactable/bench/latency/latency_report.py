@@ -17,15 +17,20 @@ from base.files import replace_file, write_text
 from base.plain import to_plain
 from base.work_folder import work_folder
 from engine.table import Table
+from engine.touch.sources.recording import read_recording
 from firmware_link.host.link_values import BOARD_EMULATED
-from tactable.bench.inputs import Stream
+from tactable.bench.in_process import REPORTS_HZ, measure_in_process, together
+from tactable.bench.inputs import Stream, replayed, tapping
 from tactable.bench.latency.compare import compare, compare_runs, median, percentile, ratio
 from tactable.bench.latency.conditions import Condition, Plan, Transport, background_load, environment_json
 from tactable.bench.latency.latency_page import page_markdown, page_pictures
+from tactable.bench.latency.load_generator import Stall
 from tactable.bench.latency.segments import Bench, Measured, build_program
 from tactable.bench.latency.stages import STAGES, Point, Stamps, Values, blame, stages_json
+from tactable.run.live_run import fast_library
 
 FORMAT, REVISION = "tactable latency", 2
+_IN_PROCESS_REPORTS = 4_000  # p99 has forty samples beyond it; p99.9 is a dash
 _LEAST_FOR_P99_9 = 10_000  # ten samples lie beyond it (docs/latency.md)
 _US = 1e3
 _PROVENANCE = ("code_fingerprint", "format_revision", "created")  # attributes of a table that the report repeats
@@ -71,9 +76,11 @@ def measure(
     table: Table,
     plan: Plan,
     streams: Sequence[tuple[int, Stream]],
+    recordings: Sequence[Path],
     transport: Transport,
     seconds: float,
     rounds: int,
+    stall: Stall | None,
     on_progress: Callable[[str], None],
 ) -> tuple[dict[str, Any], Run]:
     """The document of the report, and all samples. `streams` are (rate in Hz, touches).
@@ -89,7 +96,7 @@ def measure(
         program = build_program("echo_engine", folder) if plan.has_echo and is_generated else None
         plan = replace(plan, has_echo=program is not None)
         with Bench(table, dict(streams), folder, transport, program) as bench:
-            measured = _measure_rounds(bench, plan, seconds, rounds, on_progress)
+            measured = _measure_rounds(bench, plan, seconds, rounds, stall, on_progress)
     run = Run(plan, measured)
     boards = {part.facts.get("board") for parts in measured.values() for part in parts}
     touches = "the touches" if stream.simulated else "the digitizer, which only repeats a recording"
@@ -108,6 +115,7 @@ def measure(
             "bit_rate_hz": transport.bit_rate_hz,
             "seconds": seconds,
             "rounds": rounds,
+            "stall": stall,
         },
         "table": {
             "path": table.path,
@@ -115,12 +123,13 @@ def measure(
             "device_fingerprint": table.fingerprint,
             **{name: str(table.attributes[name]) for name in _PROVENANCE if name in table.attributes},
         },
+        "in_process": _in_process(table, recordings),
     }
     return to_plain(document), run
 
 
 def _measure_rounds(
-    bench: Bench, plan: Plan, seconds: float, rounds: int, on_progress: Callable[[str], None]
+    bench: Bench, plan: Plan, seconds: float, rounds: int, stall: Stall | None, on_progress: Callable[[str], None]
 ) -> dict[Condition, list[Measured]]:
     """Every segment of every round by its condition, each under the background load of its part of the round."""
     measured: dict[Condition, list[Measured]] = {}
@@ -131,9 +140,19 @@ def _measure_rounds(
             for condition in conditions:
                 done += 1
                 on_progress(f"round {number + 1}: {done} of {count}: {condition.name}")
-                measured.setdefault(condition, []).append(bench.measure(condition, seconds))
+                measured.setdefault(condition, []).append(bench.measure(condition, seconds, stall))
     bench.measure_exchange()
     return measured
+
+
+def _in_process(table: Table, recordings: Sequence[Path]) -> list[dict[str, Any]]:
+    """One tapping finger, two, ten, and each recording, then all of them."""
+    fast = fast_library()
+    taps = [tapping(count, REPORTS_HZ, table.device) for count in (1, 2, 10)]
+    made = [measure_in_process(table, stream, _IN_PROCESS_REPORTS, fast) for stream in taps]
+    read = [recording for recording in map(read_recording, recordings) if recording.reports]
+    recorded = [measure_in_process(table, replayed(recording), len(recording.reports), fast) for recording in read]
+    return [part.figures_json() for part in (*made, *recorded, *([together(recorded)] if len(recorded) > 1 else []))]
 
 
 def _floor_note(has_echo: bool, transport: Transport) -> str:

@@ -1,7 +1,7 @@
 """Open-loop load generator: sends reports when they are due, whatever the engine does, and serves the link's far end.
 
 One thread does both. A report that is late keeps the time at which it was due, so a stall of 60 ms shows as sixty late
-reports at 1000 a second and not as one.
+reports at 1000 a second and not as one. A layer can be made to stall, to see the report name it.
 
 After each report the thread stays awake for AWAKE_NS and polls the link. A write to a socket whose reader sleeps has to
 wake it up, which costs more than an engine does; whether the reader slept already depended on how much its far end had
@@ -10,9 +10,11 @@ to do, so the C echo paid for a wake-up that the engine did not. Awake, neither 
 
 import contextlib
 import os
+import signal
 import socket
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from engine.loop.loop import Clock, SystemClock
 from tactable.bench.latency.sockets import STAMPS
@@ -47,6 +49,33 @@ class EchoReceiver:
         """Never."""
 
 
+class StalledLayer(StrEnum):
+    """Layer into which a stall is injected."""
+
+    DIGITIZER = "digitizer"  # reports are held back, then all come at once
+    HOST = "host"  # the engine's process is stopped
+    LINK = "link"  # nothing takes bytes off the line
+
+
+@dataclass(frozen=True)
+class Stall:
+    """A layer that stands still at the end of each period."""
+
+    layer: StalledLayer
+    duration_ns: int = 60_000_000
+    period_ns: int = 250_000_000
+
+    def is_on(self, since_start_ns: int) -> bool:
+        """Whether the layer stands still at this time after the start."""
+        return since_start_ns > 0 and since_start_ns % self.period_ns >= self.period_ns - self.duration_ns
+
+    def next_change_ns(self, since_start_ns: int) -> int:
+        """Time after the start at which `is_on` changes next."""
+        phase_ns = max(0, since_start_ns) % self.period_ns
+        on_ns = self.period_ns - self.duration_ns
+        return max(0, since_start_ns) - phase_ns + (on_ns if phase_ns < on_ns else self.period_ns)
+
+
 @dataclass
 class Schedule:
     """`count` reports at `rate_hz` from `start_ns` on."""
@@ -74,7 +103,7 @@ class Schedule:
 class LoadGenerator:
     """Sends the reports of a schedule and serves the far end of the link until the engine is done.
 
-    What a full socket does not take stays due. After the last report
+    `engine_process_id` is for a stall of the host. What a full socket does not take stays due. After the last report
     the stream of reports ends, unless it `keeps_open`. All its times are those of `clock`.
     """
 
@@ -85,13 +114,16 @@ class LoadGenerator:
         link: socket.socket | None,
         far_end: LightDevice | EchoReceiver | None,
         *,
+        stall: Stall | None = None,
+        engine_process_id: int = 0,
         keeps_open: bool = False,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         self._schedule, self._touch, self._link, self._far_end = schedule, touch, link, far_end
+        self._stall, self._engine_process_id = stall, engine_process_id
         self._clock, self._now_ns = clock, clock.now_ns
         self._packet: bytes | None = None
-        self._is_full = False
+        self._is_full = self._engine_is_stopped = False
         self._keeps_open = keeps_open
         self._awake_until_ns = 0
         touch.setblocking(False)
@@ -100,22 +132,30 @@ class LoadGenerator:
 
     def run(self, done: int, is_over: Callable[[], bool] = lambda: False) -> None:
         """Run until the descriptor `done` can be read, or `is_over` says so."""
-        while not is_over():
-            readable = self._wait(done)
-            if done in readable:
-                return
-            self._send_due(self._now_ns())
-            if self._link is not None and self._far_end is not None:
-                self._serve_link(self._link, self._far_end, self._link.fileno() in readable)
+        try:
+            while not is_over():
+                readable = self._wait(done)
+                if done in readable:
+                    return
+                now_ns = self._now_ns()
+                self._follow_stall(now_ns)
+                self._send_due(now_ns)
+                if self._link is not None and self._far_end is not None:
+                    self._serve_link(self._link, self._far_end, self._link.fileno() in readable)
+        finally:
+            self._resume_engine()
 
     def _wait(self, done: int) -> Container[int]:
         now_ns = self._now_ns()
         due_ns = [now_ns + _LONGEST_WAIT_NS]
         readable = [done]
-        if self._link is not None:
+        if self._link is not None and not self._is_stalled(StalledLayer.LINK, now_ns):
             readable.append(self._link.fileno())
+        if self._stall is not None:
+            start_ns = self._schedule.start_ns
+            due_ns.append(start_ns + self._stall.next_change_ns(now_ns - start_ns))
         report_ns = self._schedule.due_ns()
-        if report_ns is not None and not self._is_full:
+        if report_ns is not None and not self._is_full and not self._is_stalled(StalledLayer.DIGITIZER, now_ns):
             due_ns.append(report_ns)
         far_end_ns = None if self._far_end is None else self._far_end.next_deadline_ns()
         if far_end_ns is not None:
@@ -126,9 +166,27 @@ class LoadGenerator:
         self._is_full = False  # if it still is, the next write tells
         return () if found is None else found
 
+    def _is_stalled(self, layer: StalledLayer, now_ns: int) -> bool:
+        stall, schedule = self._stall, self._schedule
+        if stall is None or stall.layer is not layer or schedule.next == schedule.count:
+            return False
+        return stall.is_on(now_ns - schedule.start_ns)
+
+    def _follow_stall(self, now_ns: int) -> None:
+        if not self._is_stalled(StalledLayer.HOST, now_ns):
+            self._resume_engine()
+        elif not self._engine_is_stopped:
+            os.kill(self._engine_process_id, signal.SIGSTOP)
+            self._engine_is_stopped = True
+
+    def _resume_engine(self) -> None:
+        if self._engine_is_stopped:
+            os.kill(self._engine_process_id, signal.SIGCONT)
+            self._engine_is_stopped = False
+
     def _send_due(self, now_ns: int) -> None:
         schedule = self._schedule
-        if self._is_full:
+        if self._is_full or self._is_stalled(StalledLayer.DIGITIZER, now_ns):
             return
         due_ns = schedule.due_ns()
         while due_ns is not None and due_ns <= now_ns:

@@ -26,7 +26,7 @@ from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.conditions import ECHO, Condition, Transport
-from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule
+from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
 from tactable.bench.latency.stages import Stamps
 from tactable.bench.latency.stamps import (
     Times,
@@ -96,15 +96,15 @@ class Bench:
         if found_ns is not None:
             self.exchanges_ns.append(found_ns)
 
-    def measure(self, condition: Condition, seconds: float) -> Measured:
+    def measure(self, condition: Condition, seconds: float, stall: Stall | None = None) -> Measured:
         """Measure one segment. Raises LinkError or ChildError where the engine, the port or its device fails."""
         stream = self._streams[condition.rate_hz]
         count = max(1, round(condition.rate_hz * seconds))
         if condition.engine == ECHO:
             return self._measure_echo(condition, stream, count)
-        return self._measure_engine(condition, stream, count)
+        return self._measure_engine(condition, stream, count, stall)
 
-    def _measure_engine(self, condition: Condition, stream: Stream, count: int) -> Measured:
+    def _measure_engine(self, condition: Condition, stream: Stream, count: int, stall: Stall | None) -> Measured:
         path, engine = self._folder / "segment.npz", self._engine
         with ExitStack() as stack:
             touch, their_touch = _touch_pair(stack)
@@ -126,7 +126,9 @@ class Bench:
             LoadGenerator(Schedule.none(), touch, link, far_end, keeps_open=True).run(engine.fileno())
             armed = engine.read()
             schedule = Schedule(cycle(stream.reports), condition.rate_hz, count, time.monotonic_ns() + LEAD_NS)
-            LoadGenerator(schedule, touch, link, far_end).run(engine.fileno())
+            LoadGenerator(schedule, touch, link, far_end, stall=stall, engine_process_id=engine.process_id).run(
+                engine.fileno()
+            )
             answer = engine.read()
             arrivals = far_end.arrivals if far_end else arrivals_at(emulator) if emulator else Arrivals()
         with np.load(path) as arrays:

@@ -3,8 +3,9 @@
 import ctypes
 import math
 import socket
-from collections.abc import Sequence
-from contextlib import ExitStack
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Status, decode_body
 from tactable.bench.inputs import place_of
-from tactable.bench.latency.conditions import WITHOUT_FAST_PATH, ZONES, Condition
+from tactable.bench.latency.conditions import WITHOUT_FAST_PATH, ZONES, BackgroundLoad, Condition
 from tactable.bench.latency.sockets import SocketSource
 from tactable.run.live_run import Live, LiveOptions, fast_library
 
@@ -72,6 +73,8 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
         trace = Trace()
         effects = replace(DEFAULT_EFFECTS, drives=Drives.ZONES) if plays_rows else DEFAULT_EFFECTS
         options = LiveOptions(effects, False, True, segment.bit_rate_hz, condition.steps, segment.processor, fast)
+        if condition.load is BackgroundLoad.THREAD:
+            stack.enter_context(_busy_thread())
         live = Live(table, source, port, SystemClock(), options, trace)
         with live.armed():
             parent.say({"board": live.capabilities.board})
@@ -96,6 +99,24 @@ def _run(table: Table, segment: Segment, descriptors: list[int], parent: Parent,
                 "clock_bounds_ns": [bounds.lower_ns, bounds.upper_ns],
             }
         )
+
+
+@contextmanager
+def _busy_thread() -> Iterator[None]:
+    """Run another Python thread of this process that never waits."""
+    end = threading.Event()
+
+    def burn() -> None:
+        while not end.is_set():
+            sum(range(100))
+
+    thread = threading.Thread(target=burn, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join()
 
 
 class _ListeningPort:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 from dataclasses import replace
 from typing import Any
 
@@ -48,9 +49,22 @@ def test_every_stage_of_every_command_is_timed_beside_figures_of_the_same_run(re
         assert found["ratio_to_plainest"] == whole_us / strokes["rules"][0]["report_to_bytes"]["p50_us"]
 
 
+@pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler")
+def test_the_compiled_step_is_compared_over_the_reports_that_it_answers(result: dict[str, Any]) -> None:
+    """Of drives for positions, which are solved, these are the silences; the rows of the sweep are looked up."""
+    held, looked_up, clicked, _ = result["recordings"][0]["rules"]
+    assert held["answered"] < looked_up["answered"] <= 1 and clicked["answered"] > 0
+    for found in (looked_up, clicked):
+        fast, same = found["compiled_step"], found["same_reports"]
+        assert 0 < same["count"] <= ROUNDS * fast["count"] <= sum(found["commands"].values())
+        assert found["ratio_to_compiled"] == same["p50_us"] / fast["p50_us"]
+
+
 def test_a_recording_without_reports_has_no_figures(result: dict[str, Any]) -> None:
     _, none = result["recordings"]
-    assert all(found["report_to_bytes"] is found["ratio_to_plainest"] is None for found in none["rules"])
+    names = ("report_to_bytes", "ratio_to_plainest", "ratio_to_compiled", "compiled_step", "answered")
+    for found in none["rules"]:
+        assert [found[name] for name in names] == [None] * 5
     json.dumps(result, allow_nan=False)
     page = io.StringIO()
     print_step_bench(Console(file=page, width=200), result)

@@ -1,7 +1,8 @@
-"""The command `bench latency`, whole: nothing is lost, order is kept, worse is said."""
+"""The command `bench latency`, whole: nothing is lost, order is kept, a stall is found in its layer, worse is said."""
 
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from typer.testing import CliRunner, Result
 from engine.loop.realtime import Step
 from tactable.bench.inputs import MOST_COMMANDS_HZ
 from tactable.bench.latency.latency_report import LatencyReportError
+from tactable.bench.latency.stages import STAGES
 from tactable.cli.bench import EXIT_WORSE
 from tactable.cli.main import app
 from tactable.shipped import DEMO_RECORDING, find_device
@@ -22,6 +24,14 @@ DEVICE = find_device("reference-a")
 HAS_COMPILER = any(map(shutil.which, ("cc", "gcc", "clang")))
 # As root of a busy machine: what else runs must be able to go on.
 GENTLE = ("--realtime", "collector,switch-interval")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_reports_in_process() -> Iterator[None]:
+    """A hundredth of what the bench takes, where each run of it would repeat the same measurement for seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 40)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +60,7 @@ def check_conditions(document: dict[str, Any]) -> None:
         assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
         assert condition["order_kept"] or condition["released_by_watchdog"]
         assert condition["mispredicted"] == 0
-        assert condition["answered_by_fast_path"] > 0 or not HAS_COMPILER
+        assert condition["answered_by_fast_path"] > 0 or not HAS_COMPILER  # all of them in process, below
         taps = condition["reports_sent"] / max(2, condition["rate_hz"] // MOST_COMMANDS_HZ)
         assert condition["commands"] + condition["replaced_unsent"] >= 0.9 * taps
         assert {step["step"] for step in condition["steps"]} == {Step.COLLECTOR, Step.SWITCH_INTERVAL}
@@ -69,7 +79,13 @@ def check_report(document: dict[str, Any], table: Path) -> None:
     assert {"processor", "governor", "clock_source", "virtual_machine"} <= document["environment"].keys()
     can_exchange = HAS_COMPILER and len(document["environment"]["allowed_processors"]) > 1
     assert len(document["environment"]["exchange_between_processors_ns"]) == 3 * can_exchange
+    assert [row["stream"].split()[0] for row in document["in_process"]] == ["1", "2", "10"]
+    assert all(row["report_to_bytes"]["count"] > 0 for row in document["in_process"])
     if HAS_COMPILER:
+        one, two, ten = ((row["by_fast_path"], row["report_to_bytes"]["count"]) for row in document["in_process"])
+        assert one[0] == one[1] > 0
+        assert two[0] >= two[1] - 5 > 0  # the loop's own: a click that was cut is felt again
+        assert ten[0] < ten[1]  # clicks of three fingers and more are in no table
         floors = [condition for condition in document["conditions"] if condition["engine"] == "C echo"]
         assert [(floor["rate_hz"], floor["commands"]) for floor in floors] == [(200, 60), (1000, 60)]
         medians = [row["median"] for row in document["ratios"]]
@@ -79,11 +95,13 @@ def check_report(document: dict[str, Any], table: Path) -> None:
 
 @pytest.mark.machine
 def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_baseline_is_worse(
-    table: Path, tmp_path: Path
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = tmp_path / "first"
     words = ("--loads", "idle", "--seconds", "0.3", "--rounds", "2", "--no-ablations", *GENTLE)
-    document = report(first, str(table), "--rates", "200,1000", *words)
+    with monkeypatch.context() as patch:
+        patch.setattr("tactable.bench.latency.latency_report._IN_PROCESS_REPORTS", 400)
+        document = report(first, str(table), "--rates", "200,1000", *words)
     check_conditions(document)
     check_report(document, table)
     assert len(document["conditions"]) == 2 + 2 * HAS_COMPILER
@@ -104,14 +122,28 @@ def test_nothing_is_lost_the_report_says_what_it_stands_on_and_slower_than_a_bas
 
 
 @pytest.mark.machine
+def test_a_stall_of_the_host_is_found_and_nothing_stale_follows_it(table: Path, tmp_path: Path) -> None:
+    words = ("--rates", "1000", "--loads", "idle", "--seconds", "1", "--rounds", "1", "--no-ablations", "--no-echo")
+    (condition,) = report(tmp_path, str(table), *words, "--stall", "host", *GENTLE)["conditions"]
+    assert condition["blame"]["slowest"]["layer"] == "host"
+    slowest_us = [condition["stages"][stage.name]["max_us"] for stage in STAGES.values() if stage.layer == "host"]
+    assert max(slowest_us) >= 50_000
+    assert (condition["reports_lost"], condition["stale_sent"]) == (0, 0)
+    # What came while the host stood still was replaced by what came last.
+    assert condition["replaced_unsent"] >= 15
+    assert condition["misses"]["5 ms"] > 0
+
+
+@pytest.mark.machine
 def test_a_recording_is_sent_at_the_stated_rate_and_over_a_terminal_the_firmware_says_when_it_had_a_command(
     table: Path, tmp_path: Path
 ) -> None:
     words = (str(table), "--rounds", "1", "--no-echo", "--realtime", "collector")
-    recorded = ("--rates", "1000", "--loads", "idle", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
+    recorded = ("--rates", "1000", "--loads", "thread", "--seconds", "0.7", "--recording", str(DEMO_RECORDING))
     document = report(tmp_path / "recorded", *words, *recorded)
     (condition,) = document["conditions"]
     assert (condition["reports_sent"], condition["reports_lost"]) == (700, 0)
+    assert document["in_process"][-1]["reports"] == 692
     assert "SIMULATED" in (tmp_path / "recorded" / "report.md").read_text(encoding="utf-8")
     over = ("--over", "pty", "--rates", "200", "--loads", "idle", "--seconds", "0.5", "--no-ablations")
     document = report(tmp_path / "terminal", *words, *over)

@@ -24,6 +24,7 @@ def test_each_engine_is_next_to_its_floor_and_rounds_begin_with_another_conditio
             assert floor == Condition(ECHO, rate_hz, load, ALL_STEPS)
             assert floor in PLAN.conditions(load)
             assert PLAN.floor_of(floor) is None
+    assert PLAN.floor_of(Condition(TACTABLE, 1000, BackgroundLoad.THREAD, ALL_STEPS)) is None
     rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
     assert len({conditions[0] for conditions in rounds}) == 4
     assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)

@@ -1,4 +1,4 @@
-"""The schedule: a report keeps the time at which it was due."""
+"""The schedule and its stalls: a report keeps the time at which it was due, and stands still with its layer only."""
 
 import contextlib
 import socket
@@ -6,7 +6,7 @@ from itertools import cycle
 
 import pytest
 
-from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule
+from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
 from tactable.bench.latency.sockets import SocketSource
 from tests.tools.virtual import MS, VirtualClock
 
@@ -21,6 +21,7 @@ class Run:
         rate_hz: float,
         count: int,
         *,
+        stall: Stall | None = None,
         late_ns: int = 0,
         far: EchoReceiver | None = None,
     ) -> None:
@@ -32,7 +33,7 @@ class Run:
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             self.source = SocketSource(theirs.fileno(), b"", (1, 2), count, clock.now_ns)
             schedule = Schedule(cycle(PACKETS), rate_hz, count, self.start_ns)
-            generator = LoadGenerator(schedule, ours, None if far is None else link, far, clock=clock)
+            generator = LoadGenerator(schedule, ours, None if far is None else link, far, stall=stall, clock=clock)
             generator.run(done.fileno(), lambda: self.take_reports() and clock.time_ns > self.start_ns + 100 * MS)
 
     def take_reports(self) -> bool:
@@ -48,6 +49,15 @@ def test_every_report_goes_out_in_order_with_the_time_at_which_it_was_due() -> N
     assert run.reports == [PACKETS[number % 7] for number in range(500)]
     assert run.due_ns == [run.start_ns + number * 100_000 for number in range(500)]
     assert all(sent >= due for sent, due in zip(run.source.sent_ns, run.due_ns, strict=True))
+
+
+def test_a_digitizer_that_stalls_sends_nothing_and_then_everything() -> None:
+    stall = Stall(StalledLayer.DIGITIZER, 30 * MS, 100 * MS)
+    run = Run(1000.0, 200, stall=stall)
+    late_ms = [(sent - due) / MS for sent, due in zip(run.source.sent_ns, run.due_ns, strict=True)]
+    expected_ms = [100 - number % 100 if stall.is_on(number * MS) else 0 for number in range(200)]
+    assert late_ms == pytest.approx(expected_ms, abs=0.1)
+    assert max(expected_ms) == 30
 
 
 @pytest.mark.parametrize(("awake_ns", "least", "most"), [(0, 1, 10), (50 * MS, 20, 10**6)])
