@@ -13,6 +13,7 @@ US_PER_S = 1_000_000
 BITS_PER_BYTE = 8
 _LONGEST_RUN = 4096  # bytes without a delimiter go on at this length: they are no frame
 _LONGEST_CUT = 8
+_LONGEST_BURST = 16
 
 
 @dataclass
@@ -31,7 +32,9 @@ class LineCounters:
     lost: int = 0  # frames lost on a line that was hung up, or to a device without power
     delivered: int = 0
     flipped_bits: int = 0
+    insertions: int = 0
     cuts: int = 0
+    bursts: int = 0
     delayed: int = 0  # frames that a stall delayed
     intact: int = 0
     damaged: int = 0
@@ -129,10 +132,20 @@ class FaultyLine:
 
     def _damage(self, frame: bytes) -> bytes:
         data = self._flip(frame) if self._plan.bit_errors else frame
+        chance = self._random
+        if self._happens(self._plan.insert):
+            self.counters.insertions += 1
+            at = chance.randint(0, len(data))
+            data = data[:at] + chance.randbytes(chance.randint(1, _LONGEST_CUT)) + data[at:]
         if self._happens(self._plan.lose):
             self.counters.cuts += 1
-            at = self._random.randrange(len(data))
-            data = data[:at] + data[at + self._random.randint(1, _LONGEST_CUT) :]
+            at = chance.randrange(len(data))
+            data = data[:at] + data[at + chance.randint(1, _LONGEST_CUT) :]
+        if self._happens(self._plan.burst):
+            self.counters.bursts += 1
+            at = chance.randrange(max(1, len(data) - 1))
+            noise = chance.randbytes(min(len(data) - at, chance.randint(2, _LONGEST_BURST)))
+            data = data[:at] + noise + data[at + len(noise) :]
         return data
 
     def _flip(self, frame: bytes) -> bytes:

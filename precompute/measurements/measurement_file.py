@@ -7,11 +7,12 @@ from base.files import replace_file
 from engine.device import Device
 from engine.device.toml_table import read_text
 from precompute.measurements.csv import parse_csv, write_csv
+from precompute.measurements.lvm import parse_lvm
 from precompute.measurements.types import MeasurementError, Measurements
 
 MOST_BYTES = 100_000_000  # a million rows of CSV, where a fit takes 10 000 readings at most
 _UNIVERSAL = (".uff", ".unv", ".uf")
-_TEXT, _READ_ONLY = (".csv", ".tsv", ".txt"), (".tsv", ".txt", ".mat")
+_TEXT, _READ_ONLY = (".csv", ".tsv", ".txt"), (".tsv", ".txt", ".lvm", ".mat")
 
 
 def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 0.0) -> Measurements:
@@ -24,6 +25,8 @@ def read_measurements(path: Path | str, device: Device, sensor_mass_kg: float = 
     ending = check_ending(path, to_read=True)
     if ending in _TEXT:
         return parse_csv(read_table_text(path), device, sensor_mass_kg, str(path))
+    if ending == ".lvm":
+        return parse_lvm(read_table_text(path), device, sensor_mass_kg, str(path))
     if ending == ".mat":
         from precompute.measurements.mat import read_mat
 

@@ -70,10 +70,10 @@ def read_sheet(text: str, source: str, example: str) -> Sheet:
         titles = [f"{title} ({unit.strip('[]()')})" if unit else title for title, unit in pairs]
         rows, labels = rows[1:], labels[1:]
     sheet = Sheet(titles, rows, labels, any(SIMULATED in comment for comment in comments))
-    return _checked(sheet, source, has_commas=separator == ",")
+    return check_sheet(sheet, source, has_commas=separator == ",")
 
 
-def _checked(sheet: Sheet, source: str, *, has_commas: bool) -> Sheet:
+def check_sheet(sheet: Sheet, source: str, *, has_commas: bool) -> Sheet:
     """The sheet with decimal points; raises MeasurementError for a row of another length, and for points and commas."""
     for label, row in zip(sheet.labels, sheet.rows, strict=True):
         if len(row) != len(sheet.titles):

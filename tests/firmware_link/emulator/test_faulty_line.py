@@ -50,7 +50,9 @@ def test_a_line_without_faults_carries_all_that_is_ended_by_a_delimiter(parts: l
         ("drop=0.1", "dropped"),
         ("duplicate=0.1", "duplicated"),
         ("bit_errors=1e-3", "flipped_bits"),
+        ("insert=0.1", "insertions"),
         ("lose=0.1", "cuts"),
+        ("burst=0.1", "bursts"),
     ],
 )
 def test_faults_come_as_often_as_asked_and_the_receiver_sees_what_was_counted(text: str, kind: str) -> None:

@@ -82,9 +82,23 @@ def test_what_separates_cells_and_decimals_changes_no_reading(separator: str, fi
 
 def test_files_of_other_programs_are_the_same_table(tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_bytes(wide("{name} {mm} mm re (m/s²),{name} {mm} mm im (m/s²)", parts).encode("cp1252"))
+    titles, *rows = (line.split(",") for line in PARTS.strip().split("\n"))
+    end = "***End_of_Header***"
+    channels = [cell for title in titles[1:] for cell in ("X_Value", title.removesuffix(" (m/s^2)"))]
+    lvm = [
+        *("LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t,", "X_Columns\tMulti", end, "", "Channels\t8"),
+        *(
+            "Y_Unit_Label" + "\tm/s^2\t" * 8,
+            "X_Dimension" + "\tFrequency\t" * 8,
+            end,
+            "\t".join([*channels, "Comment"]),
+        ),
+        *("\t".join(each for cell in row[1:] for each in (row[0], cell)).replace(".", ",") for row in rows),
+    ]
+    (tmp_path / "x.lvm").write_text("\n".join(lvm), encoding="utf-8")
     content = {f"{name}_acceleration_m_s2": VALUE[i].T for i, name in enumerate(NAMES)}
     scipy.io.savemat(tmp_path / "x.mat", content | {"frequency_Hz": HZ, "position_mm": PLACES_MM})
-    for name in ("x.csv", "x.mat"):
+    for name in ("x.csv", "x.lvm", "x.mat"):
         assert_read(read_here(tmp_path / name))
 
 
@@ -132,6 +146,12 @@ def saved(**arrays: object) -> bytes:
         ("x.mat", saved(frequency_Hz=HZ, left=[1.0]), "expected"),
         ("x.mat", saved(a=1.0), "frequency_Hz"),
         ("x.mat", saved(a={"b": 1.0}), "as arrays"),
+        ("x.lvm", b"LabVIEW Measurement\t\nno more", "segment"),
+        (
+            "x.lvm",
+            b"LabVIEW Measurement\n***End_of_Header***\n***End_of_Header***\nX_Value\ta\n0\t1\n",
+            "tactable measure",
+        ),
         ("x.csv", b"a\0b", "UTF-8"),
         ("x.csv", b"\x81\xff", "UTF-8"),
     ],

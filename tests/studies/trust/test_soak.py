@@ -3,7 +3,7 @@
 from tests.studies.trust.soak import COMMANDS_PER_S, Soak, check_that_counters_reconcile
 
 HARSH = (
-    "bit_errors=1e-4,drop=0.02,duplicate=0.02,lose=0.01,delay=300us,jitter=1ms,"
+    "bit_errors=1e-4,drop=0.02,duplicate=0.02,insert=0.005,lose=0.005,burst=0.005,delay=300us,jitter=1ms,"
     "drift=-90ppm,stall=0.05s/1.1s,stall=0.3s/2.9s,half_open=1.5s/6s,hang_up=0.3s@9s,reboot=0.1s/4.1s,at_noise"
 )
 
