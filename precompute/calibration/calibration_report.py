@@ -12,19 +12,19 @@ from base.plain import to_plain
 from base.points import json_of, point_of_json, point_text
 from engine.device.quantity import interval_text, quantity_text
 from precompute.calibration.calibrate import Calibration, Estimate, FittedDevice, Known
-from precompute.calibration.measuring_plan import LEAST_NOISE, Accuracy, advise, open_combinations
+from precompute.calibration.measuring_plan import open_combinations
 from precompute.measurements.types import Kind
 
 _CORRELATED = 0.9  # either error is then 2.3 times what it is with the other value known
 _UNTOLD = "- Full scale: responses per newton do not tell it. Every level rests on that of the device file: ESTIMATE."
+_NEXT = "- `tactable plan-measurements` proposes the readings that tell most beside these measurements."
 _LISTED = 12  # a page's worth; JSON has all
 
 
 def calibration_report(calibration: Calibration) -> dict[str, Any]:
     """All results of the fit in SI, ready for JSON."""
     measurements = calibration.measurements
-    accuracy = Accuracy(relative=max(calibration.noise, LEAST_NOISE))
-    return report_of_fit(calibration, float(np.median(measurements.sensor_mass_kg)), accuracy) | {
+    return report_of_fit(calibration) | {
         "simulated": measurements.is_simulated,
         "kind": measurements.kind.value,
         "per_newton": measurements.force_m is not None,
@@ -36,15 +36,14 @@ def calibration_report(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def report_of_fit(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> dict[str, Any]:
-    """The part of a report about parameters, for any kind of fit; `accuracy`: of the proposed readings."""
+def report_of_fit(calibration: FittedDevice) -> dict[str, Any]:
+    """The part of a report about parameters, for any kind of fit."""
     return {
         "device": calibration.device.name,
         "noise": calibration.noise,
         "parameters": [_parameter(estimate) for estimate in calibration.estimates],
         "correlations": _correlations(calibration),
         "open": to_plain(open_combinations(calibration)),
-        "advice": to_plain(advise(calibration, sensor_mass_kg, accuracy)),
     }
 
 
@@ -173,21 +172,14 @@ def _parameters_markdown(parameters: Sequence[dict[str, Any]]) -> str:
 
 
 def open_text(report: dict[str, Any]) -> str:
-    """Combinations that the data leave open and the drives that would tell them apart, line by line."""
+    """Combinations that the data leave open and parameters that are not well known, line by line."""
     lines = [f"- {combination['text']}." for combination in report["open"]]
     lines += [_UNTOLD] if report.get("per_newton") else []
-    units = {p["name"]: p for p in report["parameters"]}
-    for advice in report["advice"]:
-        parameter = units[advice["parameter"]]
-        now, then = (
-            quantity_text(advice[key], parameter["unit"], 2) for key in ("standard_error", "standard_error_after")
-        )
-        text = f"- {advice['parameter']} is {_known_text(parameter)}, its standard error {now}; "
-        if advice["drive_hz"] is None:
-            text += "no drive of the sweep would determine it much better. Leave it as it is, or give it bounds."
-        else:
-            text += f"{drive_text(advice['drive_hz'])}, read along the bar, would make that {then}."
-        lines.append(text)
+    unsure = [p for p in report["parameters"] if p["known"] != Known.WELL.value]
+    for p in unsure:
+        error = quantity_text(p["standard_error"], p["unit"], 2)
+        lines.append(f"- {p['name']} is {_known_text(p)}, its standard error {error}.")
+    lines += [_NEXT] if unsure else []
     return "\n".join(lines) or "Nothing: every parameter is known within a factor of 2 or better."
 
 
@@ -209,11 +201,6 @@ def phase_text(wrong: Mapping[str, Any]) -> str:
 def place_text(value: Any) -> str:
     """A place of a report in words, to a tenth of a millimetre."""
     return point_text(point_of_json(value), 1, "f")
-
-
-def drive_text(drive_hz: Sequence[float | None]) -> str:
-    """The drive in words, such as "150 Hz and still", in the order of the actuators."""
-    return " and ".join("still" if hz is None or math.isnan(hz) else f"{hz:g} Hz" for hz in drive_hz)
 
 
 def _correlations_markdown(correlations: Sequence[dict[str, Any]]) -> str:

@@ -11,7 +11,7 @@ from base.arrays import Array, Points
 from base.plain import to_plain
 from base.points import clip_points, json_of, parts_of
 from engine.device import Device
-from precompute.calibration.calibrate import Calibration, FittedDevice, Known
+from precompute.calibration.calibrate import Calibration, FittedDevice
 from precompute.measurements.model import MeasurementModel, even_places
 from precompute.measurements.parameters import Bounds, Parameter, find_parameters, rates_at, values_at
 from precompute.measurements.types import Kind, lay_out
@@ -25,7 +25,6 @@ _LEAST_APART_HZ = 10.0  # closer frequencies beat slowly, and their common peak 
 _OPEN_BELOW = 2.0
 """Singular value below which a combination is open: the data narrow it to no less than half of its bounds."""
 _PART = 0.25  # of a unit vector: smaller parts are not named
-_WORTH = 0.7  # of the standard deviation: a drive that leaves more is not recommended
 _NEARLY_ONE = 0.95  # of a unit vector: what the others have is then below 0.32 together
 
 
@@ -204,14 +203,6 @@ def plan_readings(candidates: Candidates, information: Array, count: int) -> lis
     return steps
 
 
-def best_drive(candidates: Candidates, information: Array, parameter: int) -> tuple[tuple[float, ...], float]:
-    """The drive whose readings at every point leave one parameter the least standard deviation, and that deviation."""
-    together = information + np.einsum("dxp,dxq->dpq", candidates.slope, candidates.slope)
-    left = np.linalg.inv(together)[:, parameter, parameter]
-    best = int(np.argmin(left))
-    return tuple(candidates.frequency_hz[best].tolist()), float(np.sqrt(left[best]))
-
-
 def prior_information(parameters: Sequence[Parameter]) -> Array:
     """Information (parameter, parameter) of the bounds alone."""
     return np.diag([parameter.prior**-2.0 for parameter in parameters])
@@ -227,19 +218,6 @@ class Combination:
     singular_value: float
     parts: dict[str, float]
     text: str
-
-
-@dataclass(frozen=True)
-class Advice:
-    """A parameter that is not well known, and the drive whose readings along the bar would narrow it most; SI values.
-
-    drive_hz (actuator,): NaN for still; None where no drive of the sweep would help.
-    """
-
-    parameter: str
-    standard_error: float
-    drive_hz: tuple[float, ...] | None
-    standard_error_after: float
 
 
 def open_combinations(calibration: FittedDevice) -> tuple[Combination, ...]:
@@ -265,22 +243,3 @@ def _words(parts: dict[str, float]) -> str:
         return f"{first} alone: it hardly changes what was measured"
     moves = " and ".join(f"{name} {'up' if part > 0 else 'down'}" for name, part in others)
     return f"{first} up with {moves}: together they hardly change what was measured"
-
-
-def advise(calibration: FittedDevice, sensor_mass_kg: float, accuracy: Accuracy) -> tuple[Advice, ...]:
-    """Advice for every parameter that is not known within a factor of 2 or better; `accuracy`: of further readings."""
-    if all(estimate.known is Known.WELL for estimate in calibration.estimates):
-        return ()
-    parameters = calibration.parameters
-    candidates = propose_candidates(calibration.device, parameters, calibration.coordinate, sensor_mass_kg, accuracy)
-    information = calibration.information + prior_information(parameters)
-    found: list[Advice] = []
-    for i, estimate in enumerate(calibration.estimates):
-        if estimate.known is Known.WELL:
-            continue
-        drive_hz, deviation = best_drive(candidates, information, i)
-        rate = estimate.parameter.rate_at(float(calibration.coordinate[i]))
-        helps = deviation * rate <= _WORTH * estimate.standard_error
-        name, error = estimate.parameter.name, estimate.standard_error
-        found.append(Advice(name, error, drive_hz if helps else None, standard_error_after=deviation * rate))
-    return tuple(found)

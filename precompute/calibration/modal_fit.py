@@ -26,7 +26,6 @@ from precompute.calibration.adequacy import SMALLEST_MISFIT, UNLIKELY
 from precompute.calibration.calibrate import STARTS, FittedDevice, conclude
 from precompute.calibration.calibration_report import report_of_fit
 from precompute.calibration.fit import Misfit, MisfitModel, fit, pose
-from precompute.calibration.measuring_plan import Accuracy
 from precompute.measurements.measured_modes import DAMPING_ERROR, Modes
 from precompute.measurements.model import force_slopes
 from precompute.measurements.parameters import (
@@ -224,7 +223,7 @@ def modal_report(calibration: ModalCalibration) -> dict[str, Any]:
         strict=True,
     )
     keys = ("mode", "frequency_hz", "fitted_hz", "damping_ratio", "fitted_damping_ratio", "modal_assurance")
-    report = report_of_fit(calibration, modes.sensor_mass_kg, Accuracy())
+    report = report_of_fit(calibration)
     report["open"].append({"text": _RATIOS, "singular_value": 0.0, "parts": {"actuator.full_scale": 1.0}})
     return report | {
         "simulated": modes.is_simulated,

@@ -1,5 +1,6 @@
 """Pages about a calibration: the fitted values, the table it was applied to, a plan of measurements."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from rich.table import Column
 from rich.table import Table as Grid
 
 from engine.device.quantity import interval_text, quantity_text
-from precompute.calibration.calibration_report import drive_text, open_text, place_text
+from precompute.calibration.calibration_report import open_text, place_text
 from tactable.calibration.job import times_text
 from tactable.explain.words import print_lines
 
@@ -67,10 +68,15 @@ def print_plan(out: Console, plan: dict[str, Any]) -> None:
         for number, step in enumerate(plan["readings"], 1):
             best = max(step["shrinks"], key=lambda name: step["shrinks"][name])
             shrinks = f"{best} by {100 * step['shrinks'][best]:.2g} %"
-            grid.add_row(str(number), drive_text(step["drive_hz"]), place_text(step["position_m"]), shrinks)
+            grid.add_row(str(number), _drive_text(step["drive_hz"]), place_text(step["position_m"]), shrinks)
         out.print(grid)
     grid = Grid("parameter", "value", "standard error", "after these")
     for p in plan["parameters"]:
         before, after = (quantity_text(p[key], p["unit"], 2) for key in ("standard_error", "standard_error_after"))
         grid.add_row(p["name"], quantity_text(p["value"], p["unit"]), before, after)
     out.print(grid)
+
+
+def _drive_text(drive_hz: Sequence[float | None]) -> str:
+    """The drive in words, such as "150 Hz and still", in the order of the actuators."""
+    return " and ".join("still" if hz is None or math.isnan(hz) else f"{hz:g} Hz" for hz in drive_hz)
