@@ -2,11 +2,10 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from base.arrays import Complex, Mask, Single
 from engine.device import Device
@@ -81,52 +80,27 @@ def _write_axes(writer: TableWriter, group: str, device: Device, *names: str) ->
             writer.write(group, Variable(name, (name,), "1", f"name of the {name}"), [thing.name for thing in things])
 
 
-@dataclass(frozen=True)
-class PairSweep:
-    """One actuator pair ready for `fill_pair_sweep`, in single precision; see there for the shapes."""
+def pair_filler(grid: GridResponse, pair: tuple[int, int]) -> Callable[[slice, Sequence[Single]], None]:
+    """What fills factor, peak, dead of two actuators for some rows, in single precision (`fill_pair_sweep`).
 
-    level_1: Single
-    level_2: Single
-    energy_1: Single
-    energy_2: Single
-    total_1: Single
-    total_2: Single
-    ratios: AmplitudeRatios
-
-    def fill(self, rows: slice, out: Sequence[Single]) -> None:
-        """Fill factor, peak, dead, each (frequency_1, amplitude_1 * amplitude_2, zone, frequency_2), for some rows."""
-        fill_pair_sweep(
-            self.level_1[rows],
-            self.level_2,
-            self.energy_1[rows],
-            self.energy_2,
-            self.total_1[rows],
-            self.total_2,
-            self.ratios.first,
-            self.ratios.second,
-            self.ratios.ratio.ravel(),
-            self.ratios.multiple.ravel().astype(np.float32),
-            *out,
-        )
-
-
-def prepare_pair_sweep(grid: GridResponse, pair: tuple[int, int]) -> PairSweep:
-    """Levels and energies of two actuators of the grid."""
-    unit = np.einsum("fii->f", grid.total).real.max()
-    first, second = pair
-
-    def single(values: NDArray[np.floating]) -> Single:
-        return np.ascontiguousarray(values, dtype=np.float32)
-
-    return PairSweep(
-        level_1=single(abs(grid.acceleration[:, first])),
-        level_2=single(abs(grid.acceleration[:, second]).transpose(1, 2, 0)),
-        energy_1=single(grid.gram[:, :, first, first].real / unit),
-        energy_2=single(grid.gram[:, :, second, second].real.T / unit),
-        total_1=single(grid.total[:, first, first].real / unit),
-        total_2=single(grid.total[:, second, second].real / unit),
-        ratios=fold_amplitudes(grid.device.sweep.amplitude_steps),
+    Each has the shape (frequency_1, amplitude_1 * amplitude_2, zone, frequency_2).
+    """
+    (first, second), ratios = pair, fold_amplitudes(grid.device.sweep.amplitude_steps)
+    gram, total = (each / np.einsum("fii->f", grid.total).real.max() for each in (grid.gram.real, grid.total.real))
+    of_first = abs(grid.acceleration[:, first]), gram[:, :, first, first], total[:, first, first]
+    of_second = (
+        abs(grid.acceleration[:, second]).transpose(1, 2, 0),
+        gram[:, :, second, second].T,
+        total[:, second, second],
     )
+    level_1, energy_1, total_1 = (np.ascontiguousarray(each, dtype=np.float32) for each in of_first)
+    level_2, energy_2, total_2 = (np.ascontiguousarray(each, dtype=np.float32) for each in of_second)
+    folded = ratios.first, ratios.second, ratios.ratio.ravel(), ratios.multiple.ravel().astype(np.float32)
+
+    def fill(rows: slice, out: Sequence[Single]) -> None:
+        fill_pair_sweep(level_1[rows], level_2, energy_1[rows], energy_2, total_1[rows], total_2, *folded, *out)
+
+    return fill
 
 
 def write_pair_sweep(
@@ -141,7 +115,8 @@ def write_pair_sweep(
     if not pairs:
         return
     names = ("pair", "frequency_1", "amplitude_1", "amplitude_2", "zone", "frequency_2")
-    count, steps, zones = len(grid.frequency_hz), device.sweep.amplitude_steps + 1, len(device.zones)
+    ratios, steps = fold_amplitudes(device.sweep.amplitude_steps), device.sweep.amplitude_steps + 1
+    count, zones = len(grid.frequency_hz), len(device.zones)
     shape = (len(pairs), count, steps, steps, zones, count)
     row_bytes = len(_FIGURES) * 4 * steps * steps * zones * count
     chunk = max(1, min(count, memory_budget_bytes // row_bytes))
@@ -151,12 +126,11 @@ def write_pair_sweep(
         _write_axes(writer, "sweep", device, *names)
         streams = [writer.open_stream("sweep", Variable(n, names, u, m), shape, np.float32) for n, u, m in _FIGURES]
     for p, pair in enumerate(pairs):
-        sweep = prepare_pair_sweep(grid, pair)
-        diagonal = _diagonal(grid, pair, sweep.ratios)
+        fill, diagonal = pair_filler(grid, pair), _diagonal(grid, pair, ratios)
         for start in range(0, count, chunk):
             rows = slice(start, min(start + chunk, count))
             views = [buffer[: rows.stop - start] for buffer in buffers]
-            sweep.fill(rows, views)
+            fill(rows, views)
             for view, values in zip(views, diagonal, strict=True):
                 frequencies = np.arange(start, rows.stop)
                 view[frequencies - start, :, :, frequencies] = values[frequencies]
@@ -164,16 +138,17 @@ def write_pair_sweep(
                 view[..., ~grid.in_band[:, pair[1]]] = np.nan
             for stream, view in zip(streams, views, strict=writer is not None):
                 stream.append(view)
-            best.take_rows(_pair_rows(grid, p, sweep.ratios, start, views))
+            best.take_rows(_pair_rows(grid, p, pair, ratios, start, views))
             yield (p + rows.stop / count) / len(pairs)
     for stream in streams:
         stream.close()
 
 
-def _pair_rows(grid: GridResponse, p: int, ratios: AmplitudeRatios, start: int, views: Sequence[Single]) -> Rows:
+def _pair_rows(
+    grid: GridResponse, p: int, pair: tuple[int, int], ratios: AmplitudeRatios, start: int, views: Sequence[Single]
+) -> Rows:
     """The rows of two frequencies from `start` on in the chunk, each ratio once: (frequency_1, ratio, frequency_2)."""
     device, hz = grid.device, grid.frequency_hz
-    pair = list(itertools.combinations(range(len(device.actuators)), 2))[p]
     # A ratio's row is its loudest pair of amplitudes, which is the last one in the order of the table.
     last = {int(ratio): at for at, ratio in enumerate(ratios.ratio.ravel())}
     sounding = np.flatnonzero((ratios.first > 0) & (ratios.second > 0))

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from engine.device import Device
 from precompute.model.assembly import assemble_bar
 from precompute.sweep.grid import compute_grid_response, zone_points
-from precompute.sweep.tabulate import prepare_pair_sweep
+from precompute.sweep.tabulate import pair_filler
 
 ROUNDS = 5  # of each task, in turn; their median is shown
 
@@ -25,11 +25,11 @@ def run_sweep_bench(device: Device) -> dict[str, Any]:
     """Time the pair sweep of the first two actuators of `device` against writing as many bytes. Takes some seconds."""
     with threadpool_limits(1, "blas"):
         grid = compute_grid_response(assemble_bar(device), device.sweep.frequency_hz, zone_points(device))
-        sweep = prepare_pair_sweep(grid, (0, 1))
+        fill = pair_filler(grid, (0, 1))
         count, steps = len(grid.frequency_hz), device.sweep.amplitude_steps + 1
         shape = (count, steps * steps, len(device.zones), count)
         out = [np.zeros(shape, dtype=np.float32) for _ in range(3)]
-        ours, floor = _interleaved(lambda: sweep.fill(slice(None), out), lambda: _write_floor(*out))
+        ours, floor = _interleaved(lambda: fill(slice(None), out), lambda: _write_floor(*out))
         points = count * count * steps * steps
     table_bytes = sum(values.nbytes for values in out)
     return {

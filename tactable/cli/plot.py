@@ -112,7 +112,6 @@ def state(
 def factor(
     table_path: options.TableArgument,
     zones: Annotated[str, Option(help="Zones whose common share is drawn, such as I,III; default: each.")] = "",
-    fingers: Annotated[str, Option(help="Zones with a finger: also draw the bar with these fingers.")] = "",
     amplitudes: Annotated[str, Option(help="Amplitudes of the two actuators, fractions of full scale.")] = "1,1",
     pair: Annotated[str, Option(help="Names of two actuators; default: the first two.")] = "",
 ) -> Picture:
@@ -125,7 +124,7 @@ def factor(
 
         drive = pair_drive(table.device, options.names_in(pair), options.read_numbers("--amplitudes", amplitudes))
         named = [options.read_zones("--zones", zones)] if zones else [[zone.name] for zone in table.device.zones]
-        return plot_factor(table, named, options.names_in(fingers), drive)
+        return plot_factor(table, named, drive)
 
 
 @picture_command

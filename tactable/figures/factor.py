@@ -1,4 +1,4 @@
-"""The localized factor over two frequencies: of the untouched bar, and with fingers on it."""
+"""The localized factor over two frequencies, of the untouched surface."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,16 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from base.arrays import Array, Complex
+from base.arrays import Array
 from engine.device import Device
 from engine.table import Table, TableError
-from precompute.model.assembly import assemble
-from precompute.model.gram import compute_gram
-from precompute.model.response import solve_response
 from tactable.figures.picture_file import Picture
-from tactable.figures.style import COLOUR_MAP, FINGER_NOTE, GREY, VERMILLION, finish_picture
+from tactable.figures.style import COLOUR_MAP, GREY, VERMILLION, finish_picture
 
-_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4  # panels in a row and their sides, of many and of one or two
+_PANELS, _PANEL_INCHES, _LARGE_PANEL_INCHES = 3, 3.4, 4.4  # panels in a row and their sides, of many and of one
 _ON_GRID = 1e-6  # an amplitude this close to one of the sweep is it
 
 
@@ -50,23 +47,18 @@ def pair_drive(device: Device, names: Sequence[str], amplitudes: Sequence[float]
     return PairDrive(pair, (first, second))
 
 
-def plot_factor(
-    table: Table, combinations: Sequence[Sequence[str]], fingers: Sequence[str], drive: PairDrive
-) -> Picture:
-    """Picture of each combination of zones from the table's sweep; beside it with standard fingers in zones `fingers`.
+def plot_factor(table: Table, combinations: Sequence[Sequence[str]], drive: PairDrive) -> Picture:
+    """Picture of each combination of zones from the table's sweep.
 
     Raises DeviceError for unknown zones, TableError where the table has no sweep.
     """
     device = table.device
-    maps = dict[str, Array]()
-    for zones in combinations:
-        of = f"{', '.join(zones)} " if len(combinations) > 1 else ""
-        maps[f"{of}untouched"] = read_factor(table, zones, drive)
-        if fingers:
-            maps[f"{of}with a finger in {' and '.join(fingers)}"] = compute_factor(device, zones, fingers, drive)
-    columns = min(len(maps), _PANELS if len(combinations) > 1 else len(maps))
+    is_alone = len(combinations) == 1
+    named = ["untouched"] if is_alone else [f"{', '.join(zones)} untouched" for zones in combinations]
+    maps = {name: read_factor(table, zones, drive) for name, zones in zip(named, combinations, strict=True)}
+    columns = min(len(maps), _PANELS)
     rows = -(-len(maps) // columns)
-    size = _PANEL_INCHES if len(combinations) > 1 else _LARGE_PANEL_INCHES
+    size = _LARGE_PANEL_INCHES if is_alone else _PANEL_INCHES
     figure = Figure(figsize=(1.6 + size * columns, 1.3 + 0.87 * size * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     every = np.stack(list(maps.values()))
@@ -82,7 +74,7 @@ def plot_factor(
         last = [row for row in range(rows) if row * columns + column < len(maps)][-1]
         panels[last, column].set_xlabel(_axis_text(device, drive, 0))
         panels[last, column].tick_params(labelbottom=True)
-    words = "each zone" if len(combinations) > 1 else ", ".join(combinations[0])
+    words = ", ".join(combinations[0]) if is_alone else "each zone"
     figure.colorbar(image, ax=panels, label=f"localized factor of {words} (1)", pad=0.02)
     legend = "on the diagonal one frequency: there fields add, in phase"
     if np.isnan(every).any():
@@ -95,12 +87,11 @@ def plot_factor(
         _columns(device, drive, maps),
         {
             "zones": [list(zones) for zones in combinations],
-            "fingers": list(fingers),
             "actuators": [device.actuators[i].name for i in drive.actuators],
             "amplitudes": list(drive.amplitudes),
             "greatest": [_greatest(device, factor) for factor in maps.values()],
         },
-        notes=(FINGER_NOTE,) if fingers else (),
+        notes=(),
         subtitle=f"({legend})",
     )
 
@@ -111,34 +102,6 @@ def read_factor(table: Table, zones: Sequence[str], drive: PairDrive) -> Array:
     pair = list(itertools.combinations(range(len(device.actuators)), 2)).index(drive.actuators)
     first, second = (int(abs(device.sweep.amplitude - amplitude).argmin()) for amplitude in drive.amplitudes)
     return np.asarray(table.localized_factor(zones, pair)[:, :, first, second], dtype=np.float64)
-
-
-def compute_factor(device: Device, zones: Sequence[str], fingers: Sequence[str], drive: PairDrive) -> Array:
-    """The factor with standard fingers at the middles of zones `fingers`: the paper's sum of energies (eq. (10)).
-
-    Where both play one frequency their fields add, at phase 0.
-    """
-    touched = [device.zones[device.zone_index(name)] for name in fingers]
-    middles_m = [(zone.start_m + zone.stop_m) / 2 for zone in touched]
-    plant = assemble(device).with_fingers(middles_m, device.finger)
-    frequency_hz = device.sweep.frequency_hz
-    gram, total = compute_gram(solve_response(plant, frequency_hz))
-    energy = gram[:, sorted({device.zone_index(name) for name in zones})].sum(axis=1)
-    factor = _combine(energy, drive) / _combine(total, drive)
-    for axis, actuator in enumerate(drive.actuators):
-        low_hz, high_hz = device.actuators[actuator].band_hz
-        outside = (frequency_hz < low_hz - _ON_GRID) | (frequency_hz > high_hz + _ON_GRID)
-        factor[(slice(None),) * axis + (outside,)] = np.nan
-    return factor
-
-
-def _combine(gram: Complex, drive: PairDrive) -> Array:
-    """Energy (frequency_1, frequency_2) from Gram matrices (frequency, actuator, actuator)."""
-    pair, amplitude = np.array(drive.actuators), np.array(drive.amplitudes)
-    parts = gram[:, pair[:, None], pair].real * np.outer(amplitude, amplitude)
-    energy: Array = parts[:, None, 0, 0] + parts[None, :, 1, 1]
-    np.fill_diagonal(energy, parts.sum(axis=(1, 2)))
-    return energy
 
 
 def _draw(axes: Axes, device: Device, factor: Array, scale: tuple[float, float]) -> AxesImage:

@@ -16,7 +16,7 @@ PICTURES = {
     "state": ("state", "bar.nc", "--felt", "I", "--quiet", "III"),
     "rise": ("state", "bar.nc", "--felt", "I", "--quiet", "III", "--over-time"),
     "rise-at-positions": ("state", "bar.nc", "--felt", "35 mm", "--over-time"),
-    "factor": ("factor", "bar.nc", "--zones", "I,III", "--fingers", "II", "--amplitudes", "1,0.5"),
+    "factor": ("factor", "bar.nc", "--zones", "I,III", "--amplitudes", "1,0.5"),
     "click": CLICK,
     "response": ("response", "reference-a", "--drives", "-,140;-,200;-,230"),
     "zones": ("response", "reference-a", "--by-zone", "--drives", "60,90", "--change", "bar.mass_damping=0 1/s"),

@@ -16,11 +16,9 @@ from precompute.builder.table_build import build_table
 from precompute.measurements.model import Flaws, even_places, simulate_measurements
 from precompute.measurements.types import Measurements, lay_out
 from precompute.model.assembly import assemble
-from precompute.model.gram import compute_steady_state
 from precompute.model.response import solve_response
 from tactable.explain.placed_drive import designer_of
 from tactable.figures.course import compute_rising
-from tactable.figures.factor import PairDrive, compute_factor
 from tactable.figures.picture_file import Picture, write_picture
 from tactable.figures.response_picture import plot_response, reading_at
 from tactable.figures.state_picture import PlayedDrive, compute_envelope, plot_state, solved_drive
@@ -65,20 +63,6 @@ def test_a_drive_for_positions_is_drawn_at_them_as_it_was_solved(table: Table) -
     assert "35 mm (I) felt" in picture.caption
     risen_db = compute_rising(played).level_db[played.placement.felt[0], -1]
     assert risen_db == pytest.approx(played.drive.weakest_felt_db, abs=1.0)
-
-
-def test_with_fingers_the_factor_is_that_of_the_steady_state_and_none_out_of_an_actuator_s_band(table: Table) -> None:
-    left, right = table.device.actuators
-    device = replace(table.device, actuators=(replace(left, band_hz=(100.0, 300.0)), right))
-    middle_m = (device.zones[1].start_m + device.zones[1].stop_m) / 2
-    plant, hz = assemble(device).with_fingers([middle_m], device.finger), device.sweep.frequency_hz
-    factor = compute_factor(device, ["III"], ["II"], PairDrive((0, 1), (1.0, 0.6)))
-    below = hz < 100.0
-    assert np.isnan(factor[below]).all()
-    assert np.isfinite(factor[~below]).all()
-    for first, second in ((30, 40), (40, 3), (25, 25)):
-        steady = compute_steady_state(plant, hz[[first, second]], np.array([1.0, 0.6], dtype=np.complex128))
-        assert factor[first, second] == pytest.approx(steady.share[2], rel=1e-8)
 
 
 def small_picture() -> Picture:
