@@ -31,7 +31,7 @@ The same concerns lie side by side on the host, in the emulated firmware and in 
 | bytes, time and deadlines | link | firmware | device |
 | who may drive | handshake, link | session | session |
 | what sounds | outbox | drive, channels | drive, channels |
-| how long it may sound | lease | lease | lease |
+| how long it may sound | outbox | lease | lease |
 | the basis | memory | memory | memory, basis |
 | samples of the accelerometer | sensing | sense | sense, stream |
 | what the device says | link | reports | reports |

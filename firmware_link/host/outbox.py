@@ -20,10 +20,17 @@ Invariants:
   `Player`, with a margin for the jitter of the line, says when there is room, and the click waits in the slot.
 - While the device changes over to another basis (`holds_clicks`), no click goes out: its weights are of one of them.
 - What `next_frame` returns is taken as sent; the caller must send it.
+
+The *lease* of what sounds says how soon the next command may go out, and by when the last must be renewed. The device
+lets a drive live for one lease after the last fresh frame and orders frames by a sequence of one byte
+(firmware/core/lease.c). Hence two bounds:
+
+- *Often enough.* A drive is renewed RENEWALS_PER_LEASE times a lease, so that two lost frames in a row do not end it.
+  Silence and waveforms need no renewal for themselves, but the device latches 250 ms after the last fresh frame.
+- *Not too often.* A sequence tells newer from older up to 127 frames ahead, so no more may go out within a lease.
 """
 
 from firmware_link.host.clock import DeviceClock
-from firmware_link.host.lease import NS_PER_MS, SILENT_RENEWAL_NS, Lease
 from firmware_link.host.link_values import LinkCounters
 from firmware_link.protocol import messages
 from firmware_link.protocol.basis import EncodedClick
@@ -31,9 +38,27 @@ from firmware_link.protocol.framing import FrameEncoder, encode_frame
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.player import Player
 
+NS_PER_MS = 1_000_000
+US_PER_MS = 1_000
+# A sequence says its age up to here: with more frames within a lease, old ones could not be told from new ones.
+LONGEST_SEQUENCE_LEAD = 127
+RENEWALS_PER_LEASE = 3  # each costs a frame a lease; see above
+SILENT_RENEWAL_NS = 80 * NS_PER_MS  # the device disarms 250 ms after the last fresh frame: two in a row may be lost
 NS_PER_US = 1_000
 JITTER_US = 2 * NS_PER_MS // NS_PER_US  # a frame may reach the device so much sooner after the one before than it left
 _NEVER_NS = (1 << 63) - 1  # the greatest int64
+
+
+class Lease:
+    """Times of the lease that was agreed with the device, in host nanoseconds where not named otherwise."""
+
+    def __init__(self, duration_ms: int) -> None:
+        self.duration_ms = duration_ms
+        self.duration_us = duration_ms * US_PER_MS
+        self.renewal_ns = duration_ms * NS_PER_MS // RENEWALS_PER_LEASE  # between two frames that hold a drive
+        self.spacing_ns = -(-duration_ms * NS_PER_MS // LONGEST_SEQUENCE_LEAD)  # between two commands, at least
+        self.free_ns = 0  # time from which another command may go out
+        self.renewal_due_ns = 0  # time by which what sounds must be renewed
 
 
 class Outbox:

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import firmware_link
-from firmware_link.host.lease import LONGEST_SEQUENCE_LEAD, Lease
 from firmware_link.host.link import EXCHANGE_PERIOD_NS
+from firmware_link.host.outbox import LONGEST_SEQUENCE_LEAD, Lease
 from firmware_link.protocol.drive_words import DRIVE_SIZE
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.line_rate import NS_PER_S, occupied_ns, sensed_rate_hz

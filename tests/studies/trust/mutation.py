@@ -89,7 +89,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     ),
     "engine/touch/placement.py": ("tests/engine/touch/test_placement.py",),
     STEP: ("tests/engine/loop/fast/test_fast_path.py", "tests/engine/loop/fast/test_step.py"),
-    "firmware_link/host/lease.py": _HOST,
     "firmware_link/host/outbox.py": _HOST,
     "firmware_link/host/session.py": _HOST,
     "firmware_link/protocol/framing.py": (

@@ -295,16 +295,10 @@ def test_a_broken_promise_is_found_and_one_for_positions_is_not_kept_elsewhere(
     assert replace(report, simulated=reporter.surface.simulate_held(event, moved_m)).disagreement > AGREEMENT
 
 
-@pytest.fixture(scope="module")
-def clicked(table: Table) -> tuple[LiveRun, dict[Wanted, DriveEvent]]:
-    run = play(table, read_recording(DEMO_RECORDING), 3.0)
-    return run, {wanted: event for wanted, event in first_applied(run).items() if event.waveform is not None}
-
-
 def test_what_rings_down_counts_as_felt_by_the_finger_that_felt_it_and_a_board_that_is_not_driven_moves_nothing(
-    reporter: Reporter, clicked: tuple[LiveRun, dict[Wanted, DriveEvent]]
+    reporter: Reporter, table: Table
 ) -> None:
-    run, _ = clicked
+    run = play(table, read_recording(DEMO_RECORDING), 3.0)
     first = next(change for change in run.trace if change.is_click)
     felt = reporter.surface.feel(run, 13.0)
     start_s = (first.time_ns - run.moments[0].time_ns) / 1e9
