@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tactable.calibration.apply import Verify
     from tactable.calibration.job import CalibrationJob
     from tactable.measure.apparatus import ApparatusOptions
-    from tactable.measure.circle import Circle
+    from tactable.measure.verification import Circle
 
 _MEASUREMENTS = "CSV or universal file (tables/MEASUREMENTS.md)"
 AppliedTable = Annotated[
@@ -166,8 +166,8 @@ def _apparatus(
 def _at_the_bar(device: "Device", named: "ApparatusOptions", places: int, method: str) -> Iterator["Circle"]:
     """The circle of a calibration, its apparatus open."""
     from tactable.measure.apparatus import open_apparatus
-    from tactable.measure.circle import Circle
     from tactable.measure.stepped_sine import SteppedSineOptions
+    from tactable.measure.verification import Circle
     from tactable.measure.walk import Methods, even_walk, named_method
 
     with open_apparatus(device, named, measure.ask) as apparatus:

@@ -19,8 +19,7 @@ from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from tactable.audio.board import AudioBoard
 from tactable.audio.interfaces import Interface, find_interfaces, select_interface
 from tactable.audio.names import AudioError, parse_output
-from tactable.audio.output_process import Feeder
-from tactable.audio.port import CARD_BIT_RATE_HZ, CardReopening
+from tactable.audio.port import CARD_BIT_RATE_HZ, CardReopening, Feeder
 from tactable.audio.simulated_card import SimulatedCard
 from tactable.audio.streams import wait_while_called
 from tactable.measure.audio_process import AudioSensor
