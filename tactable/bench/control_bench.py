@@ -28,10 +28,9 @@ from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.loop import SystemClock
 from engine.table import Table
 from firmware_link.host.serial_port import DescriptorPort
+from tactable.bench.ends import STAMPS, LightDevice, SocketSource
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ
-from tactable.bench.latency.sockets import STAMPS, SocketSource
 from tactable.bench.latency.stages import figures_of, us
-from tactable.bench.light_device import LightDevice
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.rig.emulate import configuration_of
 from tactable.rig.virtual_digitizer import PRODUCT_ID, VENDOR_ID, descriptor_of, report_of

@@ -21,9 +21,9 @@ from engine.table import Table
 from engine.touch import open_digitizer
 from engine.touch.sources import OnClock
 from firmware_link.emulator.device_state import DeviceConfiguration
+from tactable.bench.ends import LightDevice
 from tactable.bench.inputs import MOST_COMMANDS_HZ, Stream
 from tactable.bench.latency.stages import figures_of
-from tactable.bench.light_device import LightDevice
 from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import Live, LiveOptions
 

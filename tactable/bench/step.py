@@ -28,11 +28,11 @@ from engine.touch import FingerTracker, Touch, TouchFrame
 from engine.touch.sources.recording import Recording
 from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
+from tactable.bench.ends import LightDevice
 from tactable.bench.in_process import InProcess, measure_in_process
 from tactable.bench.inputs import HELD, replayed
 from tactable.bench.latency.conditions import PTY_BIT_RATE_HZ, reading_ns
 from tactable.bench.latency.stages import figures_of, us
-from tactable.bench.light_device import LightDevice
 from tactable.rig.emulate import configuration_of
 from tactable.run.live_run import fast_library
 

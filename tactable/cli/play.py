@@ -14,7 +14,7 @@ from tactable.shipped import find_device
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from tactable.measure.asked_drive import AskedDrive
+    from tactable.measure.driven_device import AskedDrive
 
 _STEP_NS = 100_000_000  # a signal is noticed within it; the link renews its lease by itself
 _NS_PER_S = 1_000_000_000
@@ -41,8 +41,7 @@ def play(
     from engine.loop.loop import SystemClock
     from tactable.audio.port import open_port
     from tactable.digitizers.record import stop_at_signal
-    from tactable.measure.asked_drive import check_drive
-    from tactable.measure.driven_device import DrivenDevice
+    from tactable.measure.driven_device import DrivenDevice, check_drive
 
     device = find_device(device_name)
     asked = read_asked_drive(device, frequency, amplitude, phase)
@@ -70,7 +69,7 @@ def play(
 
 def read_asked_drive(device: "Device", frequency: str, amplitude: str, phase: str) -> "AskedDrive":
     """The drive of --frequency, --amplitude and --phase. Raises OptionError where one of them cannot be read."""
-    from tactable.measure.asked_drive import AskedDrive
+    from tactable.measure.driven_device import AskedDrive
 
     frequencies = _each(device, "--frequency", frequency)
     is_still = [text == "-" for text in frequencies]
@@ -134,7 +133,7 @@ def _summary(device: "Device", asked: "AskedDrive", played_s: float, is_simulate
     }
     if is_simulated:
         from base.arrays import Field
-        from tactable.measure.asked_drive import simulate_levels
+        from tactable.measure.driven_device import simulate_levels
 
         position_m = Field.of(device.surface.corner_m, _POINTS).position_m
         peak_m_per_s2, level_db = simulate_levels(device, asked, position_m)

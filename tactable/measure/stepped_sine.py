@@ -31,8 +31,14 @@ from firmware_link.protocol.basis import EncodedClick
 from firmware_link.protocol.link_errors import LinkError
 from precompute.model.assembly import assemble
 from precompute.model.modal import compute_basis, compute_modal_model
-from tactable.measure.asked_drive import AskedDrive, check_drive
-from tactable.measure.driven_device import DrivenDevice, LostWindowError, Recorder, known_samples
+from tactable.measure.driven_device import (
+    AskedDrive,
+    DrivenDevice,
+    LostWindowError,
+    Recorder,
+    check_drive,
+    known_samples,
+)
 from tactable.measure.faults import MOST_DRIFT, MOST_PHASE_STEP_RAD, SPOILING, Fault, find_click_faults, find_faults
 from tactable.measure.sensor import Sensor
 from tactable.measure.tone_fit import ToneFit, fit_tone

@@ -21,8 +21,7 @@ import numpy as np
 
 from base.arrays import Array
 from engine.render.limits import Drive
-from tactable.measure.asked_drive import AskedDrive, check_drive
-from tactable.measure.driven_device import known_samples
+from tactable.measure.driven_device import AskedDrive, check_drive, known_samples
 from tactable.measure.faults import (
     MOST_DISTORTION,
     MOST_DRIFT,

@@ -58,9 +58,8 @@ from precompute.sampling.placements import Anywhere, random_placements
 from precompute.sampling.plants import sample_scenarios
 from tactable.explain.words import zone_names
 from tactable.measure.apparatus import Apparatus, ApparatusOptions
-from tactable.measure.asked_drive import AskedDrive
 from tactable.measure.board_sensor import fixed_places
-from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.driven_device import AskedDrive, DrivenDevice
 from tactable.measure.faults import SPOILING, Fault
 from tactable.measure.stepped_sine import Reading, SteppedSine, SteppedSineOptions, slowest_decay_per_s
 from tactable.measure.walk import Method, RawFolder, Stop, measure_walk, measurements_of

@@ -26,7 +26,7 @@ from precompute.measurements.model import even_places
 from precompute.measurements.parameters import default_names
 from precompute.measurements.types import Kind, MeasurementError, Measurements
 from tactable.measure.apparatus import Apparatus
-from tactable.measure.asked_drive import AskedDrive
+from tactable.measure.driven_device import AskedDrive
 from tactable.measure.faults import Fault
 from tactable.measure.stepped_sine import (
     WINDOW_S,

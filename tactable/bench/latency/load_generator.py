@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from engine.loop.loop import Clock, SystemClock
-from tactable.bench.latency.sockets import STAMPS
-from tactable.bench.light_device import Arrivals, LightDevice
+from tactable.bench.ends import STAMPS, Arrivals, LightDevice
 
 LEAD_NS = 20_000_000  # from the start of a schedule to its first report: the handshake is over, the engine waits
 AWAKE_NS = 200_000  # after a report the load generator stays awake: five times what an engine takes to answer

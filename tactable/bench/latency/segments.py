@@ -24,6 +24,7 @@ from firmware_link.emulator.emulator_process import run_emulator
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Play
+from tactable.bench.ends import Arrivals, LightDevice
 from tactable.bench.inputs import Stream, expected_clicks
 from tactable.bench.latency.conditions import ECHO, Condition, Transport
 from tactable.bench.latency.load_generator import LEAD_NS, EchoReceiver, LoadGenerator, Schedule, Stall
@@ -37,7 +38,6 @@ from tactable.bench.latency.stamps import (
     stamps_of_replaced,
 )
 from tactable.bench.latency.timed_engine import Segment
-from tactable.bench.light_device import Arrivals, LightDevice
 from tactable.rig.emulate import configuration_of
 
 _LINK_BUFFER_BYTES = 2_048  # small, so that a line that stands still is noticed: a real one has one frame in flight

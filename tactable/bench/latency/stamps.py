@@ -5,9 +5,9 @@ import numpy as np
 from base.arrays import Array, Integers
 from engine.loop.command_latency import Stage
 from firmware_link.emulator.emulator_process import RunningEmulator
+from tactable.bench.ends import Arrivals
 from tactable.bench.latency.load_generator import Schedule
 from tactable.bench.latency.stages import Point, Stamps
-from tactable.bench.light_device import Arrivals
 
 Times = Integers
 

@@ -26,9 +26,9 @@ from firmware_link.host.session import Port
 from firmware_link.protocol.framing import FrameDecoder
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import Status, decode_body
+from tactable.bench.ends import SocketSource
 from tactable.bench.inputs import place_of
 from tactable.bench.latency.conditions import WITHOUT_FAST_PATH, ZONES, BackgroundLoad, Condition
-from tactable.bench.latency.sockets import SocketSource
 from tactable.run.live_run import Live, LiveOptions, fast_library
 
 NO_SEQUENCE = -1

@@ -14,8 +14,7 @@ from firmware_link.emulator.firmware import EmulatedFirmware
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import DeviceState
 from tactable.measure import simulated_bench
-from tactable.measure.asked_drive import AskedDrive, check_drive, simulate_levels
-from tactable.measure.driven_device import DrivenDevice
+from tactable.measure.driven_device import AskedDrive, DrivenDevice, check_drive, simulate_levels
 from tactable.rig.simulated_surface import SimulatedSurface
 from tests.engine.loop.rig import DEVICE
 from tests.tools.virtual import MS, VirtualLine

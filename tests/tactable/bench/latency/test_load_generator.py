@@ -6,8 +6,8 @@ from itertools import cycle
 
 import pytest
 
+from tactable.bench.ends import SocketSource
 from tactable.bench.latency.load_generator import EchoReceiver, LoadGenerator, Schedule, Stall, StalledLayer
-from tactable.bench.latency.sockets import SocketSource
 from tests.tools.virtual import MS, VirtualClock
 
 PACKETS = [bytes([number]) * 20 for number in range(7)]
