@@ -1,9 +1,10 @@
-"""The benchmark of the in-process step: every stage of every report, for drives and clicks."""
+"""The benchmarks of the sweep, of the step in one process, and of a program beside touches."""
 
 import io
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,16 +12,47 @@ from rich.console import Console
 
 from engine.effects.rule_file import read_effects
 from engine.table import Table
+from tactable.bench.control_bench import print_control_bench, run_control_bench
 from tactable.bench.step import RULES, STAGES, print_step_bench, run_step_bench
+from tactable.bench.sweep import print_sweep_bench, run_sweep_bench
 from tactable.shipped import device_folder, find_device
 from tests.engine.made_clicks import every_click
 from tests.engine.made_rows import rows_of
 from tests.engine.made_table import write_table
 from tests.tactable.rig.strokes import Stroke, make_recording
 
+MESSAGES = 10
 ROUNDS = 3
 DEVICE = find_device("reference-a")
 RECORDING = make_recording((Stroke(0.0, 0.4, 0.1, 0.9), Stroke(0.1, 0.3, 0.5, 0.5)))
+
+
+@pytest.mark.machine
+def test_each_round_times_a_touch_and_a_message_in_the_same_run(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "bar.nc", DEVICE, every_click(DEVICE))
+    with Table.open(path, verify=False) as table:
+        result = run_control_bench(table, MESSAGES)
+    json.dumps(result, allow_nan=False)
+    for row in result["rows"]:
+        assert row["control_steps"] == row["answer"]["count"] == MESSAGES
+        assert row["touch"]["count"] + row["message"]["count"] + row["without_a_command"] == 2 * MESSAGES
+        assert row["ratio_p50"] == row["message"]["p50_us"] / row["touch"]["p50_us"]
+        assert row["ratio_p99"] is None  # ten samples have no 99th percentile
+        assert row["mispredicted"] == 0
+    assert result["rows"][1]["answered_by_compiled_step"] == 0
+    shown = io.StringIO()
+    print_control_bench(Console(file=shown, width=160), result)
+    assert "the Python loop" in shown.getvalue()
+
+
+def test_the_sweep_is_timed_beside_the_time_to_write_its_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactable.bench.sweep.ROUNDS", 1)
+    result = run_sweep_bench(find_device("reference-a"))
+    json.dumps(result, allow_nan=False)
+    assert result["times_the_floor"] == result["sweep_s"] / result["memory_floor_s"] > 0
+    page = io.StringIO()
+    print_sweep_bench(Console(file=page, width=120), result)
+    assert "floor" in page.getvalue()
 
 
 @pytest.fixture(scope="module")
