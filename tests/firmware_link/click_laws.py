@@ -24,7 +24,6 @@ from firmware_link.protocol.messages import (
     Result,
     Stop,
 )
-from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.law_host import (
     CLICKS,
     DISARM_US,
@@ -38,6 +37,7 @@ from tests.firmware_link.law_host import (
     US_PER_MS,
     US_PER_S,
     WAVEFORM_US,
+    Clicks,
     Host,
     Tier,
     WaveTier,

@@ -1,19 +1,27 @@
 """A host that speaks to any device frame by frame, as the laws of the conformance suite want it, and what it plays."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from base.arrays import Array
-from firmware_link.protocol.basis import Basis, transfer_messages
+from firmware_link.protocol.basis import (
+    SAMPLE_FULL_SCALE,
+    Basis,
+    BasisSet,
+    EncodedClick,
+    encode_click,
+    transfer_messages,
+)
 from firmware_link.protocol.drive_words import ChannelDrive, encode_amplitude, encode_drive
 from firmware_link.protocol.framing import FrameDecoder, encode_message
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.messages import (
     CLOCK_REFERENCE_SPAN,
     CLOCK_REFERENCE_US,
+    FULL_SCALE_WORD,
     MAGIC,
     VERSION_MAJOR,
     VERSION_MINOR,
@@ -23,6 +31,7 @@ from firmware_link.protocol.messages import (
     Features,
     Hello,
     HelloRequest,
+    Play,
     Result,
     Set,
     SetFlag,
@@ -31,7 +40,36 @@ from firmware_link.protocol.messages import (
     TimeRequest,
     decode_body,
 )
-from tests.firmware_link.clicks import Clicks
+
+FRACTION_BITS = 14
+
+
+class Clicks:
+    """Waveforms (sample, actuator) in fractions of full scale, by index, and the basis of which they are."""
+
+    def __init__(self, sample_rate_hz: int, waveforms: Sequence[Array]) -> None:
+        peaks = [np.abs(waveform).max(axis=0) for waveform in waveforms]
+        self.weights = [tuple(np.rint(peak * 2**FRACTION_BITS).astype(int).tolist()) for peak in peaks]
+        self.basis = Basis(
+            sample_rate_hz,
+            tuple(
+                BasisSet(
+                    np.rint(SAMPLE_FULL_SCALE * waveform.T / np.maximum(peak, 1e-9)[:, None]).astype(np.int16),
+                    np.arange(len(peak), dtype=np.uint8),
+                )
+                for waveform, peak in zip(waveforms, peaks, strict=True)
+            ),
+        )
+
+    def play(self, index: int, clock_reference: int, amplitude: int = FULL_SCALE_WORD) -> Play:
+        """The PLAY of one of them; one beyond the last is that of a set that is not there."""
+        weights = self.weights[min(index, len(self.weights) - 1)]
+        return Play(clock_reference, index, FRACTION_BITS, amplitude, len(weights), weights)
+
+    def encoded(self, index: int, amplitude: float = 1.0) -> EncodedClick:
+        """One of them as a link takes it."""
+        return encode_click(self.basis, index, self.weights[index], FRACTION_BITS, amplitude)
+
 
 US_PER_MS = 1_000
 US_PER_S = 1_000_000

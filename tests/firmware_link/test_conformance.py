@@ -1,6 +1,13 @@
-"""The laws of every device, kept by the emulated firmware behind its process's own server, in virtual time."""
+"""The conformance suite: one law a function of `drive_laws` and `click_laws`, over any device that a `Tier` reaches.
+
+Times of a law are the device's own, from its STATUS, so that a slow machine or line makes no law fail. Laws of real
+time are given slack by the tier. Here they are kept by the emulated firmware behind its process's own server, in
+virtual time.
+"""
 
 import json
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -10,10 +17,31 @@ from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.emulator_process import decode_log
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.protocol.messages import MAXIMUM_ACTUATORS
-from tests.firmware_link.conformance import LAWS, WAVE_LAWS
-from tests.firmware_link.law_host import Law, WaveLaw
+from tests.firmware_link import click_laws, drive_laws
+from tests.firmware_link.law_host import Law, Tier, WaveLaw
 from tests.firmware_link.sensing_laws import ACCELEROMETER_OF_LAWS, SAMPLE_RATE_HZ, SENSING_LAWS
 from tests.tools.virtual import VirtualClock, VirtualLine
+
+T = TypeVar("T", bound=Tier)
+
+
+def keep_each_law(laws: Iterable[Callable[[T], None]], boot: Callable[[], T]) -> None:
+    """Each law over a device that has just booted; a failure names its law."""
+    for law in laws:
+        try:
+            law(boot())
+        except AssertionError as error:
+            error.add_note(f"law: {law.__name__}")
+            raise
+
+
+def _laws(prefix: str) -> Iterator[Callable[..., None]]:
+    return (value for name, value in (vars(drive_laws) | vars(click_laws)).items() if name.startswith(prefix))
+
+
+LAWS: tuple[Law, ...] = tuple(_laws("law_"))
+WAVE_LAWS: tuple[WaveLaw, ...] = tuple(_laws("wave_law_"))
+
 
 SYNTHESIS_RATE_HZ = 20_000.0
 SAMPLE_PERIOD_NS = 1_000_000_000 // SAMPLE_RATE_HZ

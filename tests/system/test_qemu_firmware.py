@@ -9,10 +9,11 @@ import pytest
 
 from firmware_link.host.serial_port import SerialPort
 from firmware_link.protocol.messages import ACCELEROMETER, DeviceState
-from tests.firmware_link import click_laws, conformance, drive_laws, sensing_laws
+from tests.firmware_link import click_laws, drive_laws, sensing_laws
 from tests.firmware_link.driving_host import ENDED, LEASE_MS, SLEW_PER_S, Process, host_process, strike
 from tests.firmware_link.firmware.compiled_core import make, need
 from tests.firmware_link.law_host import DISARM_US, LOUD, Host, Law
+from tests.firmware_link.test_conformance import LAWS, keep_each_law
 from tests.system.firmware_image import BEFORE_OTHERS, REPORT_PERIOD_US, FirmwareImage, ImageTier, run_image
 from tests.tools.once import once_a_run
 
@@ -85,7 +86,9 @@ def keep_laws(elf: Path, laws: Sequence[Law], sensing: Sequence[Law]) -> None:
         run_image(elf, MACHINES[elf.stem], is_stepped=True) as image,
         SerialPort(image.port) as port,
     ):
-        conformance.keep_laws([*laws, *(sensing if elf.stem == "mps2_an385" else ())], lambda: ImageTier(image, port))
+        keep_each_law(
+            [*laws, *(sensing if elf.stem == "mps2_an385" else ())], lambda: ImageTier(image, port)
+        )
         hello = Host(ImageTier(image, port)).greet()
         assert (ACCELEROMETER in hello.features) == has_sensor
         assert hello.number_of_actuators == (4 if elf.stem == "mps2_four" else 2)
@@ -100,7 +103,7 @@ def test_the_image_keeps_the_laws(name: str, images: Path) -> None:
 @pytest.mark.skipif(not ALL_LAWS, reason="long run: set TACTABLE_IMAGE_LAWS=all (3 minutes)")
 def test_the_images_keep_all_laws(images: Path) -> None:
     for name in MACHINES:
-        keep_laws(images / f"{name}.elf", conformance.LAWS, SENSING_LAWS)
+        keep_laws(images / f"{name}.elf", LAWS, SENSING_LAWS)
 
 
 def test_a_failed_host_drives_no_more(images: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from firmware_link.protocol.framing import EMERGENCY_STOP
 from firmware_link.protocol.messages import MAXIMUM_ACTUATORS
-from tests.firmware_link.conformance import LAWS, WAVE_LAWS
 from tests.firmware_link.firmware.compiled_core import CompiledTier, need, with_sanitizers
 from tests.firmware_link.firmware.twins import make_sanitized, run_apart
 from tests.firmware_link.law_host import LOUD, RAMP_US, Host, Law, WaveLaw
 from tests.firmware_link.sensing_laws import SENSING_LAWS
+from tests.firmware_link.test_conformance import LAWS, WAVE_LAWS
 
 ROOT = Path(__file__).parents[3]
 FRAMES = int(os.environ.get("TACTABLE_FUZZ_SESSIONS", "20000"))

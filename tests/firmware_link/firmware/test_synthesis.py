@@ -19,10 +19,9 @@ from firmware_link.protocol.messages import (
     Set,
     SetFlag,
 )
-from tests.firmware_link.clicks import Clicks
 from tests.firmware_link.firmware.compiled_core import FULL_OUTPUT, US_PER_S, Played
 from tests.firmware_link.firmware.measure_synthesis import measure
-from tests.firmware_link.law_host import greeting
+from tests.firmware_link.law_host import Clicks, greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import reference
 

@@ -18,8 +18,7 @@ from firmware_link.protocol.drive_words import ChannelDrive, encode_drive
 from firmware_link.protocol.framing import encode_message
 from firmware_link.protocol.link_errors import LinkError, MessageError
 from firmware_link.protocol.messages import DeviceState, Fault, FaultCode, Features, Log, LogCode
-from tests.firmware_link.clicks import Clicks
-from tests.firmware_link.law_host import greeting
+from tests.firmware_link.law_host import Clicks, greeting
 from tests.firmware_link.strategies import RESOLUTION_HZ, unhurried
 from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig, decode_messages
 from tests.tools.virtual import MS

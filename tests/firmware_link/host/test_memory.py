@@ -8,8 +8,7 @@ from firmware_link.host.link_values import BasisRefused, BasisReplaced, Event, L
 from firmware_link.protocol.layout import Message
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import BasisCommit, DeviceState, Result
-from tests.firmware_link.clicks import Clicks
-from tests.firmware_link.law_host import hump
+from tests.firmware_link.law_host import Clicks, hump
 from tests.firmware_link.virtual_rig import BOOT_ID, VirtualRig
 from tests.tools.virtual import MS
 

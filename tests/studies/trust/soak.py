@@ -19,7 +19,7 @@ from firmware_link.host.link import Link
 from firmware_link.host.link_values import LinkConfiguration, LinkState
 from firmware_link.protocol.link_errors import LinkError
 from firmware_link.protocol.messages import FULL_SCALE_WORD, WORDS_PER_TURN, DeviceState
-from tests.firmware_link.clicks import Clicks
+from tests.firmware_link.law_host import Clicks
 
 COMMANDS_PER_S = 1_000
 BIT_RATE_HZ = 2_000_000

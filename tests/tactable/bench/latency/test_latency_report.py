@@ -1,14 +1,15 @@
-"""The report: samples come back as they were, the page needs nothing but itself, and what is simulated says so."""
+"""The plan, in which each engine has its floor and no condition is always the first, and the report of a run of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from engine.loop.realtime import ALL_STEPS
-from tactable.bench.latency.conditions import ECHO, TACTABLE, BackgroundLoad, Condition, Plan
+from engine.loop.realtime import ALL_STEPS, Step
+from tactable.bench.latency.conditions import ECHO, TACTABLE, ZONES, BackgroundLoad, Condition, Plan
 from tactable.bench.latency.latency_page import page_markdown
 from tactable.bench.latency.latency_report import (
     LatencyReportError,
@@ -22,7 +23,32 @@ from tactable.bench.latency.segments import Measured
 from tactable.bench.latency.stamps import first_with_sequence
 from tests.tactable.bench.latency.test_stages import stamps_of
 
-PLAN = Plan((1000,), (BackgroundLoad.IDLE,), ALL_STEPS, has_echo=True, ablates=False, has_zones=True)
+PLAN = Plan((125, 1000, 4000), tuple(BackgroundLoad), ALL_STEPS, has_echo=True, ablates=True, has_zones=True)
+
+
+def test_steps_are_left_out_and_zones_played_once_at_the_middle_rate_under_stress() -> None:
+    every = [condition for load in PLAN.loads for condition in PLAN.conditions(load)]
+    left_out = [each for each in every if each.steps != ALL_STEPS and each.engine == TACTABLE]
+    assert {(each.rate_hz, each.load) for each in left_out} == {(1000, BackgroundLoad.STRESS)}
+    assert [each.steps_text for each in left_out] == ["none", *(f"all but {step}" for step in Step)]
+    for plan, count in ((PLAN, 1), (replace(PLAN, has_zones=False), 0), (replace(PLAN, ablates=False), 0)):
+        assert sum(each.engine == ZONES for load in plan.loads for each in plan.conditions(load)) == count
+
+
+def test_each_engine_is_next_to_its_floor_and_rounds_begin_with_another_condition_and_measure_all() -> None:
+    for load in (BackgroundLoad.IDLE, BackgroundLoad.STRESS):
+        for rate_hz in PLAN.rates_hz:
+            floor = PLAN.floor_of(Condition(TACTABLE, rate_hz, load, ALL_STEPS))
+            assert floor == Condition(ECHO, rate_hz, load, ALL_STEPS)
+            assert floor in PLAN.conditions(load)
+            assert PLAN.floor_of(floor) is None
+    assert PLAN.floor_of(Condition(TACTABLE, 1000, BackgroundLoad.THREAD, ALL_STEPS)) is None
+    rounds = [conditions for _, load, conditions in PLAN.rounds(4) if load is BackgroundLoad.IDLE]
+    assert len({conditions[0] for conditions in rounds}) == 4
+    assert all(set(conditions) == set(PLAN.conditions(BackgroundLoad.IDLE)) for conditions in rounds)
+
+
+RUN_PLAN = Plan((1000,), (BackgroundLoad.IDLE,), ALL_STEPS, has_echo=True, ablates=False, has_zones=True)
 OURS, FLOOR = (Condition(engine, 1000, BackgroundLoad.IDLE, ALL_STEPS) for engine in (TACTABLE, ECHO))
 NONE = dict.fromkeys(("reports_lost", "replaced_unsent", "stale_sent", "sessions_lost", "released_by_watchdog"), 0)
 FACTS = {"reports_sent": 400, "commands": 400, "order_kept": True, "clock_bounds_us": 20.0, **NONE}
@@ -32,7 +58,7 @@ def made_run() -> Run:
     due_ns = np.arange(400, dtype=np.int64)
     ours = [Measured(stamps_of(400, READ=1e6), due_ns, FACTS) for _ in range(2)]
     floor = [Measured(stamps_of(400) / 2, due_ns, {"reports_sent": 400, "commands": 400})]
-    return Run(PLAN, {OURS: ours, FLOOR: floor})
+    return Run(RUN_PLAN, {OURS: ours, FLOOR: floor})
 
 
 def document_of(run: Run) -> dict[str, Any]:
