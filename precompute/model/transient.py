@@ -30,6 +30,8 @@ class TransientPlant:
     basis: Basis
     position_m: Array | Complex
     sample_rate_hz: float
+    model: ModalModel | None = None
+    """The damped modes at the beginning; None: those without fingers. `take_model` changes them."""
     _model: ModalModel = field(init=False)
     _state: Array = field(init=False)
     _last: Array = field(init=False)
@@ -39,7 +41,7 @@ class TransientPlant:
     def __post_init__(self) -> None:
         self.rest()
         self.look_at(self.position_m)
-        self.touch(())
+        self.take_model(self.model or compute_modal_model(self.basis, ()))
 
     def look_at(self, position_m: Array | Complex) -> None:
         """The points whose acceleration `run` gives from now on."""

@@ -199,8 +199,7 @@ class LoadEstimator:
 
     def _forced(self, model: ModalModel, unknown: Array, drive: Array) -> Array:
         """What the sensor reads in the window (sample,) of a drive that begins at rest with its margin."""
-        plant = TransientPlant(model.basis, np.array([self._sensor_m]), self.rate_hz * self._fine)
-        plant.take_model(model)
+        plant = TransientPlant(model.basis, np.array([self._sensor_m]), self.rate_hz * self._fine, model)
         return math.exp(unknown[_GAIN]) * plant.accelerate(drive)[:: self._fine][self.margin :, 0]
 
 
