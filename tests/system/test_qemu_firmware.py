@@ -86,9 +86,7 @@ def keep_laws(elf: Path, laws: Sequence[Law], sensing: Sequence[Law]) -> None:
         run_image(elf, MACHINES[elf.stem], is_stepped=True) as image,
         SerialPort(image.port) as port,
     ):
-        keep_each_law(
-            [*laws, *(sensing if elf.stem == "mps2_an385" else ())], lambda: ImageTier(image, port)
-        )
+        keep_each_law([*laws, *(sensing if elf.stem == "mps2_an385" else ())], lambda: ImageTier(image, port))
         hello = Host(ImageTier(image, port)).greet()
         assert (ACCELEROMETER in hello.features) == has_sensor
         assert hello.number_of_actuators == (4 if elf.stem == "mps2_four" else 2)
