@@ -121,8 +121,7 @@ def _read_moving_mass(part: DeviceTable) -> float | None:
     """The moving mass of an inertial actuator, in kg; None for a grounded one."""
     if part.word("kind", KINDS, KINDS[0]) == "inertial":
         return part.quantity("moving_mass", "kg", exclusive=True)
-    part.known.append("moving_mass")
-    if "moving_mass" in part.left:
+    if part.has("moving_mass"):
         remedy = "a grounded actuator has none: leave it out, or say kind = 'inertial'"
         raise part.error("moving_mass", part.left["moving_mass"], remedy)
     return None
@@ -171,8 +170,7 @@ def _read_band(part: DeviceTable) -> tuple[float, float]:
 
 def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer | None:
     """The points [frequency, magnitude, phase] of the key `transfer`; None where the table does not have it."""
-    part.known.append("transfer")
-    if "transfer" not in part.left:
+    if not part.has("transfer"):
         return None
     rows = part.left.pop("transfer")
     if not (isinstance(rows, list) and all(isinstance(row, list) and len(row) == 3 for row in rows)):
@@ -196,8 +194,7 @@ def _read_transfer(part: DeviceTable, band_hz: tuple[float, float]) -> Transfer 
 
 def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
     """The electrodes that the table [actuator.electrodes] describes, or None for an actuator without such a table."""
-    actuator.known.append("electrodes")
-    if "electrodes" not in actuator.left:
+    if not actuator.has("electrodes"):
         return None
     part = DeviceTable(actuator.source, f"{actuator.path}.electrodes", actuator.left.pop("electrodes"))
     part.inferred = actuator.inferred
@@ -205,8 +202,7 @@ def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
     if bias >= 1:
         raise part.error("bias", f"{100 * bias:g} %", "expected less than 100 % of the greatest voltage")
     gap_deg = 180.0
-    part.known.append("phase_gap")
-    if "phase_gap" in part.left:
+    if part.has("phase_gap"):
         if number == 1:
             raise part.error("phase_gap", part.left["phase_gap"], "one electrode has none; leave it out")
         gap_deg = _read_phase_deg(part, part.left.pop("phase_gap"), "phase_gap")
@@ -216,7 +212,7 @@ def _read_electrodes(actuator: DeviceTable) -> Electrodes | None:
     if by == "board" and number == 2:
         raise part.error("linearised_by", by, "two electrodes half a turn apart are linear without; leave it out")
     part.close()
-    return Electrodes(number, bias, gap_deg, by)  # type: ignore[arg-type]  # one of LINEARISERS
+    return Electrodes(number, bias, gap_deg, by)
 
 
 def check_transfers(source: str, actuators: tuple[Actuator, ...]) -> None:
@@ -297,8 +293,8 @@ def check_bands(source: str, actuators: tuple[Actuator, ...], sweep: Sweep) -> N
 
 def read_spread(part: DeviceTable) -> Spread:
     """The table [spread]; what it leaves out is as in the set "bench"."""
-    name = part.name("name") if "name" in part.left else "" if part.left else "bench"
-    part.known.append("name")
+    name = "" if part.left else "bench"
+    name = part.name("name") if part.has("name") else name
     part.sentence("source")
     part.assume("stiffness", "mass", "finger", "finger_position")
 

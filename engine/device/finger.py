@@ -44,9 +44,8 @@ def read_finger(part: DeviceTable, sweep: Sweep) -> tuple[Finger, FingerOrigin]:
     part.assume("spread")
     if isinstance(spread, bool) or not isinstance(spread, int | float) or not 1 <= spread <= _LARGEST_SPREAD:
         raise part.error("spread", spread, "expected a factor of at least 1, such as 3.0")
-    name = part.name("name") if "name" in part.left else ""
+    name = part.name("name") if part.has("name") else ""
     source, points = part.sentence("source"), _read_impedance(part, sweep)
-    part.known += ["name"]
     is_replaced = any(key in part.left for key in _STATED)
     fitted = _fit(*_within(points, sweep)) if points else None
     mass_kg, damping_n_s_per_m, stiffness_n_per_m = (
@@ -79,8 +78,7 @@ def impedance_of(finger: Finger, frequency_hz: Array) -> Complex:
 
 def _read_impedance(part: DeviceTable, sweep: Sweep) -> tuple[tuple[float, float, float], ...]:
     """The measured points by rising frequency; none where the key is absent."""
-    part.known.append("impedance")
-    if "impedance" not in part.left:
+    if not part.has("impedance"):
         return ()
     rows = part.left.pop("impedance")
     expected = (

@@ -12,7 +12,8 @@ from base.errors import TactableError
 from engine.device.actuator_transfer import Transfer
 
 _GREATEST_WORD = 65_535  # u16, as HELLO says the bias
-LINEARISERS = ("board", "amplifier", "nothing")
+Lineariser = Literal["board", "amplifier", "nothing"]
+LINEARISERS: tuple[Lineariser, ...] = ("board", "amplifier", "nothing")
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Electrodes:
     number: int
     bias: float
     phase_gap_deg: float
-    linearised_by: Literal["board", "amplifier", "nothing"]
+    linearised_by: Lineariser
 
     def second_harmonic(self, amplitude: float) -> float:
         """Amplitude of the force's second harmonic over that of the force itself, at an amplitude of the command."""

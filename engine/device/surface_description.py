@@ -41,7 +41,7 @@ def _read_plate(part: DeviceTable) -> Plate:
         poissons_ratio=part.quantity("poissons_ratio", ""),
         mass_damping_per_s=part.quantity("mass_damping", "1/s"),
         stiffness_damping_s=part.quantity("stiffness_damping", "s"),
-        damping_of=_read_damping_of(part),
+        damping_of=part.word("damping_of", ("bar", "assembly"), "bar"),
     )
     if plate.poissons_ratio > _MOST_POISSON:
         raise part.error("poissons_ratio", f"{plate.poissons_ratio:g}", f"expected at most {_MOST_POISSON}")
@@ -50,10 +50,6 @@ def _read_plate(part: DeviceTable) -> Plate:
         thick = f"{1e3 * plate.thickness_m:g} mm"
         raise part.error("thickness", thick, f"expected at most 1/{_SLENDER} of the shorter side: plates are thinner")
     return plate
-
-
-def _read_damping_of(part: DeviceTable) -> Literal["bar", "assembly"]:
-    return "bar" if part.word("damping_of", ("bar", "assembly"), "bar") == "bar" else "assembly"
 
 
 def read_bar(part: DeviceTable, sweep: Sweep) -> Bar:
@@ -68,7 +64,7 @@ def read_bar(part: DeviceTable, sweep: Sweep) -> Bar:
         mass_damping_per_s=part.quantity("mass_damping", "1/s"),
         stiffness_damping_s=part.quantity("stiffness_damping", "s"),
         largest_element_m=length_m,
-        damping_of=_read_damping_of(part),
+        damping_of=part.word("damping_of", ("bar", "assembly"), "bar"),
     )
     if bar.thickness_m > length_m / _SLENDER:
         thick = f"{1e3 * bar.thickness_m:g} mm"
@@ -162,13 +158,14 @@ def _overlap(one: Zone, other: Zone) -> bool:
 def read_touch_axis(part: DeviceTable, surface: Surface) -> TouchAxis:
     """The table [digitizer]; of a plate it says with the keys `..._across` how the digitizer lies across it."""
     part.assume("axis", "flip", "start_margin", "end_margin")
-    axis, flip = part.word("axis", ("x", "y"), "x"), part.flag("flip", False)
+    axis: Literal["x", "y"] = part.word("axis", ("x", "y"), "x")
+    flip = part.flag("flip", False)
     start_m, end_m, active_m = _read_margins(part, "", surface.length_m, surface.kind)
     across = None
     if not isinstance(surface, Bar):
         part.assume("flip_across", "start_margin_across", "end_margin_across")
         across = TouchAcross(part.flag("flip_across", False), *_read_margins(part, "_across", surface.width_m, "plate"))
-    silence_s = part.quantity("silence", "s", least=_SHORTEST_SILENCE_S) if "silence" in part.left else None
+    silence_s = part.quantity("silence", "s", least=_SHORTEST_SILENCE_S) if part.has("silence") else None
     debounce_s = part.quantity("debounce", "s", default="0 ms")
     if debounce_s > _LONGEST_DEBOUNCE_S:
         expected = f"expected up to {1e3 * _LONGEST_DEBOUNCE_S:g} ms: a second tap must be one"
@@ -176,9 +173,8 @@ def read_touch_axis(part: DeviceTable, surface: Surface) -> TouchAxis:
     latency_s = part.quantity("latency", "s", default="0 ms")
     if latency_s > _LONGEST_LATENCY_S:
         raise part.error("latency", f"{1e3 * latency_s:g} ms", f"expected up to {1e3 * _LONGEST_LATENCY_S:g} ms")
-    part.known.append("silence")
     return TouchAxis(
-        axis="x" if axis == "x" else "y",
+        axis=axis,
         flip=flip,
         start_margin_m=start_m,
         end_margin_m=end_m,
@@ -196,8 +192,7 @@ def _read_margins(part: DeviceTable, suffix: str, length_m: float, kind: str) ->
     # Below zero: the touch area reaches beyond that end of the surface.
     start_m = part.position(start, length_m, least=-math.inf, default="0 mm")
     end_m = part.position(end, length_m, least=-math.inf, default="0 mm")
-    active_m = part.quantity(active, "m", exclusive=True) if active in part.left else None
-    part.known.append(active)
+    active_m = part.quantity(active, "m", exclusive=True) if part.has(active) else None
     if active_m is not None and start_m + active_m <= 0:
         raise part.error(active, f"{1e3 * active_m:g} mm", f"ends before the {kind}, from {1e3 * start_m:g} mm")
     if start_m >= length_m:

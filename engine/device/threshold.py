@@ -151,25 +151,23 @@ def _curve_of(part: TomlTable) -> Threshold:
     if len(level_db) != len(frequency_hz):
         raise part.error("level_db", list(level_db), f"expected one level for each of {len(frequency_hz)} frequencies")
     measured_hz = None
-    if "measured_hz" in part.left:
+    if part.has("measured_hz"):
         measured_hz = _numbers(part, "measured_hz", _LOWEST_HZ, _HIGHEST_HZ, fewest=1)
         if not set(measured_hz) <= set(frequency_hz):
             raise part.error("measured_hz", list(measured_hz), "expected some of frequency_hz")
     people_db = part.take_value("people_db", 0.0)
     if not _is_number(people_db, 0.0, _MOST_DB):
         raise part.error("people_db", people_db, f"expected a number from 0 to {_MOST_DB:g}")
-    is_acceleration = part.word("quantity", ("acceleration", "displacement")) == "acceleration"
+    quantity: Literal["acceleration", "displacement"] = part.word("quantity", ("acceleration", "displacement"))
     curve = Threshold(
         name=name,
         title=part.sentence("title") or name,
         source=part.sentence("source"),
-        quantity="acceleration" if is_acceleration else "displacement",
-        amplitude="peak" if part.word("amplitude", ("peak", "rms")) == "peak" else "rms",
-        reference=part.quantity("reference", "m/s^2" if is_acceleration else "m", exclusive=True),
-        interpolation="frequency"
-        if part.word("interpolation", ("frequency", "log frequency")) == "frequency"
-        else "log frequency",
-        beyond="held" if part.word("beyond", ("prolonged", "held")) == "held" else "prolonged",
+        quantity=quantity,
+        amplitude=part.word("amplitude", ("peak", "rms")),
+        reference=part.quantity("reference", "m/s^2" if quantity == "acceleration" else "m", exclusive=True),
+        interpolation=part.word("interpolation", ("frequency", "log frequency")),
+        beyond=part.word("beyond", ("prolonged", "held")),
         frequency_hz=frequency_hz,
         level_db=level_db,
         measured_hz=measured_hz,

@@ -9,7 +9,7 @@ import reprlib
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 from base.points import point_words
 from engine.device.quantity import QuantityError, read_quantity
@@ -23,6 +23,7 @@ _DECIMAL = re.compile(r"[0-9]\.[0-9]")
 _HUGE = re.compile(r"0[xob][0-9A-Fa-f_]{100}")
 """An integer that TOML does not have to hold, and that Python reads and then refuses to write in an error."""
 _MISSPELT = 0.8  # similarity of a misspelt key to the right one; different keys are less alike
+_Word = TypeVar("_Word", bound=str)
 
 
 class TomlTable:
@@ -58,10 +59,15 @@ class TomlTable:
         where = ".".join(part for part in (self.path, key) if part)
         return self.family(f"{self.source}: {where}: {reprlib.repr(value)}: {expected}")
 
+    def has(self, key: str) -> bool:
+        """Whether the table has an optional key."""
+        if key not in self.known:
+            self.known.append(key)
+        return key in self.left
+
     def take_value(self, key: str, default: Any = None) -> Any:
         """The plain TOML value; without a default the key is required."""
-        self.known.append(key)
-        if key in self.left:
+        if self.has(key):
             return self.left.pop(key)
         if default is None:
             for near in difflib.get_close_matches(key, self.left, 1, _MISSPELT):
@@ -139,12 +145,12 @@ class TomlTable:
             raise self.error(key, value, f"expected a whole number from {least} to {greatest}")
         return value
 
-    def word(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
+    def word(self, key: str, options: tuple[_Word, ...], default: _Word | None = None) -> _Word:
         """One of the options."""
         value = self.take_value(key, default)
-        if not isinstance(value, str) or value not in options:
+        if value not in options:
             raise self.error(key, value, f"expected one of {', '.join(options)}")
-        return value
+        return options[options.index(value)]
 
     def flag(self, key: str, default: bool) -> bool:
         """True or false."""

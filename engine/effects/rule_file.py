@@ -43,12 +43,11 @@ def parse_effects(
 ) -> Effects:
     """The rules in `text` of `source`; effect files are looked up in `folder`, if any. Raises EffectError."""
     top = RuleTable.parse(text, source)
-    parts = top.tables("effect") if "effect" in top.left else []
+    parts = top.tables("effect") if top.has("effect") else []
     rule_parts = top.tables("rule")
     if len(rule_parts) > MOST_RULES:
         raise top.error("rule", len(rule_parts), f"expected at most {MOST_RULES} rules")
     drives = Drives(top.word("drives", tuple(Drives), Drives.POSITIONS))
-    top.known.append("effect")
     top.refuse_rest()
     effects = {**named, **_read_effects(parts, folder, tell)}
     return Effects(tuple(read_rule(part, effects, device) for part in rule_parts), drives=drives)
@@ -164,9 +163,8 @@ def _read_direction(part: RuleTable) -> complex:
 
 def read_place(part: RuleTable, device: Device) -> tuple[frozenset[int] | None, tuple[complex, complex] | None]:
     """Zones, or first and last corner of a region in metres, or neither: everywhere."""
-    if "zones" in part.left and "region" in part.left:
+    if part.has("zones") & part.has("region"):
         raise part.error("region", part.left["region"], "give either zones or a region")
-    part.known += ["zones", "region"]
     zones = _read_zones(part, device) if "zones" in part.left else None
     return zones, _read_region(part, device) if "region" in part.left else None
 

@@ -87,7 +87,7 @@ def fit_releases(digitizer: Digitizer, device: "Device") -> None:
     if axis.silence_s is not None and not are_ours(surface):
         digitizer.release_after_ns = round(1e9 * axis.silence_s)
     else:
-        digitizer.release_after_ns = RELEASE_AFTER_NS if digitizer.quirks.releases_when_silent else None
+        digitizer.release_after_ns = RELEASE_AFTER_NS if digitizer.plan.quirks.releases_when_silent else None
     along = TouchPosition(device, surface).sides[0]
     settings = (round(1e9 * axis.debounce_s), along.column, CLOSEST_M / abs(along.m_per_unit))
     if not axis.debounce_s:

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from base.errors import TactableError
 from engine.touch.descriptor import DescriptorError, Surface
-from engine.touch.quirks import Key, quirks_for
-from engine.touch.report_plan import ReportPlan, build_plan, maximum_contacts, read
+from engine.touch.quirks import Key
+from engine.touch.report_plan import ReportPlan, plan_surface, read
 
 if TYPE_CHECKING:
     from engine.touch.debounce import Debounce
@@ -108,6 +108,11 @@ class Frame:
     received: int = 0
     expected: int = 0
     ticks: int = 0  # scan time of the last report, in ticks of the device
+    report_ns: int = 0  # when the last report came
+    again: dict[int, int] = field(default_factory=dict)  # added to ids that came down again in the frame of their lift
+    # Where contacts and their count come in different reports: reports that wait for the count, or a count for reports.
+    held: list[tuple[ReportPlan, bytes]] = field(default_factory=list)
+    held_count: int | None = None
 
     def start(self) -> None:
         """Start the next frame; the contacts stay."""
@@ -116,14 +121,6 @@ class Frame:
         self.palms.clear()
         self.lifted.clear()
         self.taken = len(self.active)
-
-
-@dataclass(slots=True)
-class _Waiting:
-    """Reports whose contact count comes in another report, and a count whose reports are still to come."""
-
-    reports: list[tuple[ReportPlan, bytes]] = field(default_factory=list)
-    count: int | None = None
 
 
 @dataclass(slots=True)
@@ -166,27 +163,12 @@ class Digitizer:
 
     def _decode_surface(self, surface: Surface) -> None:
         """Decode the reports of a surface from now on."""
-        vendor_id, product_id = self._number
-        contacts = sum(len(report.contacts) for report in surface.reports)
-        has_count = any(report.contact_count is not None for report in surface.reports)
-        self.surface = surface
-        self.quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=contacts == 1)
-        self.maximum_contacts = maximum_contacts(surface, self.quirks)
-        # Reports of our own making (sources/own_reports.py) have no numbers.
-        tells_palms = surface.is_win8 or not (vendor_id or product_id)
-        self.plans = {each.report_id: build_plan(each, surface, self.quirks, tells_palms) for each in surface.reports}
-        self.uses_report_ids = surface.uses_report_ids
-        self.release_after_ns = RELEASE_AFTER_NS if self.quirks.releases_when_silent else None
+        self.surface, self.plan = surface, plan_surface(surface, *self._number)
+        self.release_after_ns = RELEASE_AFTER_NS if self.plan.quirks.releases_when_silent else None
         """Time without a frame after which every contact is released; None: contacts are never released by time."""
         self.debounce: Debounce | None = None
-        self.count_is_accurate = self.quirks.count_is_accurate and has_count
-        self.count_is_apart = has_count and not any(plan.slots and plan.count for plan in self.plans.values())
-        self.frame = Frame()  # the frame that is being assembled
-        self._scan_clock, self._waiting = _ScanClock(), _Waiting()
-        self._again: dict[int, int] = {}  # added to contact ids that came down again in the frame of their lift
-        self.report_ns = 0  # when the last report came
-        self._frame_ns = 0
-        self._is_shown = False  # the last frame listed a contact
+        self.frame, self._scan_clock = Frame(), _ScanClock()
+        self._shown_ns: int | None = None  # when the last frame came, where it listed a contact
 
     def decode_report(self, report: bytes, now_ns: int) -> TouchFrame | None:
         """Take one report as the device sent it, report ID first where it has one.
@@ -195,29 +177,29 @@ class Digitizer:
         """
         if not report:  # LIFT_ALL
             return self._release_all(now_ns)
-        report_id = report[0] if self.uses_report_ids else 0
-        plan = self.plans.get(report_id)
+        report_id = report[0] if self.surface.uses_report_ids else 0
+        plan, frame = self.plan.reports.get(report_id), self.frame
         if plan is None:
             return self._decode_foreign(report_id, report, now_ns)
         if len(report) < plan.needed_bytes:
             self.counters.short_reports += 1
             return None
-        is_late = now_ns - self.report_ns > FRAME_SILENCE_NS
-        self.report_ns = now_ns
-        if self.count_is_apart:
+        is_late = now_ns - frame.report_ns > FRAME_SILENCE_NS
+        frame.report_ns = now_ns
+        if self.plan.count_is_apart:
             return self._decode_apart(plan, report, now_ns, is_late)
-        frame, scan_time, count = self.frame, plan.scan_time, plan.count
+        scan_time, count = plan.scan_time, plan.count
         ticks = frame.ticks
         if scan_time is not None:
             ticks = _from_bytes(report[scan_time.start : scan_time.stop], "little") >> scan_time.shift & scan_time.mask
         # A lost report shifts the frames after it only where the count says which slots to read.
-        if frame.received and self.count_is_accurate and (is_late or ticks != frame.ticks):
+        if frame.received and self.plan.count_is_accurate and (is_late or ticks != frame.ticks):
             self.counters.lost_frames += 1
             frame.start()
         if count is not None:
             announced = read(count, report)
             # The first report of a frame carries the total, the others 0; some devices repeat the total in each.
-            if announced or (frame.received == 0 and ticks != frame.ticks and self.quirks.frame_may_be_empty):
+            if announced or (frame.received == 0 and ticks != frame.ticks and self.plan.quirks.frame_may_be_empty):
                 frame.expected = announced
         frame.ticks = ticks
         self._take_contacts(plan, report)
@@ -237,7 +219,7 @@ class Digitizer:
 
     def _decode_foreign(self, report_id: int, report: bytes, now_ns: int) -> TouchFrame | None:
         """Count a report of another surface or of no surface, or turn to the surface that it belongs to."""
-        has_contact = any(slot.memory[1] for plan in self.plans.values() for slot in plan.slots)
+        has_contact = any(slot.memory[1] for plan in self.plan.reports.values() for slot in plan.slots)
         for surface in () if self.is_chosen or has_contact else self.surfaces:
             is_pen = surface.is_stylus and not self.surface.is_stylus
             if not is_pen and any(layout.report_id == report_id for layout in surface.reports):
@@ -263,17 +245,17 @@ class Digitizer:
     def due_ns(self) -> int | None:
         """When `expire` has a frame, unless a report comes before; None: never."""
         due_ns = None if self.debounce is None else self.debounce.due_ns
-        if self._is_shown and self.release_after_ns is not None:
-            release_ns = self._frame_ns + self.release_after_ns
+        if self._shown_ns is not None and self.release_after_ns is not None:
+            release_ns = self._shown_ns + self.release_after_ns
             due_ns = release_ns if due_ns is None else min(due_ns, release_ns)
         return due_ns
 
     def _release_all(self, now_ns: int) -> TouchFrame | None:
         """An empty frame where contacts are shown, else `None`."""
-        is_shown = self._is_shown or self.due_ns is not None
+        is_shown = self._shown_ns is not None or self.due_ns is not None
         self.frame.active.clear()
         self.frame.start()
-        self._is_shown = False
+        self._shown_ns = None
         if self.debounce is not None:
             self.debounce.clear()
         self.counters.expired_frames += is_shown
@@ -281,25 +263,25 @@ class Digitizer:
 
     def _decode_apart(self, plan: ReportPlan, report: bytes, now_ns: int, is_late: bool) -> TouchFrame | None:
         """Take a report of a device that sends contacts and their count in different reports, in either order."""
-        frame, waiting = self.frame, self._waiting
+        frame = self.frame
         if is_late:
-            waiting.reports.clear()
-            waiting.count = None
+            frame.held.clear()
+            frame.held_count = None
             frame.start()
         if plan.count is not None:
-            waiting.count = read(plan.count, report)
+            frame.held_count = read(plan.count, report)
         else:
-            waiting.reports.append((plan, report))
-            del waiting.reports[:-_HELD_REPORTS]
-        if waiting.count is None or not waiting.reports:
+            frame.held.append((plan, report))
+            del frame.held[:-_HELD_REPORTS]
+        if frame.held_count is None or not frame.held:
             return None
-        frame.expected = waiting.count
-        for held_plan, held_report in waiting.reports:
+        frame.expected = frame.held_count
+        for held_plan, held_report in frame.held:
             self._take_contacts(held_plan, held_report)
-        waiting.reports.clear()
+        frame.held.clear()
         if frame.received < frame.expected:
             return None
-        waiting.count = None
+        frame.held_count = None
         return self._complete_frame(plan, read(plan.scan_time, report) if plan.scan_time else 0, now_ns)
 
     def _take_contacts(self, plan: ReportPlan, report: bytes) -> None:
@@ -307,9 +289,9 @@ class Digitizer:
 
         Positions outside the logical range are clamped: a finger on the rim reads a few units outside.
         """
-        frame, quirks = self.frame, self.quirks
+        frame, quirks = self.frame, self.plan.quirks
         active, seen, received = frame.active, frame.seen, frame.received
-        wanted = frame.expected if self.count_is_accurate else received + len(plan.slots)
+        wanted = frame.expected if self.plan.count_is_accurate else received + len(plan.slots)
         is_numbered, ignores_duplicates = quirks.key is _CONTACT_NUMBER, quirks.ignores_duplicates
         for memory, place, tip_at, id_at, valid_at, hover_at, confidence_at, x_at, y_at in plan.slots:
             if received >= wanted:
@@ -349,7 +331,7 @@ class Digitizer:
                 continue
             if contact_id in frame.lifted:
                 frame.lifted.discard(contact_id)
-                self._again[contact_id] = self._again.get(contact_id, 0) + AGAIN
+                frame.again[contact_id] = frame.again.get(contact_id, 0) + AGAIN
             shift, mask, sign, minimum, maximum = x_at
             x = (bits >> shift & mask ^ sign) - sign
             if not minimum <= x <= maximum:
@@ -359,7 +341,7 @@ class Digitizer:
             if not minimum <= y <= maximum:
                 y = min(max(y, minimum), maximum)
             shift, mask = confidence_at
-            number = contact_id + self._again.get(contact_id, 0) if self._again else contact_id
+            number = contact_id + frame.again.get(contact_id, 0) if frame.again else contact_id
             contact = _new(Contact, (number, x, y, tip, not mask or bits >> shift & mask != 0))
             active[contact_id] = contact
             memory[:] = bits, contact
@@ -367,25 +349,25 @@ class Digitizer:
 
     def _admit(self, contact_id: int) -> bool:
         """Whether another contact can begin. A contact that lifts counts until the frame is complete."""
-        if self.quirks.key is Key.CONTACT_ID:
+        key, most = self.plan.quirks.key, self.plan.maximum_contacts
+        if key is Key.CONTACT_ID:
             self.frame.taken += 1
-            return self.frame.taken <= self.maximum_contacts
-        if self.quirks.key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
-            return 1 <= contact_id <= self.maximum_contacts
-        return contact_id < self.maximum_contacts
+            return self.frame.taken <= most
+        if key is Key.SLOT_IS_CONTACT_ID_MINUS_ONE:
+            return 1 <= contact_id <= most
+        return contact_id < most
 
     def _complete_frame(self, plan: ReportPlan, ticks: int, now_ns: int) -> TouchFrame:
         frame = self.frame
         active = frame.active
-        if self.quirks.unseen_means_up:
+        if self.plan.quirks.unseen_means_up:
             for contact_id in active.keys() - frame.seen:
                 del active[contact_id]
         contacts = (*active.values(), *frame.palms)
         frame.start()
-        self._is_shown = bool(contacts)
+        self._shown_ns = now_ns if contacts else None
         if self.debounce is not None:
             contacts = self.debounce.settle(contacts, now_ns)
-        self._frame_ns = now_ns
         self.counters.frames += 1
         scan_time_ns = None
         if plan.scan_time is not None:

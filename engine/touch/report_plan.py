@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from engine.touch.descriptor import ContactLayout, Field, ReportLayout, Surface
-from engine.touch.quirks import QuirkClass, Validity
+from engine.touch.quirks import QuirkClass, Validity, quirks_for
 
 # Linux takes 10 contacts where Contact Count Maximum is absent or above 250 (255 stands for "unset").
 _DEFAULT_MAXIMUM_CONTACTS = 10
@@ -49,6 +49,32 @@ class ReportPlan:
     slots: tuple[SlotPlan, ...]
     count: Bits | None
     scan_time: Bits | None
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacePlan:
+    """How the reports of a surface are decoded: the quirks of its device, and the plan of each report by its ID.
+
+    count_is_accurate: slots beyond the contact count are stale. count_is_apart: no report has contacts and their count.
+    """
+
+    quirks: QuirkClass
+    maximum_contacts: int
+    reports: dict[int, ReportPlan]
+    count_is_accurate: bool
+    count_is_apart: bool
+
+
+def plan_surface(surface: Surface, vendor_id: int, product_id: int) -> SurfacePlan:
+    """Prepare the reports of a surface for decoding."""
+    quirks = quirks_for(vendor_id, product_id, is_win8=surface.is_win8, is_serial=len(surface.contacts) == 1)
+    # Reports of our own making (sources/own_reports.py) have no numbers.
+    tells_palms = surface.is_win8 or not (vendor_id or product_id)
+    plans = {report.report_id: build_plan(report, surface, quirks, tells_palms) for report in surface.reports}
+    has_count = any(plan.count for plan in plans.values())
+    is_apart = has_count and not any(plan.slots and plan.count for plan in plans.values())
+    is_accurate = quirks.count_is_accurate and has_count
+    return SurfacePlan(quirks, _maximum_contacts(surface, quirks), plans, is_accurate, is_apart)
 
 
 def build_plan(report: ReportLayout, surface: Surface, quirks: QuirkClass, tells_palms: bool) -> ReportPlan:
@@ -108,7 +134,7 @@ def read(bits: Bits, report: bytes) -> int:
     return int.from_bytes(report[bits.start : bits.stop], "little") >> bits.shift & bits.mask
 
 
-def maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:
+def _maximum_contacts(surface: Surface, quirks: QuirkClass) -> int:
     """Contacts that are down at once at most."""
     if quirks.maximum_contacts is not None:
         return quirks.maximum_contacts

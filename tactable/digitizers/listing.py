@@ -106,7 +106,7 @@ def _row(
 ) -> dict[str, Any]:
     known = dict[str, Any].fromkeys(("kind", "width_mm", "height_mm", "contact_maximum"))
     if digitizer is not None:
-        surface, most = digitizer.surface, digitizer.maximum_contacts
+        surface, most = digitizer.surface, digitizer.plan.maximum_contacts
         known = dict(
             zip(known, (surface.kind.name.lower(), surface.x.extent_mm, surface.y.extent_mm, most), strict=True)
         )

@@ -69,7 +69,11 @@ def check_frame(digitizer: Digitizer, frame: TouchFrame | None) -> int:
     if frame is None:
         return 0
     x, y = digitizer.surface.x, digitizer.surface.y
-    assert len({contact.contact_id for contact in frame.contacts}) == len(frame.contacts) <= digitizer.maximum_contacts
+    assert (
+        len({contact.contact_id for contact in frame.contacts})
+        == len(frame.contacts)
+        <= digitizer.plan.maximum_contacts
+    )
     for contact in frame.contacts:
         assert x.logical_minimum <= contact.x <= x.logical_maximum
         assert y.logical_minimum <= contact.y <= y.logical_maximum
@@ -137,7 +141,7 @@ def mutate_report(rng: random.Random, seed: Seed, digitizer: Digitizer) -> bytes
         for _ in range(rng.randrange(4)):
             data[rng.randrange(len(data))] = rng.randrange(256)
         return bytes(data)
-    size = min(digitizer.plans[layout.report_id].needed_bytes, 512) if kind < 3 else rng.randrange(65)
+    size = min(digitizer.plan.reports[layout.report_id].needed_bytes, 512) if kind < 3 else rng.randrange(65)
     data = bytearray(rng.randbytes(size))
     if data and digitizer.surface.uses_report_ids and kind < 3:
         data[0] = layout.report_id

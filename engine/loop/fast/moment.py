@@ -117,7 +117,7 @@ class Moment:
             return
         frame = digitizer.frame
         fast.received, fast.expected, fast.ticks, fast.taken = frame.received, frame.expected, frame.ticks, frame.taken
-        fast.report_ns, fast.axis_ns = digitizer.report_ns, axis_ns
+        fast.report_ns, fast.axis_ns = frame.report_ns, axis_ns
         fast.due_ns = _NEVER_NS if pipeline.is_at_rest else pipeline.due_ns
         fast.level = self._levels[wanted.level_db]
         fast.click_ns = NONE if wanted.click_ns is None else wanted.click_ns
@@ -184,17 +184,18 @@ def _rules_of(effects: Effects) -> list[Rule]:
 
 
 def _set_digitizer(fast: Any, digitizer: Digitizer, packet_head: int) -> None:
-    quirks, plans = digitizer.quirks, digitizer.plans
-    if digitizer.count_is_apart:
+    plan, surface = digitizer.plan, digitizer.surface
+    quirks, plans = plan.quirks, plan.reports
+    if plan.count_is_apart:
         raise FastPathError("this digitizer sends contacts and their count apart: the Python loop answers its reports")
     slots = max(len(plan.slots) for plan in plans.values())
     if len(plans) > CONSTANTS["MOST_PLANS"] or slots > CONSTANTS["MOST_SLOTS"]:
         raise FastPathError("this digitizer has more reports, or contacts a report, than the compiled step can hold")
-    fast.uses_report_ids, fast.packet_head = digitizer.uses_report_ids, packet_head
+    fast.uses_report_ids, fast.packet_head = surface.uses_report_ids, packet_head
     fast.key = _KEYS[quirks.key]
-    fast.count_is_accurate = digitizer.count_is_accurate
+    fast.count_is_accurate = plan.count_is_accurate
     fast.frame_may_be_empty, fast.ignores_duplicates = quirks.frame_may_be_empty, quirks.ignores_duplicates
-    fast.unseen_means_up, fast.maximum_contacts = quirks.unseen_means_up, digitizer.maximum_contacts
+    fast.unseen_means_up, fast.maximum_contacts = quirks.unseen_means_up, plan.maximum_contacts
     fast.plans = len(plans)
 
 
@@ -214,7 +215,7 @@ def _set_surface(fast: Any, pipeline: Pipeline) -> None:
         place.start_m, place.m_per_unit, place.length_m = side.start_m, side.m_per_unit, side.length_m
         place.zero = side.zero
     # Only coordinates along the sides are read, so the plans follow from the surface, too.
-    for place, (report_id, plan) in zip(fast.plan, pipeline.digitizer.plans.items(), strict=False):
+    for place, (report_id, plan) in zip(fast.plan, pipeline.digitizer.plan.reports.items(), strict=False):
         _set_plan(place, report_id, plan, [side.column for side in sides])
 
 

@@ -280,7 +280,7 @@ def test_frames_equal_the_kernels_after_every_report(path: Path) -> None:
 def test_no_contact_of_a_panel_that_repeats_stays_down_150_ms_after_the_last_report(path: Path) -> None:
     recording = read_recording(path)
     digitizer = opened(recording)
-    if not digitizer.quirks.releases_when_silent:
+    if not digitizer.plan.quirks.releases_when_silent:
         digitizer.release_after_ns = RELEASE_AFTER_NS
     frame = TouchFrame(0, ())
     reports = [(int(report.time_s * 1e9), report.data) for report in recording.reports]
