@@ -6,8 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from engine.device import Device
-from engine.device.parts import DeviceError
 from engine.touch import Contact, Digitizer, TouchFrame, open_digitizer
 from engine.touch.debounce import fit_releases
 from engine.touch.placement import CLOSEST_M
@@ -86,9 +84,3 @@ def test_silence_of_the_device_file_releases_a_panel_without_certificate() -> No
     assert digitizer.due_ns == 200 * MS
     assert digitizer.expire(200 * MS) == TouchFrame(200 * MS, ())
     assert show(digitizer, 300, Finger(1)) == {1: 100}
-
-
-@pytest.mark.parametrize(("line", "expected"), [('silence = "10 ms"', "0.03 s"), ('debounce = "200 ms"', "100 ms")])
-def test_a_silence_between_two_reports_and_a_debounce_as_long_as_two_taps_are_refused(line: str, expected: str) -> None:
-    with pytest.raises(DeviceError, match=rf"digitizer\.{line.split()[0]}.*{expected}"):
-        Device.parse(DEVICE.text.replace("[digitizer]", f"[digitizer]\n{line} #", 1), "some.toml")
