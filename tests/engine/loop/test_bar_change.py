@@ -132,11 +132,7 @@ class Story:
         """No finger beside the bar is placed; whatever is wanted has a command."""
         pipeline, length_m = self.pipeline, self.pipeline.device.bar.length_m
         placement = pipeline.wanted.placement
-        assert pipeline.wanted == (
-            pipeline.player.wanted.placement,
-            pipeline.player.wanted.level_db,
-            pipeline.player.wanted.click_ns,
-        )
+        assert pipeline.wanted == pipeline.player.wanted
         assert placement is None or all(0 <= at_m.real <= length_m for at_m in placement.position_m)
         assert all(0 <= finger.held_m.real <= length_m for finger in pipeline.player.lifted)
         assert (pipeline.command() == SILENCE) == (placement is None)

@@ -1,4 +1,4 @@
-"""Laws of the one pure step: what a report and what time bring, and that the loop runs just this."""
+"""Laws of the one pure step: what a report and time bring, that the loop runs just this, and which frequency stays."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
+from engine.loop.answerer import SAME_FINGER_M, HeldDrive
 from engine.loop.pipeline import Pipeline, open_pipeline
-from engine.render.renderer import SILENCE, Command
+from engine.render.renderer import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 from engine.touch.sources.recording import Recording, read_recording
 from tests.engine.loop.rig import DEVICE, HELD, Rig, recording_of, report
@@ -72,3 +73,30 @@ def test_the_loop_runs_what_the_pipeline_gives(path: Path, effects: Effects) -> 
     if expected and expected[-1] != (None, None):
         expected.append((None, None))  # a run that ends falls silent, whatever rests
     assert [(change.placement, change.level_db) for change in rig.run().trace] == expected
+
+
+HERE = Placement((0.05, 0.15), (True, False))
+DRIVE = DriveCommand(b"drive", 150.0)
+
+
+def held_after(command: Command | None) -> HeldDrive:
+    held = HeldDrive()
+    held.note(HERE, command)
+    return held
+
+
+def test_the_same_fingers_keep_their_frequency_while_they_move() -> None:
+    held = held_after(DRIVE)
+    near, far = (Placement((0.05, 0.15 + factor * SAME_FINGER_M), HERE.is_felt) for factor in (0.9, 1.1))
+    assert held.frequency_for(HERE) == held.frequency_for(near) == 150.0
+    assert held.frequency_for(far) is None
+
+
+@pytest.mark.parametrize("others", [None, Placement((0.05,), (True,)), Placement(HERE.position_m, (False, True))])
+def test_other_fingers_have_no_frequency(others: Placement | None) -> None:
+    assert held_after(DRIVE).frequency_for(others) is None
+
+
+@pytest.mark.parametrize("command", [SILENCE, None, DriveCommand(b"several frequencies")])
+def test_what_has_no_frequency_ends_it(command: Command | None) -> None:
+    assert held_after(command).frequency_for(HERE) is None

@@ -10,14 +10,14 @@ from base.arrays import Array
 from engine.device import Device, Electrodes
 from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.fast.fast_table import with_fast_table
-from engine.render.board_fit import RendererError, fit_board
+from engine.render.board_fit import NO_BASIS, RendererError, choose_basis, fit_board
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import DriveCommand, PlayCommand
 from engine.table import Table
 from firmware_link.host.link_values import BOARD_SOUND_CARD, Capabilities
 from firmware_link.protocol.basis import SAMPLE_FULL_SCALE, Basis, BasisSet, clamp_samples, sample_limits, weighted_sum
 from firmware_link.protocol.drive_words import decode_drive
-from firmware_link.protocol.messages import LINEARISES, Play, decode_body, encode_play_body
+from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_body, encode_play_body
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
@@ -176,3 +176,52 @@ def test_a_board_that_cannot_play_a_table_is_refused_with_a_remedy(capabilities:
 def test_scaling_is_said_with_its_factors_and_its_remedy(capabilities: Capabilities, factors: str, remedy: str) -> None:
     (note,) = fit_board(REFERENCE, capabilities).notes
     assert f"multiplied by {factors}" in note and note.endswith(remedy)
+
+
+CAPABILITIES = board()
+RATE_HZ, LEASE_MS = 115_200, 40
+
+
+def whole(*shapes: tuple[int, int]) -> Basis:
+    """A basis of sets with so many functions and samples."""
+    sets = tuple(BasisSet(np.zeros(shape, np.int16), (np.arange(shape[0]) % 2).astype(np.uint8)) for shape in shapes)
+    return Basis(4000, sets)
+
+
+def test_a_basis_that_fits_is_held_as_it_is() -> None:
+    basis = whole((44, 121), (80, 241))
+    chosen = choose_basis(basis, CAPABILITIES, RATE_HZ, LEASE_MS)
+    assert chosen.basis is basis
+    assert chosen.sets == {0: 0, 1: 1}
+
+
+@pytest.mark.parametrize(
+    ("changed", "rate_hz"),
+    [
+        ({"longest_waveform_ms": 30}, RATE_HZ),
+        ({"basis_capacity_bytes": 30_000}, RATE_HZ),
+        ({}, 57_600),  # 44 weights take 18 ms, 80 take 31
+    ],
+)
+def test_sets_that_do_not_fit_are_left_out_and_others_keep_their_order(changed: dict[str, int], rate_hz: int) -> None:
+    basis = whole((80, 241), (44, 121), (40, 121))
+    chosen = choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS)  # type: ignore[arg-type]
+    assert chosen.sets == {1: 0, 2: 1}
+    assert chosen.basis is not None
+    assert [len(each.actuators) for each in chosen.basis.sets] == [44, 40]
+
+
+@pytest.mark.parametrize(
+    ("changed", "rate_hz"),
+    [
+        ({"features": Features(0)}, RATE_HZ),
+        ({"basis_capacity_bytes": 100}, RATE_HZ),
+        ({"longest_waveform_ms": 20}, RATE_HZ),
+        ({"synthesis_rate_hz": 3999}, RATE_HZ),
+        ({}, 38_400),
+    ],
+)
+def test_a_device_or_line_that_carries_no_click_gets_no_basis(changed: dict[str, int], rate_hz: int) -> None:
+    basis = whole((44, 121))
+    assert choose_basis(basis, replace(CAPABILITIES, **changed), rate_hz, LEASE_MS) == NO_BASIS  # type: ignore[arg-type]
+    assert choose_basis(None, CAPABILITIES, RATE_HZ, LEASE_MS) == NO_BASIS

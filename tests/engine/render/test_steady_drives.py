@@ -16,8 +16,7 @@ from engine.touch import Placement
 from firmware_link.host.link_values import Capabilities
 from firmware_link.protocol.drive_words import decode_drive
 from precompute.predict.at_positions import SteadyDesigner
-from tests.engine.made_rows import row_of, rows_of
-from tests.engine.made_states import LEVEL_DB
+from tests.engine.made_states import LEVEL_DB, row_of, rows_of
 from tests.engine.render.boards import plain_board
 from tests.precompute.devices import shipped
 

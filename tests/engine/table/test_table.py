@@ -16,7 +16,7 @@ from engine.table import Table, TableError
 from engine.table.best_rows import write_best_rows
 from engine.table.columns import write_modes
 from engine.table.netcdf_file import TableWriter, Variable
-from tests.engine.made_rows import rows_of
+from tests.engine.made_states import rows_of
 from tests.engine.made_table import modes_of
 from tests.precompute.devices import shipped
 

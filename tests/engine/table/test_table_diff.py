@@ -17,7 +17,7 @@ from engine.table.levels import shifted
 from engine.table.table_diff import TableDiff, Tolerance, compare_tables
 from engine.touch.placement import Places
 from tests.engine.made_clicks import basis_of, click_of, in_zones, made_clicks
-from tests.engine.made_rows import row_of
+from tests.engine.made_states import row_of
 from tests.engine.made_table import write_table
 from tests.engine.table.test_table import DEVICE, TEXT
 

@@ -38,7 +38,7 @@ from precompute.measurements.types import CalibrationError
 from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offered
 from tactable.page.page_messages import PageMessageError, decode_message
 from tests.engine.made_clicks import click_of, in_zones
-from tests.engine.made_rows import rows_of
+from tests.engine.made_states import rows_of
 from tests.engine.made_table import write_table
 from tests.engine.table.resealed import reseal
 from tests.precompute.measurements.test_uff import nodes, response

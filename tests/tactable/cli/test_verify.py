@@ -12,7 +12,7 @@ from engine.table import Table
 from engine.table.best_rows import write_best_rows
 from engine.table.netcdf_file import TableWriter
 from tactable.measure import verification
-from tests.engine.made_rows import rows_of
+from tests.engine.made_states import rows_of
 from tests.tactable.cli.in_process import run_here
 
 SIMULATED = ("--port", "simulated", "--sensor", "simulated", "--places", "1", "--placements", "2")
