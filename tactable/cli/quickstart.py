@@ -1,10 +1,14 @@
-"""Command `quickstart`: from wiring to a felt click by questions; each step is a command, shown before it runs."""
+"""Command `quickstart`: from wiring to a felt click by questions; each step is a command, shown before it runs.
+
+Going back undoes a step: the file that its command wrote gets its earlier content, and an emulated board ends.
+"""
 
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,6 +16,7 @@ from pathlib import Path
 import typer
 
 from base.errors import TactableError
+from base.files import replace_file
 from engine.touch.sources.hid_discovery import find_digitizers, select_digitizer
 from tactable.cli.console import say
 from tactable.cli.new import check_answer
@@ -19,9 +24,13 @@ from tactable.cli.options import OptionError
 from tactable.digitizers.listing import SIMULATED
 from tactable.doctor.touch_check import Machine
 
-_QUIT, _NO = "quit", "no"
+_BACK, _QUIT, _NO = "back", "quit", "no"
 _RUN_S = 10
 _BAR = {"length": "279.4mm", "thickness": "0.79mm", "material": "aluminium", "actuators": "45mm,275mm"}
+
+
+class _BackError(TactableError):
+    """The person goes back a step."""
 
 
 @dataclass
@@ -51,23 +60,41 @@ class Answers:
         return str(self.folder / "board") if self.port == SIMULATED else self.port
 
 
+@dataclass(frozen=True)
+class Step:
+    """A step: `ask` gives the words of its command, none where there is nothing to do; `writes`: what it may write."""
+
+    title: str
+    ask: Callable[[Answers], list[str]]
+    writes: Callable[[Answers], Path | None] = field(default=lambda _: None)
+
+
 def quickstart() -> None:
     """Go from wiring to a felt click by questions, each step a command.
 
-    Without hardware take every answer that is offered. `quit` ends at each question; what is written by then stays.
+    Without hardware take every answer that is offered. At each question `back` undoes the step before, and `quit` ends;
+    what is written by then stays.
     """
-    say(f"Enter takes the answer in brackets, `{_QUIT}` ends.")
+    say(f"Enter takes the answer in brackets; `{_BACK}` undoes the step before, `{_QUIT}` ends.")
     with tempfile.TemporaryDirectory() as folder:
-        answers, boards = Answers(Path(folder)), list[subprocess.Popen[str]]()
+        answers, undo, boards = Answers(Path(folder)), list[Callable[[], None]](), list[subprocess.Popen[str]]()
         try:
-            for number, (title, ask) in enumerate(STEPS.items(), 1):
-                say(f"\n{number} of {len(STEPS)}: {title}")
-                while (words := ask(answers)) and not _run(words, boards):
-                    pass
+            while len(undo) < len(STEPS):
+                step = STEPS[len(undo)]
+                say(f"\n{len(undo) + 1} of {len(STEPS)}: {step.title}")
+                try:
+                    words = step.ask(answers)
+                    restore = _restoring(step.writes(answers))
+                    if not words or _run(words, boards):
+                        undo.append(restore)
+                    else:
+                        restore()
+                except _BackError:
+                    if undo:
+                        undo.pop()()
+                        _end(boards if STEPS[len(undo)].ask is _ask_port else [])
         finally:
-            for board in boards:
-                with board:
-                    board.terminate()
+            _end(boards)
     port = answers.port
     if port == SIMULATED:
         port = "board"
@@ -85,13 +112,37 @@ def _run(words: list[str], boards: list[subprocess.Popen[str]]) -> bool:
         return boards[-1].poll() is None
     status = subprocess.run(command_of(words), check=False).returncode
     if status:
-        say(f"That ended with exit status {status}: answer again, or `{_QUIT}`.")
+        say(f"That ended with exit status {status}: answer again, or `{_BACK}`, or `{_QUIT}`.")
     return status == 0
+
+
+def _end(boards: list[subprocess.Popen[str]]) -> None:
+    while boards:
+        with boards.pop() as board:
+            board.terminate()
 
 
 def command_of(words: list[str]) -> list[str]:
     """The command line that runs a command of ours."""
     return [sys.executable, "-m", "tactable", *words]
+
+
+def _restoring(path: Path | None) -> Callable[[], None]:
+    """A function that gives the file its present content again, and removes a file or folder that was made since."""
+    if path is None or path.is_dir():
+        return lambda: None
+    content = path.read_bytes() if path.exists() else None
+
+    def restore() -> None:
+        if content is not None:
+            with replace_file(path) as partial:
+                partial.write_bytes(content)
+        elif path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+    return restore
 
 
 def _ask(question: str, offered: str, check: Callable[[str], object] = lambda _: None) -> str:
@@ -100,6 +151,8 @@ def _ask(question: str, offered: str, check: Callable[[str], object] = lambda _:
         answer = str(typer.prompt(question, offered)).strip()
         if answer == _QUIT:
             raise typer.Exit
+        if answer == _BACK:
+            raise _BackError
         try:
             check(answer)
         except TactableError as error:
@@ -183,13 +236,18 @@ def _ask_run(answers: Answers) -> list[str]:
     return ["run", f"{answers.name}.nc", "--touch", answers.panel, "--port", answers.board, "--for", seconds]
 
 
-STEPS: Mapping[str, Callable[[Answers], list[str]]] = {
-    "the panel": _ask_panel,
-    "the bar": _ask_bar,
-    "how the panel lies on the bar": _ask_stroke,
-    "the board": _ask_port,
-    "the bar as it is": _ask_sensor,
-    "the table": _ask_build,
-    "a click": _ask_run,
-}
-"""The steps by their titles; each gives the words of its command, none where there is nothing to do."""
+def _new_table(answers: Answers) -> Path | None:
+    """The table, where none is there yet; `build` keeps an earlier one itself, for `tactable rollback`."""
+    path = Path(f"{answers.name}.nc")
+    return None if path.exists() else path
+
+
+STEPS = (
+    Step("the panel", _ask_panel),
+    Step("the bar", _ask_bar, lambda answers: answers.device),
+    Step("how the panel lies on the bar", _ask_stroke, lambda answers: answers.device),
+    Step("the board", _ask_port),
+    Step("the bar as it is", _ask_sensor, lambda answers: answers.calibrated),
+    Step("the table", _ask_build, _new_table),
+    Step("a click", _ask_run),
+)

@@ -1,4 +1,4 @@
-"""What the dialogue promises: every step is a command that is shown, and asked again where it fails."""
+"""What the dialogue promises: every step is a command that is shown, and going back undoes it."""
 
 from pathlib import Path
 
@@ -48,11 +48,22 @@ def test_offered_answers_lead_to_a_click(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert "7 of 7" in said and "Again: tactable run my-bar.nc" in said
 
 
-def test_what_fails_is_asked_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_going_back_undoes_the_step_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    commands = Commands()
+    # Back from the board: what `map` wrote; then from the stroke: what `new` wrote.
+    answer(commands, 7 * OFFERED + "back\nback\nquit\n", monkeypatch, tmp_path)
+    assert commands.names() == ["new", "map"]
+    assert not (tmp_path / "my-bar.toml").exists()
+
+
+def test_what_fails_is_asked_again_and_leaves_the_file_as_it_was(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "my-bar.toml").write_text("mine", encoding="utf-8")
     commands = Commands("map")
-    answer(commands, 5 * OFFERED + "quit\n", monkeypatch, tmp_path)
-    assert commands.names() == ["check", "map", "map"]
+    answer(commands, 4 * OFFERED + "quit\n", monkeypatch, tmp_path)
+    assert commands.names() == ["check", "map"]
+    assert (tmp_path / "my-bar.toml").read_text(encoding="utf-8") == "mine"
 
 
 def test_a_bar_that_was_measured_is_built_as_it_was_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
