@@ -12,7 +12,8 @@ from base.arrays import Array
 from firmware_link.emulator.emulator_process import RunningEmulator, run_emulator
 from firmware_link.emulator.synthesis import synthesise
 from firmware_link.host.serial_port import SerialPort
-from tests.firmware_link import click_laws, conformance, drive_laws
+from tests.firmware_link import click_laws, drive_laws
+from tests.firmware_link.test_conformance import keep_each_law
 
 SAMPLE_RATE_HZ = 20_000.0
 NS_PER_US = 1_000
@@ -83,4 +84,4 @@ REAL: tuple[Callable[[PortTier], None], ...] = (
 @pytest.mark.machine
 def test_the_emulator_behind_its_port_keeps_the_laws() -> None:
     with run_emulator() as emulator, contextlib.closing(PortTier(emulator)) as tier:
-        conformance.keep_laws(REAL, tier.rebooted)
+        keep_each_law(REAL, tier.rebooted)
