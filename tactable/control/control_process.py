@@ -6,12 +6,15 @@ the loop writes anyway, and the slot of `tactable.control.slot`.
 
 import asyncio
 import contextlib
+import fcntl
 import os
+import socket
+import stat
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from base.child import Parent
+from base.child import ChildError, Parent
 from base.files import identity_of
 from base.printable import printable, write_note
 from engine.effects.rules import Outcome
@@ -22,7 +25,6 @@ from tactable.control.events import Board, Events
 from tactable.control.program_scene import Scene
 from tactable.control.requests import MOST_BYTES, ControlError
 from tactable.control.slot import ControlOf
-from tactable.control.unix_socket import listening_socket
 from tactable.control.web import WebControl
 from tactable.run.table_watch import LOOK_S, WORD
 from tactable.shipped import named_effects
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 _READ_BYTES = 1 << 16
 EVENTS_EVERY_S = 0.004  # time between two looks at the ring while a program wants events
 _NICE = 2
+_OPTION = "choose another place with --control-socket"
 
 
 class _LoopSlot:
@@ -216,3 +219,47 @@ def main(parent: Parent, arguments: dict[str, Any]) -> None:
     served: ControlOf = arguments["served"]
     with RingReader(served.ring) as reader, Table.open(served.table, verify=False) as table:
         asyncio.run(serve(served, table, reader, parent))
+
+
+def listening_socket(path: Path, owner_id_of: Callable[[Path], int] = lambda path: path.stat().st_uid) -> socket.socket:
+    """A Unix socket that only its user reaches, in place of one that an ended run left. Raises ChildError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        # Of two runs that begin at once neither takes a socket that the other one has just made.
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        if owner_id_of(path.parent) not in (0, os.getuid()):
+            raise ChildError(f"{path.parent}: belongs to another user: {_OPTION}")
+        _remove_left_over(path)
+        return _bound(path)
+    finally:
+        os.close(folder)
+
+
+def _remove_left_over(path: Path) -> None:
+    """Remove the socket of an ended run. Raises ChildError where a run still listens, or the file is no socket."""
+    if not path.exists():
+        return
+    if not stat.S_ISSOCK(path.stat().st_mode):
+        raise ChildError(f"{path}: is no socket: {_OPTION}")
+    with socket.socket(socket.AF_UNIX) as other:
+        try:
+            other.connect(str(path))
+        except OSError:
+            path.unlink()
+        else:
+            raise ChildError(f"{path}: another run listens there: {_OPTION}")
+
+
+def _bound(path: Path) -> socket.socket:
+    listening = socket.socket(socket.AF_UNIX)
+    before = os.umask(0o177)
+    try:
+        listening.bind(str(path))
+    except OSError as error:
+        listening.close()
+        raise ChildError(f"{path}: no control socket can be made there ({error}): {_OPTION}") from error
+    finally:
+        os.umask(before)
+    listening.listen()
+    return listening

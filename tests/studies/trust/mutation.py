@@ -78,11 +78,9 @@ TESTS: dict[str, tuple[str, ...]] = {
     "tactable/control/steps.py": _control("steps", "program_scene", "laws"),
     "tactable/control/requests.py": _control("requests", "control_server"),
     "tactable/control/security.py": _control("security"),
-    "tactable/control/unix_socket.py": _control("unix_socket"),
     "tactable/control/slot.py": _control("in_process"),
-    "tactable/control/control_process.py": _control("in_process"),
+    "tactable/control/control_process.py": _control("in_process", "unix_socket"),
     "tactable/control/osc.py": _control("osc", "in_process"),
-    "tactable/control/osc_codec.py": _control("osc"),
     "engine/touch/finger_tracker.py": tuple(
         f"tests/engine/{each}.py"
         for each in ("touch/test_finger_tracker", "touch/test_placement", "loop/test_bar_change")

@@ -8,7 +8,7 @@ from typing import Any
 
 import jsonschema
 
-from tactable.control.osc_codec import Value, encode_osc
+from tactable.control.osc import Value, encode_osc
 
 ROOT = Path(__file__).parents[3]
 SCHEMA = json.loads((ROOT / "tables" / "schemas" / "control.schema.json").read_text(encoding="utf-8"))

@@ -25,7 +25,7 @@ from engine.touch import Touch
 from firmware_link.host.link_values import Capabilities
 from tactable.control.client import AsyncClient, ClientError, connect_async
 from tactable.control.control_process import serve
-from tactable.control.osc_codec import decode_osc, encode_osc
+from tactable.control.osc import decode_osc, encode_osc
 from tactable.control.program_scene import Scene
 from tactable.control.slot import ControlOf, ControlProcess
 from tactable.control.steps import StepEncoder

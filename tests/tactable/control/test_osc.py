@@ -10,8 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactable.control.control_server import ControlServer
-from tactable.control.osc import _MESSAGES, PREFIX, OscControl, _Sender, message_of
-from tactable.control.osc_codec import _DEEPEST, OscError, Value, decode_osc, encode_osc
+from tactable.control.osc import (
+    _DEEPEST,
+    _MESSAGES,
+    PREFIX,
+    OscControl,
+    OscError,
+    Value,
+    _Sender,
+    decode_osc,
+    encode_osc,
+    message_of,
+)
 from tactable.control.requests import MOST_BYTES, read_request
 from tactable.shipped import find_device, named_effects
 from tests.tactable.control.messages import MESSAGE, hostile_datagram

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from base.child import ChildError
-from tactable.control.unix_socket import listening_socket
+from tactable.control.control_process import listening_socket
 
 pytestmark = pytest.mark.usefixtures("both_ends")
 
