@@ -156,13 +156,12 @@ async def _ask(
     """Serve the page, and ask what is left. Raises ClientError and ExperimentError."""
     from base.work_folder import work_folder
     from tactable.control.client import connect_async, default_socket
-    from tactable.control.security import new_token
+    from tactable.control.security import listen_at, new_token
     from tactable.experiment.conduct import Screen, conduct
     from tactable.experiment.question_server import serve_questions
     from tactable.experiment.resting_fingers import simulated_run
     from tactable.experiment.stage import LiveStage
     from tactable.page.opening import announcement
-    from tactable.page.page_server import listen_at
 
     protocol, table, session, files = asked
     async with AsyncExitStack() as stack:

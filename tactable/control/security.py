@@ -7,10 +7,12 @@ in a snap or a flatpak; a ticket that anybody may use first would be used by who
 every port of a host, so to the servers of other users too [RFC 6265, section 8.5].
 """
 
+import errno
 import ipaddress
 import logging
 import os
 import secrets
+import socket
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -18,6 +20,8 @@ from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
+
+from base.errors import TactableError
 
 GRACE_S = 1  # how long a server that ends waits for its connections
 _TOKEN_BYTES = 24  # 192 bits in 32 letters; 128 bits cannot be guessed either
@@ -123,6 +127,25 @@ class AccessPolicy:
     def admits_origin(self, origin: str | None, host: str | None) -> bool:
         """Whether an Origin header names a page of this server."""
         return self.admits_host(host) and origin == f"http://{host}"
+
+
+class AddressError(TactableError, OSError):
+    """Nothing can be served at an address; the message names it and the remedy."""
+
+
+def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPolicy]:
+    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises AddressError."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        remedy = "give another port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
+        raise AddressError(f"{host}, port {port}: nothing can be served there ({error.strerror}); {remedy}") from error
+    return listening, AccessPolicy(host, listening.getsockname()[1], token)
 
 
 Endpoint = tuple[str, int]  # IP address and port of one end of a connection

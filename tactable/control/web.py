@@ -6,17 +6,15 @@ from its own server or from a file. The Host header must name this machine, so t
 
 import asyncio
 import contextlib
-import socket
 from collections.abc import AsyncIterator
 
 from starlette.applications import Starlette
 from starlette.routing import WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from base.child import ChildError
 from tactable.control.control_server import ControlServer
 from tactable.control.requests import MOST_BYTES
-from tactable.control.security import GRACE_S, LOOPBACK, AccessPolicy, new_token, quiet_server
+from tactable.control.security import GRACE_S, LOOPBACK, listen_at, new_token, quiet_server
 
 _LONGEST_MESSAGE = 64 * MOST_BYTES  # beyond it the WebSocket is closed; up to it a message that is too long is answered
 
@@ -56,19 +54,11 @@ class _Browser:
 
 
 class WebControl:
-    """The WebSocket of one control server; port 0 takes any free one. Raises ChildError for a port that is taken."""
+    """The WebSocket of one control server; port 0 takes any free one. Raises AddressError for a port that is taken."""
 
     def __init__(self, server: ControlServer, port: int) -> None:
         self._server = server
-        self._listening = socket.socket()
-        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self._listening.bind((LOOPBACK[0], port))
-            self._listening.listen()
-        except OSError as error:
-            self._listening.close()
-            raise ChildError(f"port {port}: no WebSocket can be served there ({error}): choose another one") from error
-        self._access = AccessPolicy(LOOPBACK[0], self._listening.getsockname()[1], new_token())
+        self._listening, self._access = listen_at(LOOPBACK[0], port, new_token())
         app = Starlette(routes=[WebSocketRoute("/{token}/control", self._talk)])
         self._uvicorn = quiet_server(app, _LONGEST_MESSAGE)
 

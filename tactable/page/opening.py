@@ -21,10 +21,10 @@ from base.trust import open_to_others
 from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import Drives
-from tactable.control.security import LOOPBACK, AccessPolicy, new_token
+from tactable.control.security import LOOPBACK, AccessPolicy, listen_at, new_token
 from tactable.page.choices import Choice, Rules, Source, offered
 from tactable.page.demo_backend import DemoBackend
-from tactable.page.page_server import PageBackend, listen_at, serve
+from tactable.page.page_server import PageBackend, serve
 from tactable.page.processes.engine_process import ProgramsAt
 from tactable.shipped import cache_folder
 

@@ -10,7 +10,6 @@ that error.
 
 import asyncio
 import contextlib
-import errno
 import secrets
 import socket
 import time
@@ -26,7 +25,6 @@ from starlette.responses import Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from base.errors import TactableError
 from engine.touch.sources.pointer import PointerEvent
 from tactable.control.security import HEADERS, AccessPolicy, quiet_server, read_connections, user_of
 from tactable.page.page_messages import (
@@ -233,25 +231,6 @@ async def answer_file(request: Request, access: AccessPolicy, files: Mapping[str
 
 async def _refused(_request: Request, _error: Exception | None) -> Response:
     return Response("refused: open the address that tactable printed\n", 403, HEADERS)
-
-
-class AddressError(TactableError, OSError):
-    """No page can be served at an address; the message names it and the remedy."""
-
-
-def listen_at(host: str, port: int, token: str) -> tuple[socket.socket, AccessPolicy]:
-    """Open a listening socket; its policy knows the port it got (`port` 0 takes any free one). Raises AddressError."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((host, port))
-        listening.listen()
-    except OSError as error:
-        listening.close()
-        remedy = "give another port" if error.errno == errno.EADDRINUSE else "give an address of this machine"
-        raise AddressError(f"{host}, port {port}: no page can be served there ({error.strerror}); {remedy}") from error
-    return listening, AccessPolicy(host, listening.getsockname()[1], token)
 
 
 async def serve(

@@ -20,10 +20,11 @@ from engine.render.board_fit import RendererError, scales_for
 from engine.table import Table, TableError
 from firmware_link.emulator.drive_log import Cause, ChannelTarget, DriveEvent, PlayedWaveform
 from firmware_link.protocol.drive_words import decode_drive
+from tactable.control.security import listen_at
 from tactable.page.live_bar import LiveBar
 from tactable.page.opening import announcement, token_for
 from tactable.page.page_messages import encode_picture
-from tactable.page.page_server import PageBackend, listen_at, serve
+from tactable.page.page_server import PageBackend, serve
 from tactable.page.view import View, device_json
 from tactable.rig.promises import SampledPromises, SolvedClick
 from tactable.run.table_watch import LOOK_S

@@ -12,8 +12,8 @@ import websockets
 from websockets.asyncio.client import connect
 from websockets.typing import Origin
 
-from base.child import ChildError
 from tactable.control.control_server import ControlServer
+from tactable.control.security import AddressError
 from tactable.control.web import WebControl
 from tests.tactable.control.messages import HELLO, VALID
 from tests.tactable.control.virtual import FINGERS, VirtualSlot
@@ -85,5 +85,5 @@ async def test_without_the_token_or_by_a_foreign_name_nobody_speaks_and_a_port_t
         for right, wrong in (("/control", "x/control"), ("127.0.0.1", "foreign.example")):
             with pytest.raises(websockets.exceptions.InvalidStatus, match="403"):
                 await connect(web.address.replace(right, wrong), host="127.0.0.1", port=port)
-        with pytest.raises(ChildError, match=f"port {port}: .*choose another"):
+        with pytest.raises(AddressError, match=f"port {port}: .*give another port"):
             WebControl(server, port)

@@ -9,10 +9,9 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
-from tactable.control.security import HEADERS, new_token
+from tactable.control.security import HEADERS, listen_at, new_token
 from tactable.experiment.conduct import Screen
 from tactable.experiment.question_server import serve_questions
-from tactable.page.page_server import listen_at
 
 pytestmark = pytest.mark.usefixtures("both_ends")
 

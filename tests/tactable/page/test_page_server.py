@@ -14,9 +14,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin
 
 from engine.touch.sources.pointer import Phase, PointerEvent
-from tactable.control.security import HEADERS, AccessPolicy, new_token
+from tactable.control.security import HEADERS, AccessPolicy, AddressError, listen_at, new_token
 from tactable.page.page_messages import VERSION, CloseCode, DroppedFile, Kind, encode_sound
-from tactable.page.page_server import MOST_BROWSERS, AddressError, PageBackend, PageServer, listen_at, serve
+from tactable.page.page_server import MOST_BROWSERS, PageBackend, PageServer, serve
 from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
 
 pytestmark = pytest.mark.usefixtures("both_ends")
