@@ -16,7 +16,6 @@ from tactable.shipped import DEMO_RECORDING, cache_folder, find_device, find_dev
 
 if TYPE_CHECKING:
     from engine.device import Device
-    from tactable.page.opening import Address
     from tactable.rig.accelerometer import SensedSurface
     from tactable.rig.emulate import Emulated
 
@@ -70,58 +69,36 @@ def demo(
             "--recording and --table ask for the report instead: give options of one of the two"
         )
     if not is_report:
-        from tactable.page.opening import Address, has_browser
+        from tactable.control.client import default_socket
+        from tactable.page.opening import Address, has_browser, show_demo
+        from tactable.page.processes.engine_process import ProgramsAt
 
         opens_browser = not no_open and host is None and has_browser()
         if opens_browser or is_asked_for:
-            programs = (control_socket, control_port, control_osc) if control else None
+            if drives is not None and rules_path is not None:
+                raise options.OptionError(
+                    "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
+                )
+            socket = str((control_socket or default_socket()).absolute())
+            programs = ProgramsAt(socket, control_port, control_osc) if control else None
+            first = None if drives is None else options.read_drives_of(drives)
             address = Address(host or "127.0.0.1", page_port, opens_browser)
-            _show_page(device_name, device, address, (rules_path, drives), programs)
+            show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
             return
         remark("no browser here: the report instead of the page; --no-open prints an address to open elsewhere")
-    report_demo(device, recording_path, table_path, (rules_path, drives), figure or Path("tactable-demo.png"), as_json)
-
-
-def _show_page(
-    device_name: str,
-    device: "Device",
-    address: "Address",
-    rules: tuple[Path | None, str | None],
-    control: tuple[Path | None, int | None, int | None] | None,
-) -> None:
-    """Serve the page until Ctrl-C.
-
-    rules: the options --rules and --drives. control: socket and ports of the control channel; None: there is none.
-    """
-    from tactable.control.client import default_socket
-    from tactable.page.opening import show_demo
-    from tactable.page.processes.engine_process import ProgramsAt
-
-    rules_path, drives = rules
-    if drives is not None and rules_path is not None:
-        raise options.OptionError(
-            "--drives: the page plays the rule file as it is; write its key `drives` in place of it"
-        )
-    programs = None
-    if control is not None:
-        socket, port, osc = control
-        programs = ProgramsAt(str((socket or default_socket()).absolute()), port, osc)
-    first = None if drives is None else options.read_drives_of(drives)
-    show_demo(device_name, device, rules_path, cache_folder(), address, remark, first, programs)
+    report_demo(device, recording_path, table_path, rules_path, drives, figure or Path("tactable-demo.png"), as_json)
 
 
 def report_demo(
     device: "Device",
     recording_path: Path | None,
     table_path: Path | None,
-    rules: tuple[Path | None, str | None],
+    rules_path: Path | None,
+    drives: str | None,
     figure: Path,
     as_json: bool,
 ) -> None:
-    """Play a recording through the simulated chain, draw and print what came of it.
-
-    rules: the options --rules and --drives.
-    """
+    """Play a recording through the simulated chain, draw and print what came of it."""
     from engine.touch.sources.recording import read_recording
     from tactable.figures.demo_picture import draw_demo
     from tactable.figures.picture_file import outputs_of
@@ -135,7 +112,7 @@ def report_demo(
             f"--table {table_path}: is not a plain file; name a table, or one that is to be built"
         )
     recording = read_recording(recording_path or DEMO_RECORDING)
-    effects = options.read_rules(rules[0], device, rules[1])
+    effects = options.read_rules(rules_path, device, drives)
     cached = cached_table(device, cache_folder())
     shipped, shipped_s = open_shipped(device, cached), _processor_s()
     with shown_progress(as_json) as progress:

@@ -3,7 +3,8 @@
 Little-endian binary frames of one WebSocket. Each begins with VERSION (u8) and its kind (u8). To the browser:
 
     SCENE   0x01  JSON: device, switches, state of the rig; whenever one of them changes
-    PICTURE 0x02  the present state, up to 60 a second, see `Picture`
+    PICTURE 0x02  the present state, up to 60 a second: u32 length of JSON, JSON of `Picture` but for its levels, then
+                  i16 of 0.01 dB: its levels and counted levels (point,), and those of the paper's surface, if any
     MOTION  0x03  a moment of the moving surfaces, to be shown slowed: u8 points along, u8 rows of them, u8 fingers of
                   the command, u8 is_click, u16 steps, u32 command, f32 seconds per step, f32 m/s^2 at 32767, then i16
                   (surface, step, point and finger), ours first
@@ -16,14 +17,14 @@ From the browser:
     LISTEN  0x83  u32 finger, as a picture numbers it
     DEVICE  0x84  JSON of at most MOST_DEVICE_BYTES: "name" of a device file, and its "text"
 
-Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. A point of the surface is f32 x,
-f32 y (base.points.sides_of). Points of a field follow one another along the surface, row by row.
+Anything else is refused by a `PageMessageError`, whose `code` closes the WebSocket. Points of a field follow one
+another along the surface, row by row.
 """
 
 import json
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -31,31 +32,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from base.arrays import Array
-from base.points import sides_of
+from base.plain import to_plain
 from engine.touch.sources.pointer import Phase, PointerEvent
 
-VERSION = 8  # raise it with any change of these bytes: an old page is told to load again
+VERSION = 9  # raise it with any change of these bytes: an old page is told to load again
 MOST_TOUCHES = 64  # the events of ten fingers in six pictures
 MOST_CHOICE_BYTES = 2048  # bounds what a hostile page can have parsed
 MOST_DEVICE_BYTES = 65_536  # shipped device files have 2 to 3 kB
 MOST_BYTES = 2 + MOST_DEVICE_BYTES
 """Limit of a message from a browser; a longer one closes the WebSocket before it is read."""
 LOWEST_DB = -60.0  # the lowest level that is sent
-NO_ZONE = 255
-NO_NUMBER = 0xFFFF_FFFF  # the greatest u32
 
 _HEAD = struct.Struct("<BB")
 _TOUCH = struct.Struct("<IBff")
 _FINGER_NUMBER = struct.Struct("<I")
-# time, six counters, command, its age, wanted level, stages last, stages median, how many, kind, flags, five lengths
-_PICTURE = struct.Struct("<d6IIff5I5IIBB5B")
-_FINGER = struct.Struct("<IBBffff")
-_MADE = struct.Struct("<IBBff4h")
-_CHANNEL = struct.Struct("<fff")
+_SIZE = struct.Struct("<I")
 _MOTION = struct.Struct("<BBBBHIff")
 _SOUND = struct.Struct("<II")
 _PER_DB = 100  # i16 in centibel: finer than anything that is shown
-_WORD = 32_767  # the greatest int16; what lies below its negative stands for no level
+_WORD = 32_767  # the greatest int16
 _PHASES = (Phase.DOWN, Phase.MOVE, Phase.UP, Phase.CANCEL)
 
 
@@ -147,10 +142,10 @@ class ChannelPicture:
 
 @dataclass(frozen=True, slots=True)
 class PaperPicture:
-    """The second surface, which the paper's drives move. On the wire as levels, counted levels, fingers, made fingers.
+    """The second surface, which the paper's drives move.
 
     fingers_db (finger,): the present level, and the greatest since the last command; simulated_db (made finger,).
-    levels_db, counted_db (point,): as those of the picture. All i16 of 0.01 dB (-32768: none).
+    levels_db, counted_db (point,): as those of the picture.
     """
 
     fingers_db: tuple[tuple[float, float], ...]
@@ -161,16 +156,7 @@ class PaperPicture:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """The present state. On the wire: the fixed part, fingers, made fingers, channels, levels, counted levels, paper.
-
-    fixed: f64 time_s, 6 u32 counters, u32 command, f32 age_s, f32 wanted_db, 5 u32 last_ns, 5 u32 median_ns, u32
-    latencies, u8 drive, u8 flags (1 is_loaded, 2 is_playing, 4 is_late, 8 has a paper surface, 16 is_mixed), then u8 of
-    fingers, made fingers, channels, levels along the surface and rows of them.
-    finger: u32 number, u8 zone (255: none), u8 role, point position_m, f32 level_db, f32 felt_db.
-    made finger: u32 number (0xFFFFFFFF: none), u8 zone, u8 role, point position_m, i16 promised, simulated, low,
-    high of 0.01 dB (-32768: none).
-    channel: f32 hz, f32 amplitude, f32 rad. level, counted level: i16 of 0.01 dB.
-    """
+    """The present state."""
 
     time_s: float
     counters: tuple[int, int, int, int, int, int]  # the fields of engine.loop.ring.RingCounters
@@ -209,59 +195,19 @@ def encode_scene(scene: dict[str, Any]) -> bytes:
 
 def encode_picture(picture: Picture) -> bytes:
     """Encode a PICTURE."""
-    counts = [len(part) for part in (picture.fingers, picture.made, picture.channels)]
-    has_paper = picture.paper is not None
-    flags = (picture.is_loaded, picture.is_playing, picture.is_late, has_paper, picture.is_mixed)
-    fixed = _PICTURE.pack(
-        picture.time_s,
-        *picture.counters,
-        picture.command,
-        picture.age_s,
-        picture.wanted_db,
-        *picture.last_ns,
-        *picture.median_ns,
-        picture.latencies,
-        picture.drive,
-        sum(is_set << bit for bit, is_set in enumerate(flags)),
-        *counts,
-        len(picture.levels_db) // picture.rows,
-        picture.rows,
-    )
-    fingers = [_finger_bytes(finger) for finger in picture.fingers]
-    made = [_made_bytes(finger) for finger in picture.made]
-    channels = [_CHANNEL.pack(c.frequency_hz, c.amplitude, c.phase_rad) for c in picture.channels]
-    paper = b"" if picture.paper is None else _paper_bytes(picture.paper)
-    levels = _level_bytes(picture.levels_db, picture.counted_db)
-    return b"".join((_HEAD.pack(VERSION, Kind.PICTURE), fixed, *fingers, *made, *channels, levels, paper))
+    paper = picture.paper
+    levels_db = [picture.levels_db, picture.counted_db]
+    told = _told(picture) | {"paper": None if paper is None else _told(paper)}
+    levels_db += [] if paper is None else [paper.levels_db, paper.counted_db]
+    text = json.dumps(told, allow_nan=False).encode()
+    words = np.rint(_PER_DB * np.clip(np.concatenate(levels_db), LOWEST_DB, -LOWEST_DB)).astype("<i2")
+    return _HEAD.pack(VERSION, Kind.PICTURE) + _SIZE.pack(len(text)) + text + words.tobytes()
 
 
-def _level_bytes(*levels_db: Array) -> bytes:
-    together = np.clip(np.concatenate(levels_db), LOWEST_DB, -LOWEST_DB)
-    return np.rint(_PER_DB * together).astype("<i2").tobytes()
-
-
-def _paper_bytes(paper: PaperPicture) -> bytes:
-    of_fingers = [_centibels(level_db) for pair in paper.fingers_db for level_db in pair]
-    words = np.array([*of_fingers, *(_centibels(level_db) for level_db in paper.simulated_db)], "<i2")
-    return _level_bytes(paper.levels_db, paper.counted_db) + words.tobytes()
-
-
-def _finger_bytes(finger: FingerPicture) -> bytes:
-    zone = NO_ZONE if finger.zone is None else finger.zone
-    return _FINGER.pack(finger.number, zone, finger.role, *sides_of(finger.position_m), finger.level_db, finger.felt_db)
-
-
-def _made_bytes(finger: MadePicture) -> bytes:
-    number = NO_NUMBER if finger.number is None else finger.number
-    zone = NO_ZONE if finger.zone is None else finger.zone
-    levels = map(_centibels, (finger.promised_db, finger.simulated_db, finger.low_db, finger.high_db))
-    return _MADE.pack(number, zone, finger.role, *sides_of(finger.position_m), *levels)
-
-
-def _centibels(level_db: float | None) -> int:
-    if level_db is None:
-        return -_WORD - 1
-    return round(_PER_DB * min(max(level_db, LOWEST_DB), -LOWEST_DB))
+def _told(part: Picture | PaperPicture) -> dict[str, Any]:
+    """The fields that travel as JSON."""
+    names = [field.name for field in fields(part) if field.name not in ("levels_db", "counted_db", "paper")]
+    return {name: to_plain(getattr(part, name)) for name in names}
 
 
 def encode_motion(acceleration: Array, size: tuple[int, int], step_s: float, command: int, *, is_click: bool) -> bytes:

@@ -1,8 +1,8 @@
 // The browser's side of tactable/page/page_messages.py: decodes pictures, encodes touches and switches, and reconnects.
 
-import { parseScene } from "./points.js";
+import { parseScene, pointOf } from "./points.js";
 
-export const VERSION = 8;
+export const VERSION = 9;
 export const Kind = { SCENE: 1, PICTURE: 2, MOTION: 3, SOUND: 4, TOUCHES: 0x81, CHOICE: 0x82, LISTEN: 0x83, DEVICE: 0x84 };
 export const Phase = { DOWN: 0, MOVE: 1, UP: 2, CANCEL: 3 };
 export const NOTHING = -32768;
@@ -10,110 +10,59 @@ export const NO_ZONE = 255;
 export const NO_NUMBER = 0xffffffff;
 const MOST_TOUCHES = 64;
 const MOST_BYTES = 65536;
-const MOST_FINGERS = 16;
 const MOST_LEVELS = 4096;
-const STAGES = 5;
 const FIRST_BACK_OFF_MS = 250;
 const LONGEST_BACK_OFF_MS = 4000;
 const ENDED = 1012; // how a server closes that ends in order
 const FATAL = new Set([1003, 1007, 4001]);
 
-// One picture object, which every message fills: a page that runs for hours makes no garbage.
+// One picture object, which every message fills.
 export function makePicture() {
   return {
-    time_s: 0, counters: new Uint32Array(6), command: 0, age_s: 0, wanted_db: 0,
-    last_ns: new Uint32Array(STAGES), median_ns: new Uint32Array(STAGES), latencies: 0, drive: 0,
-    isLoaded: true, isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0,
-    fingers: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: 0, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, level_db: -60, felt_db: -60 })),
+    time_s: 0, counters: [0, 0, 0, 0, 0, 0], command: 0, age_s: 0, wanted_db: 0, last_ns: [], median_ns: [], latencies: 0, drive: 0,
+    isLoaded: true, isPlaying: false, isLate: false, hasPaper: false, isMixed: false, fingerCount: 0, fingers: [],
     // The fingers that the last command was made for. `called`: the number that each had, which it keeps when it has left.
-    madeCount: 0,
-    made: Array.from({ length: MOST_FINGERS }, () =>
-      ({ number: NO_NUMBER, called: NO_NUMBER, zone: NO_ZONE, role: 0, position_m: { x: 0, y: NaN }, promised: NOTHING, simulated: NOTHING, low: NOTHING, high: NOTHING })),
-    channelCount: 0, frequency_hz: new Float32Array(64), amplitude: new Float32Array(64), phase_rad: new Float32Array(64),
+    madeCount: 0, made: [], channelCount: 0, frequency_hz: [], amplitude: [], phase_rad: [],
     levelCount: 0, rows: 1, levels: new Float32Array(MOST_LEVELS), counted: new Float32Array(MOST_LEVELS),
   };
 }
 
 // What of a picture is another for the second surface, which the paper's drives move; all else is the picture's own.
 export function makePaper(picture) {
-  const { fingers, made } = makePicture();
-  return Object.assign(Object.create(picture), { fingers, made, levels: new Float32Array(MOST_LEVELS), counted: new Float32Array(MOST_LEVELS) });
+  const { fingers, made, levels, counted } = makePicture();
+  return Object.assign(Object.create(picture), { fingers, made, levels, counted });
 }
 
-function readPoint(view, at, point) {
-  point.x = view.getFloat32(at, true);
-  point.y = view.getFloat32(at + 4, true);
+// A level of JSON in hundredths of a decibel.
+function wordOf(level_db) { return level_db === null ? NOTHING : Math.round(100 * level_db); }
+
+function fingerOf({ number, zone, role, position_m }) {
+  return { number: number ?? NO_NUMBER, zone: zone ?? NO_ZONE, role, position_m: pointOf(position_m) };
 }
 
 export function decodePicture(view, picture, paper) {
-  let at = 2;
-  picture.time_s = view.getFloat64(at, true); at += 8;
-  for (let i = 0; i < 6; i++, at += 4) picture.counters[i] = view.getUint32(at, true);
-  const before = picture.command;
-  picture.command = view.getUint32(at, true); at += 4;
-  picture.age_s = view.getFloat32(at, true); at += 4;
-  picture.wanted_db = view.getFloat32(at, true); at += 4;
-  for (let i = 0; i < STAGES; i++, at += 4) picture.last_ns[i] = view.getUint32(at, true);
-  for (let i = 0; i < STAGES; i++, at += 4) picture.median_ns[i] = view.getUint32(at, true);
-  picture.latencies = view.getUint32(at, true); at += 4;
-  picture.drive = view.getUint8(at++);
-  const flags = view.getUint8(at++);
-  picture.isLoaded = Boolean(flags & 1);
-  picture.isPlaying = Boolean(flags & 2);
-  picture.isLate = Boolean(flags & 4);
-  picture.hasPaper = Boolean(flags & 8);
-  picture.isMixed = Boolean(flags & 16);
-  picture.fingerCount = Math.min(view.getUint8(at++), MOST_FINGERS);
-  picture.madeCount = Math.min(view.getUint8(at++), MOST_FINGERS);
-  picture.channelCount = view.getUint8(at++);
-  const along = view.getUint8(at++);
-  picture.rows = view.getUint8(at++);
-  picture.levelCount = along * picture.rows;
-  for (let i = 0; i < picture.fingerCount; i++, at += 22) {
-    const finger = picture.fingers[i];
-    finger.number = view.getUint32(at, true);
-    finger.zone = view.getUint8(at + 4);
-    finger.role = view.getUint8(at + 5);
-    readPoint(view, at + 6, finger.position_m);
-    finger.level_db = view.getFloat32(at + 14, true);
-    finger.felt_db = view.getFloat32(at + 18, true);
-  }
-  for (let i = 0; i < picture.madeCount; i++, at += 22) {
-    const finger = picture.made[i];
-    finger.number = view.getUint32(at, true);
-    if (finger.number !== NO_NUMBER || picture.command !== before) finger.called = finger.number;
-    finger.zone = view.getUint8(at + 4);
-    finger.role = view.getUint8(at + 5);
-    readPoint(view, at + 6, finger.position_m);
-    finger.promised = view.getInt16(at + 14, true);
-    finger.simulated = view.getInt16(at + 16, true);
-    finger.low = view.getInt16(at + 18, true);
-    finger.high = view.getInt16(at + 20, true);
-  }
-  for (let i = 0; i < picture.channelCount; i++, at += 12) {
-    picture.frequency_hz[i] = view.getFloat32(at, true);
-    picture.amplitude[i] = view.getFloat32(at + 4, true);
-    picture.phase_rad[i] = view.getFloat32(at + 8, true);
-  }
-  for (let i = 0; i < picture.levelCount; i++, at += 2) picture.levels[i] = view.getInt16(at, true) / 100;
-  for (let i = 0; i < picture.levelCount; i++, at += 2) picture.counted[i] = view.getInt16(at, true) / 100;
-  if (picture.hasPaper) decodePaper(view, at, picture, paper);
-}
-
-function decodePaper(view, at, picture, paper) {
-  for (let i = 0; i < picture.levelCount; i++, at += 2) paper.levels[i] = view.getInt16(at, true) / 100;
-  for (let i = 0; i < picture.levelCount; i++, at += 2) paper.counted[i] = view.getInt16(at, true) / 100;
-  for (let i = 0; i < picture.fingerCount; i++, at += 4) {
-    const { number, zone, role, position_m } = picture.fingers[i], finger = paper.fingers[i];
-    Object.assign(finger, { number, zone, role, position_m });
-    finger.level_db = view.getInt16(at, true) / 100;
-    finger.felt_db = view.getInt16(at + 2, true) / 100;
-  }
-  for (let i = 0; i < picture.madeCount; i++, at += 2) {
-    const { number, called, zone, role, position_m } = picture.made[i];
-    Object.assign(paper.made[i], { number, called, zone, role, position_m, simulated: view.getInt16(at, true) });
-  }
+  const start = 6 + view.getUint32(2, true), told = JSON.parse(new TextDecoder().decode(new Uint8Array(view.buffer, 6, start - 6)));
+  const { time_s, counters, age_s, last_ns, median_ns, latencies, drive, rows, channels } = told;
+  const before = told.command === picture.command ? picture.made : [];
+  const fingers = told.fingers.map((finger) => ({ ...fingerOf(finger), level_db: finger.level_db, felt_db: finger.felt_db }));
+  const made = told.made.map((finger, i) => ({
+    ...fingerOf(finger), called: finger.number ?? before[i]?.called ?? NO_NUMBER,
+    promised: wordOf(finger.promised_db), simulated: wordOf(finger.simulated_db), low: wordOf(finger.low_db), high: wordOf(finger.high_db),
+  }));
+  Object.assign(picture, {
+    time_s, counters, command: told.command, age_s, wanted_db: told.wanted_db ?? Infinity, last_ns, median_ns, latencies, drive, rows,
+    isLoaded: told.is_loaded, isPlaying: told.is_playing, isLate: told.is_late, isMixed: told.is_mixed, hasPaper: told.paper !== null,
+    fingers, fingerCount: fingers.length, made, madeCount: made.length, channelCount: channels.length,
+    frequency_hz: channels.map((each) => each.frequency_hz), amplitude: channels.map((each) => each.amplitude),
+    phase_rad: channels.map((each) => each.phase_rad),
+  });
+  const fields = [picture.levels, picture.counted, ...(told.paper ? [paper.levels, paper.counted] : [])];
+  picture.levelCount = (view.byteLength - start) / 2 / fields.length;
+  let at = start;
+  for (const levels of fields) for (let i = 0; i < picture.levelCount; i++, at += 2) levels[i] = view.getInt16(at, true) / 100;
+  if (!told.paper) return;
+  paper.fingers = fingers.map((finger, i) => ({ ...finger, level_db: told.paper.fingers_db[i][0], felt_db: told.paper.fingers_db[i][1] }));
+  paper.made = made.map((finger, i) => ({ ...finger, simulated: wordOf(told.paper.simulated_db[i]) }));
 }
 
 // The same moment of every surface, ours first, in one scale. A step has the points, row by row, then the fingers that

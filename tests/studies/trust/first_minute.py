@@ -22,12 +22,9 @@ from websockets.typing import Origin
 from engine.touch.sources.pointer import Phase, PointerEvent
 from tactable.page.page_messages import Drive, Kind
 from tests.system.page import TACTABLE
-from tests.tactable.page.browser import encode_touches
+from tests.tactable.page.browser import decode_picture, encode_touches
 from tests.tools.stalls import descendants
 
-_COMMAND_AT = 2 + 8 + 6 * 4  # of a PICTURE: head, time, counters
-_DRIVE_AT = _COMMAND_AT + 4 + 4 + 4 + 11 * 4
-_LEVELS_AT = _DRIVE_AT + 2 + 3
 _TAP, _UP_AT = 60, 20  # pictures
 _TICK = os.sysconf("SC_CLK_TCK")
 
@@ -74,11 +71,10 @@ async def _watch(address: str, demo: int) -> None:
                 if has_table and "first click" in told:
                     return
             elif message[1] == Kind.PICTURE and plays:
-                if message[_LEVELS_AT]:
-                    tell("first picture")
-                commands = int.from_bytes(message[_COMMAND_AT : _COMMAND_AT + 4], "little")
-                if commands:
-                    tell("first click" if message[_DRIVE_AT] == Drive.CLICK else "first steady drive")
+                tell("first picture")
+                picture, _ = decode_picture(message)
+                if picture["command"]:
+                    tell("first click" if picture["drive"] == Drive.CLICK else "first steady drive")
                 # A finger taps: down for a third of every second.
                 phase = {0: Phase.DOWN, _UP_AT: Phase.UP}.get(pictures % _TAP, Phase.MOVE)
                 if pictures % _TAP <= _UP_AT:

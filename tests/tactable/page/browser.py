@@ -1,11 +1,14 @@
-"""What the page's script sends, encoded as it does it."""
+"""What the page's script sends and reads, encoded and decoded as it does it."""
 
 import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from base.arrays import Array
 from engine.touch.sources.pointer import PointerEvent
-from tactable.page.page_messages import _FINGER_NUMBER, _HEAD, _PHASES, _TOUCH, VERSION, Kind
+from tactable.page.page_messages import _FINGER_NUMBER, _HEAD, _PHASES, _SIZE, _TOUCH, VERSION, Kind
 
 
 def encode_touches(events: Sequence[PointerEvent]) -> bytes:
@@ -27,3 +30,12 @@ def encode_device(name: str, text: str) -> bytes:
 def encode_listen(finger: int) -> bytes:
     """Encode a LISTEN."""
     return _HEAD.pack(VERSION, Kind.LISTEN) + _FINGER_NUMBER.pack(finger)
+
+
+def decode_picture(message: bytes) -> tuple[dict[str, Any], Array]:
+    """The values of a PICTURE, and its levels (kind, point) in dB."""
+    (length,) = _SIZE.unpack_from(message, _HEAD.size)
+    start = _HEAD.size + _SIZE.size
+    told = json.loads(message[start : start + length])
+    levels_db = np.frombuffer(message[start + length :], "<i2") / 100
+    return told, levels_db.reshape(2 if told["paper"] is None else 4, -1)

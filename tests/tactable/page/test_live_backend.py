@@ -18,6 +18,7 @@ from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.emulator_process import RunningEmulator
 from tactable.page.page_messages import Kind
 from tests.tactable.cli.in_process import run_here
+from tests.tactable.page.browser import decode_picture
 from tests.tactable.rig.strokes import Stroke, make_recording
 from tests.tools.processes import started
 
@@ -59,11 +60,8 @@ async def looked_on(address: str, commands: int) -> tuple[dict[str, Any], list[b
             if message[1] == Kind.SCENE:
                 scene = json.loads(message[2:])
             told.append(message)
-            if (
-                Kind.MOTION in kinds
-                and int.from_bytes(told[-1][34:38], "little") >= commands
-                and told[-1][1] == Kind.PICTURE
-            ):
+            is_picture = message[1] == Kind.PICTURE
+            if is_picture and Kind.MOTION in kinds and decode_picture(message)[0]["command"] >= commands:
                 return scene, told
 
 

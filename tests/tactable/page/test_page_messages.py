@@ -32,7 +32,7 @@ from tactable.page.page_messages import (
     encode_picture,
     encode_scene,
 )
-from tests.tactable.page.browser import encode_choice, encode_device, encode_listen, encode_touches
+from tests.tactable.page.browser import decode_picture, encode_choice, encode_device, encode_listen, encode_touches
 
 FLOATS = st.floats(width=32, allow_nan=False, allow_infinity=False)
 EVENTS = st.builds(PointerEvent, st.integers(0, 2**32 - 1), FLOATS, FLOATS, st.sampled_from(Phase))
@@ -120,39 +120,28 @@ def test_what_is_no_message_is_refused_by_a_code(data: bytes, code: CloseCode) -
     assert caught.value.code is code
 
 
-def test_a_picture_lies_as_its_definition_says() -> None:
-    data = encode_picture(PICTURE)
-    assert data[:2] == bytes([VERSION, Kind.PICTURE])
-    fixed = struct.unpack_from("<d6IIff5I5IIBB5B", data, 2)
-    assert fixed[:9] == (1.5, 1, 2, 3, 4, 5, 6, 7, 0.25)
-    assert math.isinf(fixed[9])
-    assert fixed[10:] == (*STAGES, *STAGES, 9, Drive.STEADY, 3, 2, 2, 1, 1, 3)
-    at = 2 + struct.calcsize("<d6IIff5I5IIBB5B")
-    on_bar, on_plate = (struct.unpack_from("<IBBffff", data, at + 22 * i) for i in range(2))
-    assert on_bar == (3, 255, 0, 0.125, pytest.approx(math.nan, nan_ok=True), 20.5, 21.5)
-    assert on_plate == (4, 2, 1, 0.25, 0.5, -60.0, -3.0)
-    on_plate, on_bar = (struct.unpack_from("<IBBff4h", data, at + 44 + 22 * i) for i in range(2))
-    assert on_plate == (4, 2, 1, 0.25, 0.5, -450, -32768, -32768, -32768)
-    assert on_bar == (0xFFFF_FFFF, 255, 2, 0.5, pytest.approx(math.nan, nan_ok=True), 2000, 1950, 1825, 2100)
-    assert struct.unpack_from("<fff", data, at + 88) == (183.25, 0.5, -1.0)
-    assert struct.unpack_from("<3h", data, at + 100) == (-6000, 12, 6000)
-    assert struct.unpack_from("<3h", data, at + 106) == (-2000, 1650, 6000)
-    assert len(data) == at + 112
-
-
-def test_the_second_bar_lies_after_the_first() -> None:
+def test_a_picture_is_its_values_and_its_levels_to_a_hundredth_of_a_decibel() -> None:
+    told, levels_db = decode_picture(encode_picture(PICTURE))
+    assert (told["counters"], told["last_ns"], told["drive"], told["is_late"]) == ([*range(1, 7)], [*STAGES], 1, False)
+    assert told["wanted_db"] is None  # full scale
+    on_bar, on_plate = told["fingers"]
+    assert (on_bar["position_m"], on_bar["zone"]) == (0.125, None)
+    assert (on_plate["position_m"], on_plate["role"]) == ([0.25, 0.5], Role.QUIET)
+    assert [(made["number"], made["simulated_db"], made["high_db"]) for made in told["made"]] == [
+        (4, None, None),
+        (None, 19.5, 21.0),
+    ]
+    assert levels_db.tolist() == [[-60.0, 0.12, 60.0], [-20.0, 16.5, 60.0]]
     paper = PaperPicture(
         fingers_db=((1.5, 2.5), (-60.0, -3.0)),
         simulated_db=(None, -7.25),
         levels_db=np.array([1.0, 2.0, 99.0]),
         counted_db=np.array([4.0, 5.0, 6.0]),
     )
-    data, alone = encode_picture(replace(PICTURE, paper=paper)), encode_picture(PICTURE)
-    flags_at = 2 + struct.calcsize("<d6IIff5I5IIB")
-    assert (data[flags_at], alone[flags_at]) == (8 | 3, 3)
-    assert data[:flags_at] + data[flags_at + 1 : len(alone)] == alone[:flags_at] + alone[flags_at + 1 :]
-    words = struct.unpack(f"<{3 + 3 + 2 * 2 + 2}h", data[len(alone) :])
-    assert words == (100, 200, 6000, 400, 500, 600, 150, 250, -6000, -300, -32768, -725)
+    beside, levels_db = decode_picture(encode_picture(replace(PICTURE, paper=paper)))
+    second = {"fingers_db": [[1.5, 2.5], [-60.0, -3.0]], "simulated_db": [None, -7.25]}
+    assert beside == told | {"paper": second}
+    assert levels_db[2:].tolist() == [[1.0, 2.0, 60.0], [4.0, 5.0, 6.0]]
 
 
 def test_a_motion_is_told_to_the_greatest_acceleration_of_all_bars() -> None:
