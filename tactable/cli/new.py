@@ -54,13 +54,6 @@ KINDS: dict[str, dict[str, Any]] = {
         "moving_mass": "40 g", "stiffness": "15.8 kN/m", "damping": "8.4 N*s/m", "mass": "10 g", "full_scale": "3 N",
     },
 }  # fmt: skip
-_SURFACE = {"length": "m", "width": "m", "thickness": "m", "youngs_modulus": "Pa", "density": "kg/m^3"}
-_UNITS = {
-    "bar": _SURFACE,
-    "plate": {**_SURFACE, "poissons_ratio": ""},
-    "actuator": {"moving_mass": "kg", "stiffness": "N/m", "damping": "N*s/m", "mass": "kg", "full_scale": "m"},
-}
-Values = tuple[str | None, str | None, str | None]
 _LONGEST_NAME = 64  # it is in titles, names of files and errors
 
 
@@ -73,22 +66,9 @@ def new(
         str | None, typer.Option(help="Width; needed for a plate, of a bar the estimate is 12.7 mm.")
     ] = None,
     material: Annotated[str | None, typer.Option(help=f"{', '.join(MATERIALS)}; estimate: aluminium.")] = None,
-    youngs_modulus: Annotated[str | None, typer.Option(help="In place of the material's, such as 69GPa.")] = None,
-    density: Annotated[str | None, typer.Option(help="In place of the material's, such as 2710kg/m^3.")] = None,
-    poissons_ratio: Annotated[str | None, typer.Option(help="Of a plate, in place of the material's: 0.3.")] = None,
     kind: Annotated[
         str | None, typer.Option(help=f"Of actuators, for their estimates: {', '.join(KINDS)}; the first unless given.")
     ] = None,
-    stiffness: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 18.9 kN/m.")] = None,
-    damping: Annotated[str | None, typer.Option(help="Of each actuator's mount; estimate: 0.045 N*s/m.")] = None,
-    mass: Annotated[str | None, typer.Option(help="Of each actuator on the surface; estimate: 9.5 g.")] = None,
-    moving_mass: Annotated[
-        str | None, typer.Option(help="Of each actuator, if it is inertial: on its spring, such as 2g.")
-    ] = None,
-    full_scale: Annotated[
-        str | None, typer.Option(help="Displacement or force at full scale; estimate: 0.52 um, on a plate 4.16 um.")
-    ] = None,
-    band: Annotated[str | None, typer.Option(help="In which actuators may be driven; estimate: 60Hz,300Hz.")] = None,
     zones: Annotated[
         int | None, typer.Option(min=1, max=16, help="Number of equal zones; estimate: 5, on a plate 6.")
     ] = None,
@@ -99,7 +79,8 @@ def new(
 ) -> None:
     """Write a device file for your bar or plate; what is not given is an estimate.
 
-    `tactable check` then says what follows from it, and `tactable calibrate` what measurements make of the estimates.
+    Data sheets take the places of estimates in the file (docs/devices.md). `tactable check` then says what follows from
+    it, and `tactable calibrate` what measurements make of the estimates.
     """
     path = output or Path(f"{name}.toml")
     if path.suffix != ".toml":
@@ -109,23 +90,15 @@ def new(
     surface = "plate" if len(point_words(actuators.split(",")[0])) > 1 else "bar"
     document: Any = tomlkit.parse(new_text(surface))
     document["name"], document["threshold"] = name, threshold
-    of_material = youngs_modulus, density, poissons_ratio
-    if material is not None:
-        of_material = _take_material(document[surface], material, of_material)
     if surface == "plate" and width is None:
         raise OptionError(f"--width: {actuators} are points of a plate; give its width, such as --width 180mm")
-    if surface == "bar" and poissons_ratio is not None:
-        raise OptionError("--poissons-ratio: is a plate's, whose actuators are points, such as --actuators '30x25 mm'")
-    _give(document, surface, (length, width, thickness, *of_material))
+    for key, text in (("length", length), ("width", width), ("thickness", thickness)):
+        if text is not None:
+            _set(document[surface], key, _checked(f"--{key}", text, "m"))
+    if material is not None:
+        _take_material(document[surface], material)
     if kind is not None:
         _take_kind(document, kind)
-    _give(document, "actuator", (moving_mass, stiffness, damping, mass, full_scale))
-    if moving_mass is not None:
-        document["actuator"][0]["kind"] = "inertial"
-    if band is not None:
-        edges = _edges(band)
-        _set(document["actuator"][0], "band", edges)
-        document["sweep"]["start"], document["sweep"]["stop"] = edges
     if zones is not None:
         _divide(document, surface, zones)
     _place(document, actuators)
@@ -164,16 +137,17 @@ def _known(option: str, name: str, values: Mapping[str, Any]) -> Any:
     return values[name]
 
 
-def _take_material(table: Any, name: str, given: Values) -> Values:
-    """Young's modulus, density and Poisson's ratio: those that are given, else the material's; its damping is set.
+def _take_material(table: Any, name: str) -> None:
+    """Set Young's modulus, density and of a plate Poisson's ratio; the damping is an estimate.
 
-    The damping is an estimate: a loss factor is 2 pi f times the stiffness damping.
+    A loss factor is 2 pi f times the stiffness damping.
     """
-    *known, loss = _known("--material", name, MATERIALS)
+    modulus, density, ratio, loss = _known("--material", name, MATERIALS)
+    values = {"youngs_modulus": modulus, "density": density, "poissons_ratio": ratio}
+    for key in values.keys() & table.keys():
+        _set(table, key, values[key])
     if loss is not None:
         table["stiffness_damping"] = f"{(loss + _JOINTS) / (2 * math.pi * _LOSS_AT_HZ):.3g} s"
-    modulus, density, ratio = (text or value for text, value in zip(given, known, strict=True))
-    return modulus, density, ratio
 
 
 def _take_kind(document: Any, name: str) -> None:
@@ -184,15 +158,6 @@ def _take_kind(document: Any, name: str) -> None:
         table["kind"] = "inertial"
         table["inferred"].append("moving_mass")
     document["sweep"]["start"], document["sweep"]["stop"] = table["band"]
-
-
-def _give(document: Any, part: str, texts: tuple[str | None, ...]) -> None:
-    """Set the quantities of a part, in the order of its units, where they are given and it has them."""
-    table = document[part][0] if part == "actuator" else document[part]
-    for (key, unit), text in zip(_UNITS[part].items(), texts, strict=False):
-        if text is not None:
-            as_force = key == "full_scale" and text.rstrip().endswith("N")
-            _set(table, key, _checked("--" + key.replace("_", "-"), text, "N" if as_force else unit))
 
 
 def _set(table: Any, key: str, value: Any) -> None:
@@ -213,16 +178,6 @@ def _divide(document: Any, surface: str, zones: int) -> None:
     rows = rows_of_squares(zones, complex(length_m, width_m))
     _set(document["zones"], "rows", rows)
     _set(document["zones"], "columns", zones // rows)
-
-
-def _edges(band: str) -> list[str]:
-    edges = names_in(band)
-    if len(edges) != 2:
-        raise OptionError(f"--band {band!r}: expected two frequencies, such as --band 60Hz,300Hz")
-    low, high = (_checked("--band", edge, "Hz") for edge in edges)
-    if read_quantity(low, "Hz") >= read_quantity(high, "Hz"):
-        raise OptionError(f"--band {band!r}: expected the lower frequency first, such as --band 60Hz,300Hz")
-    return [low, high]
 
 
 def _place(document: Any, positions: str) -> None:
