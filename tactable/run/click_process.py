@@ -29,7 +29,6 @@ from tactable.run.beside_loop import BesideLoop
 if TYPE_CHECKING:  # its kernels belong to the child alone
     from precompute.clicks import ClickSolver
 
-_READ_BYTES = 1 << 16
 _NAME = "the solver of clicks"
 
 
@@ -40,7 +39,7 @@ class ClickProcess(BesideLoop):
         super().__init__("tactable.run.click_process", {"table": str(table)}, _NAME, start)
         os.set_blocking(self._descriptor, False)
         self.is_there = False  # whether questions are answered: not before the child is ready, and not after its end
-        self._has_ended, self._received = False, bytearray()
+        self._has_ended = False
         self._answers = Answers()
 
     def wait_until_ready(self) -> None:
@@ -57,19 +56,12 @@ class ClickProcess(BesideLoop):
 
     def poll(self) -> Sequence[tuple[str, ClickEntry]]:
         """Read at most 64 KiB; the clicks that have come whole, each with the fingerprint of its device."""
-        try:
-            part = os.read(self._descriptor, _READ_BYTES)
-        except BlockingIOError:
-            return ()
-        except ConnectionResetError:
-            part = b""
-        if not part:
+        lines = self._read_lines()
+        if lines is None:
             self.is_there, self._has_ended = False, True
             self._fall_silent("clicks of more fingers than the table holds are no longer solved: the process has ended")
-        self._received += part
-        *lines, rest = self._received.split(b"\n")
-        self._received = bytearray(rest)
-        return [solved for line in lines if (solved := self._solved(bytes(line))) is not None]
+            return ()
+        return [solved for line in lines if (solved := self._solved(line)) is not None]
 
     def _solved(self, line: bytes) -> tuple[str, ClickEntry] | None:
         try:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # the tracker needs scipy, which the run does not
     from tactable.measure.sensor import SampleStream
     from tactable.track.tracker import Tracker
 
-_NAME, _READ_BYTES = "tracking", 1 << 16
+_NAME = "tracking"
 _NICE, _LOOK_S = 10, 0.05  # the run comes first
 _MASS = "2 g"  # as `measure` takes it
 
@@ -81,23 +81,16 @@ class TrackProcess(BesideLoop):
         arguments = {"played": str(self.played), "ring": str(ring), "tracked": tracked}
         super().__init__("tactable.track.track_process", arguments, _NAME)
         os.set_blocking(self._descriptor, False)
-        self._has_ended, self._received = False, bytearray()
+        self._has_ended = False
 
     def poll(self) -> Sequence[MeasuredFinger] | None:
         """The newest fingers that the child has told; none once it has ended; None: it has told nothing."""
-        try:
-            part = os.read(self._descriptor, _READ_BYTES)
-        except BlockingIOError:
-            return None
-        except ConnectionResetError:
-            part = b""
-        if not part:
+        lines = self._read_lines()
+        if lines is None:
             self._has_ended = True
             self._fall_silent("drift and fingers are no longer measured: the process has ended")
             return ()
-        *lines, rest = (self._received + part).split(b"\n")
-        self._received = bytearray(rest)
-        told = [decode_line(bytes(line), _NAME)["fingers"] for line in lines]
+        told = [decode_line(line, _NAME)["fingers"] for line in lines]
         return [MeasuredFinger(*each) for each in told[-1]] if told else None
 
     def begin_tracking(self, capabilities: Capabilities, scales: Sequence[float]) -> None:
