@@ -159,8 +159,7 @@ async def _ask(
     from tactable.control.security import listen_at, new_token
     from tactable.experiment.conduct import Screen, conduct
     from tactable.experiment.question_server import serve_questions
-    from tactable.experiment.resting_fingers import simulated_run
-    from tactable.experiment.stage import LiveStage
+    from tactable.experiment.stage import LiveStage, simulated_run
     from tactable.page.opening import announcement
 
     protocol, table, session, files = asked
