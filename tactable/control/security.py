@@ -20,6 +20,7 @@ from pathlib import Path
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.requests import HTTPConnection
 
 from base.errors import TactableError
 
@@ -123,6 +124,12 @@ class AccessPolicy:
         if self.is_loopback:
             return name in LOOPBACK
         return name == self.host or name in LOOPBACK or _is_address(name)
+
+    def admits(self, asked: HTTPConnection, *, is_own_page: bool = False) -> bool:
+        """Whether a request knows the token in its path and names this server; `is_own_page`: from a page of it."""
+        host, origin = asked.headers.get("host"), asked.headers.get("origin")
+        is_named = self.admits_origin(origin, host) if is_own_page else self.admits_host(host)
+        return is_named and self.knows(asked.path_params["token"])
 
     def admits_origin(self, origin: str | None, host: str | None) -> bool:
         """Whether an Origin header names a page of this server."""

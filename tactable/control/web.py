@@ -76,8 +76,7 @@ class WebControl:
         self._uvicorn.should_exit = True
 
     async def _talk(self, socket_: WebSocket) -> None:
-        host, token = socket_.headers.get("host"), socket_.path_params["token"]
-        if not self._access.admits_host(host) or not self._access.knows(token):
+        if not self._access.admits(socket_):
             await socket_.close()  # before it is accepted: 403
             return
         await socket_.accept()

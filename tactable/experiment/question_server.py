@@ -40,10 +40,7 @@ class QuestionServer:
         return await answer_file(request, self._access, self._files, "question.html")
 
     async def _converse(self, socket_: WebSocket) -> None:
-        host, origin = socket_.headers.get("host"), socket_.headers.get("origin")
-        access, token = self._access, socket_.path_params["token"]
-        is_admitted = access.knows(token) and access.admits_origin(origin, host)
-        if not is_admitted or len(self._browsers) >= MOST_BROWSERS:
+        if not self._access.admits(socket_, is_own_page=True) or len(self._browsers) >= MOST_BROWSERS:
             await socket_.close()
             return
         await socket_.accept()

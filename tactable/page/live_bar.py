@@ -160,8 +160,7 @@ class LiveBar:
         self._unweighted = np.zeros((len(self._taps) - 1, modes))
         self._loud_us = -np.inf
         self._plant = _ModalPlant(self._modes.basis, np.zeros(0), RATE_HZ)
-        self._loads: tuple[tuple[complex, Finger], ...] = ()
-        self._loaded_us, self._loaders = self.now_us, list[int]()
+        self._loads, self._loaded_us = dict[int, tuple[complex, Finger]](), self.now_us
         self._place()
 
     def take_events(self, events: Sequence[DriveEvent]) -> None:
@@ -190,13 +189,11 @@ class LiveBar:
 
     def _load(self, at_us: float) -> None:
         """Let the fingers load the plant: at once where there are others, now and then where they only move."""
-        loads = tuple(self._load_of(finger) for finger in self._fingers) if self._is_loaded else ()
-        loaders = [finger.contact_id for finger in self._fingers]
-        has_moved = loaders == self._loaders and len(loads) == len(self._loads)
-        if loads == self._loads or (has_moved and at_us < self._loaded_us + MOVED_US):
+        loads = {finger.contact_id: self._load_of(finger) for finger in self._fingers if self._is_loaded}
+        if loads == self._loads or (loads.keys() == self._loads.keys() and at_us < self._loaded_us + MOVED_US):
             return
-        self._plant.take_model(self._modes.under(loads))
-        self._loads, self._loaders, self._loaded_us = loads, loaders, at_us
+        self._plant.take_model(self._modes.under(tuple(loads.values())))
+        self._loads, self._loaded_us = loads, at_us
 
     def _load_of(self, finger: Touch) -> tuple[complex, Finger]:
         if self._other is None:

@@ -145,9 +145,7 @@ class PageServer:
         return await answer_file(request, self.access, self._files, "index.html")
 
     async def _answer_socket(self, socket_: WebSocket) -> None:
-        headers = socket_.headers
-        is_ours = self.access.admits_origin(headers.get("origin"), headers.get("host"))
-        if not is_ours or not self.access.knows(socket_.path_params["token"]):
+        if not self.access.admits(socket_, is_own_page=True):
             await socket_.close()  # before it is accepted: 403
             return
         await socket_.accept()
@@ -222,7 +220,7 @@ def files_of(paths: Iterable[Path]) -> dict[str, bytes]:
 async def answer_file(request: Request, access: AccessPolicy, files: Mapping[str, bytes], first: str) -> Response:
     """One of the files that a request names, `first` where it names none, to who knows the token."""
     name = request.path_params.get("name", first)
-    if not access.admits_host(request.headers.get("host")) or not access.knows(request.path_params["token"]):
+    if not access.admits(request):
         return await _refused(request, None)
     if name not in files:
         return Response("there is no such file\n", 404, HEADERS)
