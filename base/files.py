@@ -3,12 +3,19 @@
 The new content is written beside the target and flushed to the disk, renamed over the target, and then the folder is
 flushed: without the last step a power failure may undo a rename that a later write already relies on. A symbolic link
 is written through: the file that it leads to is replaced, and the link stays. Devices and pipes are never replaced.
+
+Temporary folders are removed with their process, and by the next one where it was killed. A process holds a lock
+(flock) on its folder. The system lets go of that lock however the process ends, so a folder that somebody else can lock
+is abandoned. Process numbers would not tell: they are given again, and containers may share /dev/shm without sharing
+numbers.
 """
 
 import contextlib
+import fcntl
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -176,3 +183,58 @@ def identity_of(path: Path) -> tuple[int, int, int]:
     """Inode, modification time and size: another file has another identity. Raises OSError."""
     status = path.stat()
     return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+MEMORY = Path("/dev/shm")  # where Linux keeps files in memory
+_PREFIX = "tactable-work-"
+
+
+@contextlib.contextmanager
+def work_folder(purpose: str, *, in_memory: bool = False) -> Iterator[Path]:
+    """A new folder for the length of a `with` block, whose name tells its purpose; it is only its user's.
+
+    With `in_memory` it lies in /dev/shm where there is one. Abandoned folders of this user are removed before.
+    """
+    disk = Path(tempfile.gettempdir())
+    for parent in {disk, MEMORY}:
+        remove_abandoned(parent)
+    parent = MEMORY if in_memory and MEMORY.is_dir() else disk
+    folder, lock = _locked(parent, f"{_PREFIX}{purpose}-")
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def remove_abandoned(parent: Path) -> None:
+    """Remove the work folders in `parent` whose processes are gone."""
+    for folder in parent.glob(f"{_PREFIX}*"):
+        # An OSError: its process lives, it is another user's, another process removes it, or nothing can be locked.
+        with contextlib.suppress(OSError):
+            lock = _opened(folder)
+            try:
+                if os.fstat(lock).st_uid == os.getuid():
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(lock)
+
+
+def _locked(parent: Path, prefix: str) -> tuple[Path, int]:
+    """A new folder and the descriptor that locks it."""
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+        # An OSError where it was taken for abandoned before it was locked; then another one is made.
+        with contextlib.suppress(FileNotFoundError):
+            lock = _opened(folder)
+            with contextlib.suppress(OSError):  # some network file systems lock no folders; none is abandoned there
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if folder.is_dir():
+                return folder, lock
+            os.close(lock)
+
+
+def _opened(folder: Path) -> int:
+    """A descriptor that no other program inherits."""
+    return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

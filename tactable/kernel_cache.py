@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 
+from base.files import work_folder
 from base.trust import REMEDY, open_to_others
-from base.work_folder import work_folder
 
 _VARIABLE = "NUMBA_CACHE_DIR"
 _PACKAGE = Path(__file__).parents[1] / "precompute"

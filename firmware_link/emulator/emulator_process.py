@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from base.child import START_TIMEOUT_S, Child, Parent
+from base.files import work_folder
 from base.plain import to_plain
-from base.work_folder import work_folder
 from firmware_link.emulator.device_server import DeviceServer
 from firmware_link.emulator.device_state import DeviceConfiguration
 from firmware_link.emulator.drive_log import DriveEvent, Outcome, ReceivedFrame, decode_drive_event

@@ -154,7 +154,7 @@ async def _ask(
     is_demo: bool,
 ) -> None:
     """Serve the page, and ask what is left. Raises ClientError and ExperimentError."""
-    from base.work_folder import work_folder
+    from base.files import work_folder
     from tactable.control.client import connect_async, default_socket
     from tactable.control.security import listen_at, new_token
     from tactable.experiment.conduct import Screen, conduct

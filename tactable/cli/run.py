@@ -12,8 +12,7 @@ import typer
 from typer import Argument, Option
 
 from base.child import Child
-from base.files import identity_of
-from base.work_folder import work_folder
+from base.files import identity_of, work_folder
 from engine.device import Device
 from engine.effects.rules import Effects
 from engine.loop.beside import Updates

@@ -16,9 +16,8 @@ from pathlib import Path
 import uvicorn
 from threadpoolctl import threadpool_limits
 
-from base.files import replace_file
+from base.files import replace_file, work_folder
 from base.trust import open_to_others
-from base.work_folder import work_folder
 from engine.device import Device
 from engine.effects.rules import Drives
 from tactable.control.security import LOOPBACK, AccessPolicy, listen_at, new_token

@@ -20,8 +20,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from base.files import replace_file
-from base.work_folder import work_folder
+from base.files import replace_file, work_folder
 from engine.device import Device
 from engine.table import Table, TableError
 from engine.table.columns import write_modes

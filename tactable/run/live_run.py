@@ -6,19 +6,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from base.work_folder import work_folder
+from base.files import work_folder
 from engine.device import Device
 from engine.effects.rules import DEFAULT_EFFECTS, Effects
-from engine.loop.answerer import LATEST_NS
 from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
+from engine.loop.fast.fast_layout import with_fast_table
 from engine.loop.fast.fast_path import FastPath, PacketSource
-from engine.loop.fast.fast_session import FastLink, FastSession
-from engine.loop.fast.fast_table import with_fast_table
 from engine.loop.fast.library import FastPathError, compile_fast_path
+from engine.loop.fast.moment import FastLink, FastSession
 from engine.loop.loop import Clock, Loop, Measuring, StopRequest, connect
 from engine.loop.observer import Observer, Observers, Timing
-from engine.loop.pipeline import open_pipeline
+from engine.loop.pipeline import LATEST_NS, open_pipeline
 from engine.loop.realtime import Outcome, Step, real_time
 from engine.loop.reconnect import Reopening
 from engine.loop.ring import RingWriter

@@ -19,7 +19,7 @@ from base.files import identity_of
 from base.printable import write_note
 from engine.device import DeviceError
 from engine.effects.rules import Effects
-from engine.loop.fast.fast_table import FastRendering, with_fast_table
+from engine.loop.fast.fast_layout import FastRendering, with_fast_table
 from engine.render.board_fit import RendererError
 from engine.render.limits import LimitError
 from engine.render.prepared import Rendering, render_table

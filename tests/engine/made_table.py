@@ -1,8 +1,9 @@
 """A table file made by hand: clicks and rows as they are given, responses of one number, and two modes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from engine.device import Device
@@ -10,7 +11,7 @@ from engine.steady.modes import Modes
 from engine.table import ClickEntry, Clicks
 from engine.table.best_rows import BestRows, write_best_rows
 from engine.table.columns import write_clicks, write_modes
-from engine.table.netcdf_file import TableWriter, Variable
+from engine.table.netcdf_file import _SEAL, TableWriter, Variable, _append_seal, _read_seal
 from engine.touch.placement import Places
 from tests.engine.made_clicks import TOLERANCE_M, made_clicks
 
@@ -67,3 +68,28 @@ def write_table(
         if held:
             write_clicks(writer, held, device)
     return path
+
+
+def reseal(path: Path) -> Path:
+    """Seal the file as it is now."""
+    if _read_seal(path) is not None:
+        path.write_bytes(path.read_bytes()[: -_SEAL.size])
+    _append_seal(path)
+    return path
+
+
+def changed(whole: Path, target: Path, change: Callable[[h5py.File], object]) -> Path:
+    """A sealed copy of a table that `change` was applied to."""
+    target.write_bytes(whole.read_bytes())
+    with h5py.File(target, "a") as file:
+        change(file)
+    return reseal(target)
+
+
+def replace_array(file: h5py.File, name: str, values: object) -> None:
+    """Put other values, of any kind and shape, in the place of an array; its labels stay."""
+    labels = dict(file[name].attrs)
+    del file[name]
+    file[name] = values
+    for key in ("units", "long_name", "crc32"):
+        file[name].attrs[key] = labels[key]

@@ -7,7 +7,7 @@ import lzma
 import sys
 from pathlib import Path
 
-from base.work_folder import work_folder
+from base.files import work_folder
 from engine.table import Table
 from engine.table.netcdf_file import TableWriter
 from engine.table.schema import IS_SHIPPED

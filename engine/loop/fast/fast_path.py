@@ -29,11 +29,9 @@ from typing import Protocol, runtime_checkable
 from engine.effects.rules import Effects
 from engine.loop.command_latency import Stage, Stamps
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.fast_layout import NONE, Fast
-from engine.loop.fast.fast_session import Answer, FastSession
-from engine.loop.fast.fast_table import FastRendering
+from engine.loop.fast.fast_layout import NONE, Fast, FastRendering
 from engine.loop.fast.library import FastPathError
-from engine.loop.fast.moment import Moment
+from engine.loop.fast.moment import Answer, FastSession, Moment
 from engine.loop.loop import Clock
 from engine.loop.observer import CommandRecord, LoopCounters, Observer
 from engine.loop.pipeline import Pipeline

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from base.errors import TactableError
-from base.files import replace_file, write_text
+from base.files import replace_file, work_folder, write_text
 from base.plain import to_plain
-from base.work_folder import work_folder
 from engine.table import Table
 from engine.touch.sources.recording import read_recording
 from firmware_link.host.link_values import BOARD_EMULATED

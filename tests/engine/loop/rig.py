@@ -13,12 +13,12 @@ from engine.effects.effect_player import DEFAULT_CLICK_NS
 from engine.effects.rules import Drives, Effect, Effects, Rule, Segment, Trigger, burst
 from engine.loop.beside import ClickSolving, ControlSlot, Updates
 from engine.loop.dispatcher import Dispatcher
-from engine.loop.fast.fast_session import FastLink, FastSession
-from engine.loop.fast.fast_table import with_fast_table
+from engine.loop.fast.fast_layout import with_fast_table
+from engine.loop.fast.moment import FastLink, FastSession
 from engine.loop.loop import Clock, Loop, Measuring, connect
-from engine.loop.observer import Observer, Observers, Timing, Trace
+from engine.loop.observer import CommandRecord, Fate, LoopCounters, Observer, Observers, Timing, Trace
 from engine.loop.pipeline import open_pipeline
-from engine.loop.ring import RingWriter
+from engine.loop.ring import Record, RingWriter
 from engine.render.board_fit import BoardFit, choose_basis
 from engine.render.limits import link_configuration
 from engine.render.prepared import Rendering
@@ -196,3 +196,10 @@ class Rig:
     def played(self) -> list[float]:
         """Frequency of the first actuator at each change of the drive, 0 for silence."""
         return [round(event.channels[0].frequency_hz * bool(event.channels[0].amplitude), 2) for event in self.log]
+
+
+def observe(writer: RingWriter, record: Record) -> None:
+    """As a loop does."""
+    values = record._asdict() | {"frame": None, "fate": Fate.NONE}
+    record_values = {name: values[name] for name in CommandRecord._fields}
+    writer.observe(CommandRecord(**record_values), LoopCounters(**record.counters._asdict()))

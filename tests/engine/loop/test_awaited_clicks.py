@@ -8,7 +8,7 @@ import pytest
 
 from engine.device import Device
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, click
-from engine.loop.answerer import LATEST_NS
+from engine.loop.pipeline import LATEST_NS
 from engine.table import ClickEntry, Clicks
 from engine.touch import Placement
 from firmware_link.emulator.drive_log import Cause

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from engine.effects.rules import Effect, Effects, Rule, Segment, Trigger, burst
-from engine.loop.answerer import SAME_FINGER_M, HeldDrive
-from engine.loop.pipeline import Pipeline, open_pipeline
+from engine.loop.pipeline import SAME_FINGER_M, HeldDrive, Pipeline, open_pipeline
 from engine.render.renderer import SILENCE, Command, DriveCommand
 from engine.touch import Placement
 from engine.touch.sources.recording import Recording, read_recording

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from engine.loop.ring import MOST_TOUCHES, Record, RingCounters, RingError, RingReader, RingWriter
 from engine.touch import Placement, Touch
 from engine.touch.placement import MOST_FINGERS
-from tests.engine.loop.observed import observe
+from tests.engine.loop.rig import observe
 
 words = st.integers(-(2**63), 2**63 - 1)
 counts = st.integers(0, 2**64 - 1)

@@ -9,7 +9,7 @@ import pytest
 from base.arrays import Array
 from engine.device import Device, Electrodes
 from engine.effects.rules import DEFAULT_EFFECTS
-from engine.loop.fast.fast_table import with_fast_table
+from engine.loop.fast.fast_layout import with_fast_table
 from engine.render.board_fit import NO_BASIS, RendererError, choose_basis, fit_board
 from engine.render.prepared import Rendering, render_table
 from engine.render.renderer import DriveCommand, PlayCommand
@@ -21,7 +21,7 @@ from firmware_link.protocol.messages import LINEARISES, Features, Play, decode_b
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_states import LEVEL_DB
 from tests.engine.made_table import write_table
-from tests.engine.render.boards import board
+from tests.engine.render.made_steady import board
 from tests.precompute.devices import shipped
 
 REFERENCE = shipped("reference-a")

@@ -39,8 +39,7 @@ from tactable.page.choices import Choice, ChoiceError, changed, effects_of, offe
 from tactable.page.page_messages import PageMessageError, decode_message
 from tests.engine.made_clicks import click_of, in_zones
 from tests.engine.made_states import rows_of
-from tests.engine.made_table import write_table
-from tests.engine.table.resealed import reseal
+from tests.engine.made_table import reseal, write_table
 from tests.precompute.measurements.test_uff import nodes, response
 from tests.tactable.page.browser import encode_choice, encode_listen, encode_touches
 

@@ -14,7 +14,7 @@ import pytest
 
 from base.files import identity_of
 from engine.device import Device
-from engine.loop.fast.fast_table import FastRendering
+from engine.loop.fast.fast_layout import FastRendering
 from engine.table.history import roll_back
 from engine.touch.sources.recording import write_recording
 from firmware_link.emulator.drive_log import Cause

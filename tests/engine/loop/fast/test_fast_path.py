@@ -16,7 +16,7 @@ from engine.effects.rules import DEFAULT_EFFECTS
 from engine.loop.dispatcher import Dispatcher
 from engine.loop.fast.fast_layout import NONE
 from engine.loop.fast.fast_path import FastPath
-from engine.loop.fast.fast_session import FastSession
+from engine.loop.fast.moment import FastSession
 from engine.loop.loop import Clock, SystemClock
 from engine.loop.pipeline import open_pipeline
 from engine.touch.sources.recording import read_recording

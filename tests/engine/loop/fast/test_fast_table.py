@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from engine.effects.rules import Effects, Rule, Trigger, click
-from engine.loop.fast.fast_layout import NONE
-from engine.loop.fast.fast_table import FastTable, with_fast_table
+from engine.loop.fast.fast_layout import NONE, FastTable, with_fast_table
 from engine.loop.fast.library import FastPathError, compile_fast_path
 from engine.render.renderer import PlayCommand
 from engine.touch.placement import Places
