@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from base.files import work_folder
 from base.points import parts_of, point_of_json, point_text
-from base.work_folder import work_folder
 from engine.table import Table
 from engine.touch.sources.pointer import Phase, PointerEvent, PointerFeed
 from tactable.control.client import AsyncClient
